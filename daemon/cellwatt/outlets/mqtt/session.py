@@ -25,6 +25,8 @@ from cellwatt.outlets.selection import Row
 
 LAST_WORDS: Final = 2.0
 """Longest time, s, to send what waits when the daemon stops."""
+BIRTH_EVERY: Final = 5.0
+"""s between two births that others asked for: a birth is the largest message there is."""
 _ANSWERS: Final = 10_000
 """Answers to what was heard that may wait."""
 
@@ -49,6 +51,8 @@ class Session:
         self._sending = Sending(self._link)
         self._account = account
         self._birth_due = self._format.ready
+        self._asked: asyncio.TimerHandle | None = None
+        self._asked_at = -BIRTH_EVERY
         self._answers: deque[Message] = deque(maxlen=_ANSWERS)
         self._backfill: Backfill | None = None
         if record is not None:
@@ -112,6 +116,8 @@ class Session:
 
     async def end(self) -> None:
         """Note what arrived; take back what did not, or leave it to the record."""
+        if self._asked is not None:
+            self._asked.cancel()
         await self._sending.end()
         self._outbox.leave()
 
@@ -197,6 +203,19 @@ class Session:
 
     # listening ------------------------------------------------------------------------------------
 
+    def _ask_birth(self) -> None:
+        """Have a birth sent, at once or, where somebody asks again and again, one for all who asked meanwhile."""
+        if self._birth_due or self._asked is not None:
+            self._account.count("rebirths merged")
+            return
+        loop = asyncio.get_running_loop()
+        self._asked = loop.call_at(max(loop.time(), self._asked_at + BIRTH_EVERY), self._due)
+
+    def _due(self) -> None:
+        self._asked, self._asked_at = None, asyncio.get_running_loop().time()
+        self._birth_due = True
+        self._outbox.wake.set()
+
     async def _listen(self) -> None:
         async for topic, payload, retained in self._link.messages():
             try:
@@ -208,7 +227,7 @@ class Session:
                 host = self._settings.sparkplug.primary_host
                 raise HostLeftError(f"{self._settings.broker}: the primary host {host} went offline")
             if found is Order.BIRTH:
-                self._birth_due = True
+                self._ask_birth()
             elif not isinstance(found, Order):
                 self._answers.extend(found)
             self._outbox.wake.set()

@@ -168,13 +168,9 @@ class Problem:
                     part[:, term.joint or 0] += more
         return out, carried
 
-    def fit(self, blocks: Sequence[Block], factor: Float | None = None, alike: Regression | None = None) -> Regression:
-        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual.
-
-        ``alike`` is a fit of the same blocks with another factor.
-        """
-        given = np.full(len(self.floor), 2.0) if factor is None else factor
-        return Regression(self.design, blocks, given, alike)
+    def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:
+        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual."""
+        return Regression(self.design, blocks, np.full(len(self.floor), 2.0) if factor is None else factor)
 
     def factor(self, residual: Float) -> Float:
         """Correlation factor (C,) of a residual (N, C)."""

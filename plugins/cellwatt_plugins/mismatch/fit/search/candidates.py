@@ -30,12 +30,15 @@ def candidates(state: SearchState, now: Solution) -> list[Candidate]:
 def rivals(state: SearchState, now: Solution, term: Term) -> tuple[Solution, float, list[Candidate]]:
     """Return the other terms alone, the evidence of a term beside them, and what could stand in its place, best first.
 
-    That is any effect at its joint, and one of the whole arm that can look the same.
+    That is any effect at its joint, and one of the whole arm that can look the same; those alone that cost little once
+    the time is up.
     """
-    others = without(state, now, term)
+    others, spent = without(state, now, term), state.spent()
     alike = {confusion.effect for confusion in term.effect.confusions}
 
     def rival(effect: Effect, joint: int | None) -> bool:
+        if spent and not effect.by_motion_alone:
+            return False
         return term.joint is None or joint == term.joint or (joint is None and effect.name in alike)
 
     # A term that leaves nothing fast has no rival among what rings and clacks.
