@@ -33,7 +33,7 @@ BLOCKS: Final = 2048
 AT_ONCE: Final = 4
 """Items that are put into messages before the loop may turn to something else."""
 MARGIN: Final = 60 * 10**9
-"""ns in front of the last row sent which are filled in again after a restart: results come later than their time."""
+"""ns in front of the last row sent which are filled in again after a kill: results come later than their time."""
 SETTLED: Final = 3 * 10**9
 """ns after which all of a moment is in the record."""
 ROWS: Final = 300
@@ -185,7 +185,8 @@ class Forwarder(Generic[M]):
     def _begin(self, first: int, span: int) -> None:
         """Leave the first row, of whose span we may have seen a part, and what came before it to the record."""
         reached = self.cursor.reached
-        self.cursor.owe(first - span if reached is None else min(reached - MARGIN, first - span), first)
+        since = first - span if reached is None else reached if self.cursor.ended else reached - MARGIN
+        self.cursor.owe(min(since, first - span), first)
 
     def _forgo_item(self, item: Frames | Archived) -> None:
         if isinstance(item, Frames):
@@ -243,16 +244,21 @@ class Forwarder(Generic[M]):
             self.unread = f"{self._name}: what was missed cannot be read from the record: {reason}"
             return
         self.unread = None
-        found = [*(self._peer.row(row, part.units) for row in part.rows), *map(self._peer.result, part.results)]
-        messages = [message for message in found if message is not None]
-        for first in range(0, len(messages), self._flow.batch):
-            if not await self._send(messages[first : first + self._flow.batch]):
+        found = [*((row.time, self._peer.row(row, part.units)) for row in part.rows)]
+        found += [(time_of(result), self._peer.result(result)) for result in part.results]
+        entries = sorted(((at, message) for at, message in found if message is not None), key=lambda e: e[0])
+        for first in range(0, len(entries), self._flow.batch):
+            batch = entries[first : first + self._flow.batch]
+            if not await self._send([message for _, message in batch]):
                 return
+            following = entries[first + len(batch)][0] - 1 if first + len(batch) < len(entries) else part.until
+            self.cursor.pay(after, following, len(batch))  # at once: what is sent and what is paid go together
+            self._account.count(f"{self._name}: entries filled in", len(batch))
+            after = following
             await self._collect()
             while self._pending and time.monotonic() >= self._not_before:  # what is new goes first
                 await self._send_live()
-        self._account.count(f"{self._name}: entries filled in", len(messages))
-        self.cursor.pay(after, part.until, len(messages))
+        self.cursor.pay(after, part.until)
         if part.waits:
             self._fill_from = time.monotonic() + 1.0
 
@@ -284,7 +290,7 @@ class Forwarder(Generic[M]):
                 self._account.count(f"{self._name}: last attempt given up")
         while self._pending:
             self._forgo(self._pending.popleft()[0], 1)
-        await self.cursor.write()
+        await self.cursor.end()
 
 
 class ForwardSettings(OutletSettings, Selection):

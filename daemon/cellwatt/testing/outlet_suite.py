@@ -109,6 +109,7 @@ async def goes_on_after_a_restart(trial: _Trial) -> None:
     async with running_outlet(second):
         trial.rows(_SETTLES, second)
         await trial.all_there(second)
+    require(len(trial.peer.got) == len(trial.times), "rows came more than once")
 
 
 async def loses_nothing_when_killed(trial: _Trial) -> None:
