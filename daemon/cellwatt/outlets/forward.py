@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Generic, Protocol, TypeVar
 
@@ -72,27 +73,27 @@ class Peer(Protocol[M]):
         ...
 
 
-class Flow(Protocol):
-    """Limits of a way to a peer, see ``ForwardSettings``."""
+class Flow(Selection):
+    """What goes to a peer, and how fast."""
 
-    @property
-    def results(self) -> bool: ...  # noqa: D102
-    @property
-    def batch(self) -> int: ...  # noqa: D102
-    @property
-    def every(self) -> float: ...  # noqa: D102
-    @property
-    def queue(self) -> int: ...  # noqa: D102
+    results: bool = True
+    """Send alarms, tasks and energies, too."""
+    batch: PositiveInt = Field(default=100, le=50_000)
+    """Most messages of one attempt."""
+    every: Seconds = Field(default=1.0, gt=0)
+    """Time between two attempts while all is well."""
+    queue: PositiveInt = 10_000
+    """Messages that may wait; what is beyond is filled in from the record later."""
 
 
 class Forwarder(Generic[M]):
-    """The way to one peer, from what the cell offers and from its record; ``settings`` are also a ``Flow``.
+    """The way to one peer, from what the cell offers and from its record.
 
     ``record`` is the folder of the record, ``None`` where there is none; ``name`` begins what is counted and said.
     """
 
     def __init__(
-        self, name: str, peer: Peer[M], settings: Any, cell: str, record: Path | None, cursor: Cursor, account: Account
+        self, name: str, peer: Peer[M], flow: Flow, cell: str, record: Path | None, cursor: Cursor, account: Account
     ) -> None:
         self.problem: str | None = None
         """Reason why nothing can be sent now; ``None`` if all is well."""
@@ -101,8 +102,7 @@ class Forwarder(Generic[M]):
         self.cursor = cursor
         self.unmatched: tuple[str, ...] = ()
         self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
-        self._selection: Selection = settings
-        self._flow: Flow = settings
+        self._flow = flow
         self._items: deque[Frames | Archived] = deque()
         self._pending: deque[tuple[int, M]] = deque()
         """Times, UTC ns, and messages."""
@@ -164,7 +164,7 @@ class Forwarder(Generic[M]):
         self._newest = int(frames.time[-1])
         picker = self._picker
         if picker is None or (picker.layout is not frames.layout and picker.layout != frames.layout):
-            picker = self._picker = Picker(self._selection, frames.layout)
+            picker = self._picker = Picker(self._flow, frames.layout)
             self.unmatched = picker.unmatched
             if picker.unmatched:
                 self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
@@ -207,7 +207,7 @@ class Forwarder(Generic[M]):
     @property
     def _span(self) -> int:
         """Time between two rows, ns."""
-        return self._picker.span if self._picker is not None else round(1e9 / self._selection.rate)
+        return self._picker.span if self._picker is not None else round(1e9 / self._flow.rate)
 
     async def _send_live(self) -> None:
         batch = [self._pending.popleft() for _ in range(min(self._flow.batch, len(self._pending)))]
@@ -233,10 +233,10 @@ class Forwarder(Generic[M]):
 
     async def _fill(self, after: int, until: int) -> None:
         assert self._record is not None
-        more = {"results": self._flow.results}
-        most = min(self._flow.batch, ROWS)
+        record, flow = (self._record, self._cell), self._flow
+        work = partial(read, *record, flow, after, until, min(flow.batch, ROWS), results=flow.results)
         try:
-            part = await asyncio.to_thread(read, self._record, self._cell, self._selection, after, until, most, **more)
+            part = await asyncio.to_thread(work)
         except (CellwattError, OSError) as error:
             self._account.count(f"{self._name}: readings of the record that failed")
             self._fill_from = time.monotonic() + LONGEST_PAUSE
@@ -293,17 +293,8 @@ class Forwarder(Generic[M]):
         await self.cursor.end()
 
 
-class ForwardSettings(OutletSettings, Selection):
+class ForwardSettings(OutletSettings, Flow):
     """Settings of an outlet that forwards: derive yours, and add what your peer needs."""
-
-    results: bool = True
-    """Send alarms, tasks and energies, too."""
-    batch: PositiveInt = Field(default=100, le=50_000)
-    """Most messages of one attempt."""
-    every: Seconds = Field(default=1.0, gt=0)
-    """Time between two attempts while all is well."""
-    queue: PositiveInt = 10_000
-    """Messages that may wait; what is beyond is filled in from the record later."""
 
 
 F = TypeVar("F", bound=ForwardSettings)
