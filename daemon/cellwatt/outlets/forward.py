@@ -228,7 +228,7 @@ class Forwarder(Generic[M]):
         span = self.cursor.first
         if span is None or self._record is None or time.monotonic() < self._fill_from:
             return None
-        after, until = span[0], min(span[1], self._newest - SETTLED)
+        after, until = span[0], min(span[1], (self._newest - SETTLED) // self._span * self._span)
         return (after, until) if after < until else None
 
     async def _fill(self, after: int, until: int) -> None:
@@ -247,14 +247,18 @@ class Forwarder(Generic[M]):
         found = [*((row.time, self._peer.row(row, part.units)) for row in part.rows)]
         found += [(time_of(result), self._peer.result(result)) for result in part.results]
         entries = sorted(((at, message) for at, message in found if message is not None), key=lambda e: e[0])
+        sent = 0
         for first in range(0, len(entries), self._flow.batch):
             batch = entries[first : first + self._flow.batch]
             if not await self._send([message for _, message in batch]):
                 return
-            following = entries[first + len(batch)][0] - 1 if first + len(batch) < len(entries) else part.until
-            self.cursor.pay(after, following, len(batch))  # at once: what is sent and what is paid go together
+            sent += len(batch)
             self._account.count(f"{self._name}: entries filled in", len(batch))
-            after = following
+            left = entries[first + len(batch) :]
+            until = (left[0][0] - 1) // self._span * self._span if left else part.until  # whole rows alone are read
+            if until > after:  # at once: what is sent and what is paid go together
+                self.cursor.pay(after, until, sent)
+                after, sent = until, 0
             await self._collect()
             while self._pending and time.monotonic() >= self._not_before:  # what is new goes first
                 await self._send_live()
