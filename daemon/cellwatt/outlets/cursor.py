@@ -166,7 +166,7 @@ class Cursor:
             since, self._opened = self._owed, True
             self._owed = [Owed(after=g[0], until=g[1], entries=sum(g[2:])) for g in sorted(known.gaps) if g[0] < g[1]]
             self._account.expect(self.entries)
-            self.reached = known.reached if self.reached is None else self.reached
+            self.reached = self.reached if known.reached is None else known.reached
             self.births, self.lost, self.ended = known.births, known.lost, known.ended
             for o in since:
                 self.owe(o.after, o.until, o.entries)
@@ -193,8 +193,8 @@ class Cursor:
         await self.write(ended=True)
 
     async def write(self, *, ended: bool = False) -> None:
-        """Write the position as it is, if it changed."""
-        if self._path is None or not self._changed.is_set():
+        """Write the position as it is, if it changed since it was read."""
+        if self._path is None or not self._opened or not self._changed.is_set():
             return
         self._changed.clear()
         gaps = [[o.after, o.until, o.entries] for o in self._owed]

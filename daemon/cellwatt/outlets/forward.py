@@ -187,6 +187,7 @@ class Forwarder(Generic[M]):
         reached = self.cursor.reached
         since = first - span if reached is None else reached if self.cursor.ended else reached - MARGIN
         self.cursor.owe(min(since, first - span), first)
+        self.cursor.deliver(first)
 
     def _forgo_item(self, item: Frames | Archived) -> None:
         if isinstance(item, Frames):
