@@ -130,6 +130,20 @@ async def loses_nothing_when_killed(trial: _Trial) -> None:
         await trial.all_there(second)
 
 
+async def is_owed_from_its_first_start(trial: _Trial) -> None:
+    """Require that rows of a start that never reached its peer come after the next, also those of between."""
+    first, second = trial.make(), trial.make()
+    trial.line.be("cut")
+    async with running_outlet(first) as run:
+        trial.rows(20, first)
+        await trial.until(lambda: first.trouble() or run.ends, "trouble that is told", first)
+    trial.rows(10)
+    trial.line.be("well")
+    async with running_outlet(second):
+        trial.rows(_SETTLES, second)
+        await trial.all_there(second)
+
+
 async def is_not_held_up_by_silence(trial: _Trial) -> None:
     """Require that a peer that takes everything and says nothing is told, and holds up neither loop nor rows."""
     outlet = trial.make()
@@ -178,6 +192,7 @@ CHECKS = (
     survives_a_cut,
     goes_on_after_a_restart,
     loses_nothing_when_killed,
+    is_owed_from_its_first_start,
     is_not_held_up_by_silence,
     believes_no_garbage,
     counts_what_is_refused,
