@@ -26,8 +26,8 @@ from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
 from cellwatt.results import Energy, Event
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm
+from tests.drivers.inlet import CollectingInlet
 from tests.drivers.opc_ua.rig import certificate
-from tests.drivers.outlet import CollectingOutlet
 from tests.drivers.running import supervised
 from tests.patience import eventually
 
@@ -173,12 +173,12 @@ async def an_arm_has_the_nodes_of_the_standard(outlet: OpcUaOutlet) -> None:
     host, port = outlet.url.removeprefix("opc.tcp://").removesuffix("/cellwatt").split(":")
     read = ["joint_1.position", "joint_1.velocity", "joint_1.temperature"]
     settings = {"host": host, "port": port, "path": "/cellwatt", "model": "opc_40010", "read": read}
-    outlet = CollectingOutlet()
-    driver = OpcUaDriver("arm", OpcUaSettings.model_validate(settings), outlet)
-    async with supervised(driver, outlet) as failures:
-        await outlet.until(lambda o: bool(o.readings) or bool(failures))
+    inlet = CollectingInlet()
+    driver = OpcUaDriver("arm", OpcUaSettings.model_validate(settings), inlet)
+    async with supervised(driver, inlet) as failures:
+        await inlet.until(lambda o: bool(o.readings) or bool(failures))
     assert not failures
-    assert outlet.values[0] == pytest.approx([0.5, -0.25, 41.0])
+    assert inlet.values[0] == pytest.approx([0.5, -0.25, 41.0])
 
 
 class Listener:

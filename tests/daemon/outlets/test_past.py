@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt.outlets.mqtt import past
-from cellwatt.outlets.mqtt.past import read
+from cellwatt.outlets import past
+from cellwatt.outlets.past import read
 from cellwatt.outlets.selection import Picker, Selection
 from tests.daemon.outlets.page.recorded import CELL, Written, frames, recording
 
