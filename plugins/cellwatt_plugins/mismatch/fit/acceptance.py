@@ -69,6 +69,9 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     if (enough and _seldom(after, term)) or relieves_tension(before, after, thresholds):
         return None
     found = held(before, after, term)
+    upon = any(t.joint == term.joint and term.effect.name in t.effect.relations.upon for t in after.terms)
+    if enough and upon and found.share > -thresholds.rise:
+        return None
     channels = channels_of(after, term)
     chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)

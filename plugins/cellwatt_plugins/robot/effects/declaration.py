@@ -77,6 +77,8 @@ class Relations:
     """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
     along: Literal["", "position", "velocity"] = ""
     """What its torque is a law of, where it is a law of one thing: a free curve of that must not fit much better."""
+    upon: tuple[str, ...] = ()
+    """Effects that are there wherever it is: with evidence of their own, they stay though it can stand for them."""
     beats: tuple[str, ...] = ()
     """Plainer effects in whose place it must lower the error on data left out."""
 
