@@ -31,6 +31,8 @@ RELIEVED = 0.25
 """Share of the greatest stretch of any group that may be left where it comes back."""
 MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
+OF_FALL = 0.1
+"""Share of what a term of the whole arm takes off in all by which another channel's error may rise."""
 OFTEN = 3
 """Folds in which a term must be there for data left out to tell of it."""
 THERE = 0.1
@@ -85,7 +87,7 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
         return "adds too little evidence, and does not lower the error on data left out by much"
     # What acts at one joint raises the others' errors only by the links, which are fitted anew beside it.
-    if term.joint is None and found.rise > thresholds.rise:
+    if term.joint is None and found.rise > max(thresholds.rise, OF_FALL * found.share):
         return "raises the error of another channel on data left out"
     old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels)) for s in (before, after))
     if not np.any(new < old):
