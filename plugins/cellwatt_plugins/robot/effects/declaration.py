@@ -14,7 +14,7 @@ ActsOn = Literal["joint", "friction", "links", "reading", "supply"]
 - ``joint``: the torque of a joint, Nm;
 - ``friction``: the same, but as a change of Coulomb friction, which must be there;
 - ``links``: the load that the links are, Nm at all joints;
-- ``reading``: the torque as measured, after all mechanics (gain, delay, clipping); columns follow the fitted torque;
+- ``reading``: the torque as measured, after all mechanics (gain, delay, clipping, offset);
 - ``supply``: the power of the supply, W.
 """
 DependsOn = Literal["motion", "load", "fitted torque", "residual"]

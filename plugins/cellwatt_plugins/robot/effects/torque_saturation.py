@@ -24,7 +24,7 @@ class TorqueSaturation(Effect):
 
     name = "torque_saturation"
     acts_on = "reading"
-    depends_on = "residual"
+    depends_on = "fitted torque"
     form = Form(to_scale=True)
     confusions = (Confusion("torque_gain", "move slower: a gain stays, clipping goes"),)
 
