@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.noise import white_noise
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
@@ -15,6 +16,10 @@ BELOW = (0.0, 1.0, 2.0, 3.0)
 """Standard deviations below the greatest measured torque at which the limit is tried."""
 CLIPPED = 10
 """Samples that must be clipped."""
+FINEST = 0.002
+"""Share of the greatest reading that its noise is at least."""
+FLAT = 3.0
+"""Standard deviations from the limit within which most samples read that are clipped."""
 AMONG = (10, 20, 40)
 """Greatest asked torques over whose readings the limit is also tried: clipped ones all read about the same."""
 
@@ -35,11 +40,11 @@ class TorqueSaturation(Effect):
         )
         asked = np.concatenate([np.abs(run.torque[:, joint]) for run in runs])
         # Of the reading alone: what the model does not explain yet is no noise of it.
-        spread = float(np.median(np.abs(np.diff(read)))) / 0.6745
+        spread = max(float(white_noise(read)[0]), FINEST * float(np.max(read)))
         levels = [float(np.max(read)) - below * spread for below in BELOW]
         greatest = np.argsort(-asked)[: max(AMONG)]
         levels += [float(np.median(read[greatest[:count]])) for count in AMONG]
-        return [(level,) for level in levels if level > 0 and np.count_nonzero(asked > level) >= CLIPPED]
+        return [(level,) for level in levels if level > 0 and _flat(read[asked > level], level, spread)]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         torque = run.torque[:, joint]
@@ -53,3 +58,8 @@ class TorqueSaturation(Effect):
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         return f"The torque measured at {who.lower()} is clipped at {said(parameters['limit'])}."
+
+
+def _flat(clipped: Float, level: float, spread: float) -> bool:
+    """True if there are samples enough that ask for more than a limit, and they read as it."""
+    return len(clipped) >= CLIPPED and float(np.median(np.abs(clipped - level))) < FLAT * spread
