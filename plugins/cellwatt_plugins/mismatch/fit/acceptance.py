@@ -33,6 +33,8 @@ MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
 OF_FALL = 0.1
 """Share of what a term of the whole arm takes off in all by which another channel's error may rise."""
+PEAK = 3.0
+"""Times what is left at a channel that something must reach there that is there at one time only."""
 OFTEN = 3
 """Folds in which a term must be there for data left out to tell of it."""
 THERE = 0.1
@@ -110,10 +112,13 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
 
     What rings was asked for because that rings, and is never followed to the noise.
     """
-    left = after.problem.chi2(after.residual)[channels_of(after, term)]
-    apart = term.effect.usual or term.effect.form.sample_by_sample or _seldom(after, term)
-    if apart or float(np.min(left)) < thresholds.far:
+    channels = channels_of(after, term)
+    left = after.problem.chi2(after.residual)[channels]
+    if term.effect.usual or term.effect.form.sample_by_sample or float(np.min(left)) < thresholds.far:
         return True
+    if _seldom(after, term):
+        added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))
+        return bool(np.any(np.max(np.abs(added), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
     found = held(before, after, term)
     return found.share > thresholds.share_far or found.sure > thresholds.certain
 
