@@ -108,19 +108,19 @@ def _seldom(solution: Solution, term: Term) -> bool:
 
 
 def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
-    """False if a term of ``after`` could as well stand for what else is left at its channels.
+    """False if a term of ``after`` could as well stand for what else is left at its channels beyond the noise.
 
     What rings was asked for because that rings, and is never followed to the noise.
     """
     channels = channels_of(after, term)
-    left = after.problem.chi2(after.residual)[channels]
-    if term.effect.usual or term.effect.form.sample_by_sample or float(np.min(left)) < thresholds.far:
+    left = float(np.min(after.problem.chi2(after.residual)[channels]))
+    if term.effect.usual or term.effect.form.sample_by_sample or left < thresholds.near:
         return True
     if _seldom(after, term):
         added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))
         return bool(np.any(np.max(np.abs(added), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
     found = held(before, after, term)
-    return found.share > thresholds.share_far or found.sure > thresholds.certain
+    return found.sure > thresholds.certain or found.share * left > (1 - found.share) * (left - 1)
 
 
 def held(before: Solution, after: Solution, term: Term) -> Held:
