@@ -79,6 +79,8 @@ def test_commands_and_options_are_there(block: Block) -> None:
         try:
             while isinstance(context.command, click.Group):
                 rest = [*context._protected_args, *context.args]
+                if not rest and context.command.invoke_without_command:
+                    break
                 name, command, rest = context.command.resolve_command(context, rest)
                 assert command is not None, line
                 context = command.make_context(name, rest, parent=context)

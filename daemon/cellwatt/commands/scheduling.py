@@ -23,8 +23,8 @@ def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
         metavar="local|tcp://HOST:PORT",
         callback=_place,
         help=(
-            "Do the work on all cores (local; local:2 on two), or on the workers of this dask scheduler. It is trusted: "
-            "its answers are pickled objects, so whoever answers in its place runs code here."
+            "Do the work on all cores (local; local:2 on two), or on the workers of this dask scheduler. It is "
+            "trusted: its answers are pickled objects, so whoever answers in its place runs code here."
         ),
     )
     @wraps(command)

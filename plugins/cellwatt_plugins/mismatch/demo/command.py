@@ -51,7 +51,7 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, as_json
     seed = secrets.randbelow(10_000) if seed is None else seed
     folder = Path(f"demo-explain-{seed}") if out is None else out
     say = (lambda _: None) if as_json else click.echo
-    concealed = _made(folder, wanted, np.random.default_rng(seed))
+    concealed = write_files(folder, wanted, np.random.default_rng(seed))
     words = ["run_1.csv", "run_2.csv", "--simulation", "arm.xml", "--mend", "arm.xml", "--out", "result"]
     say(f"{folder}: arm.xml is your simulation, run_1.csv and run_2.csv are what the arm's sensors measured")
     say(f"$ cd {shlex.quote(str(folder))} && cellwatt explain {shlex.join(words)}\n")
@@ -66,7 +66,7 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, as_json
         sys.exit(EXIT_FAILED)
 
 
-def _made(folder: Path, wanted: Sequence[str], rng: np.random.Generator) -> list[Concealed]:
+def write_files(folder: Path, wanted: Sequence[str], rng: np.random.Generator) -> list[Concealed]:
     """Write the user's simulation and the recordings into ``folder``; return what was concealed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)

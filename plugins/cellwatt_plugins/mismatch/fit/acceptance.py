@@ -70,7 +70,10 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     much. Of what is there at one time only, no data can be left out.
     """
     enough = gain >= required_gain(term, after.problem.states[0].robot, thresholds)
-    if (enough and _seldom(after, term)) or relieves_tension(before, after, thresholds):
+    # A drive's limit or dead band can take up what no name says as well as the numbers of its law can.
+    shaped = term.effect.acts_on == "drive" and term.effect.form.to_scale and term.joint is not None
+    relieved = not shaped and relieves_tension(before, after, thresholds)
+    if (enough and _seldom(after, term)) or relieved:
         return None
     found = held(before, after, term)
     upon = any(t.joint == term.joint and term.effect.name in t.effect.relations.upon for t in after.terms)

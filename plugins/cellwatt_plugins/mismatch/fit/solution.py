@@ -49,6 +49,14 @@ class Thresholds:
 DEFAULT = Thresholds()
 
 
+def by_law(thresholds: Thresholds) -> Thresholds:
+    """Thresholds where a servo's law stands for the torque: its numbers are free, and noise near stops is not known.
+
+    So what is near the noise must take off as much as elsewhere.
+    """
+    return replace(thresholds, near=0.0)
+
+
 @dataclass(frozen=True)
 class Trial:
     """A candidate that was tried: why it was kept or refused."""

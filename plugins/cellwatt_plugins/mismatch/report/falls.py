@@ -79,10 +79,11 @@ def _retuned(moved: Retuned) -> NumberRow:
         if moved.joint is None
         else f" of {'link' if moved.parameter.startswith(('mass', 'com', 'i')) else 'joint'} {moved.joint}"
     )
+    name = moved.parameter.replace("com_", "centre of mass along ")
     symbol = unit(moved.unit)
     allowed = "beyond" if moved.beyond else "within"
     return NumberRow(
-        capital(f"{words.effect_name(moved.parameter)}{place}"),
+        capital(f"{words.effect_name(name)}{place}"),
         f"{number(moved.was)} {symbol}",
         f"{measured(moved.now, moved.std)} {symbol}",
         f"retuned {allowed} your ± {number(moved.tolerance, 2)} {symbol}",

@@ -98,6 +98,11 @@ class Effect(ABC):
         return self.depends_on == "motion"
 
     @property
+    def mechanical(self) -> bool:
+        """True if it is part of the torque that moves the arm, not of how that is told."""
+        return self.acts_on not in ("reading", "drive")
+
+    @property
     def usual(self) -> bool:
         """True for what most arms have: friction of any law, and what descriptions have a number for."""
         return self.acceptance.usual or self.acts_on == "friction" or bool(self.nominal)
