@@ -16,7 +16,7 @@ from cellwatt.imports import Part, read_map, read_parts, write_recording
 from cellwatt.progress import steps
 
 
-@click.command("import")
+@click.command("import", short_help="Write published data sets as recordings.")
 @click.argument("form", metavar="FORMAT")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(exists=True, path_type=Path))
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of the recording.")

@@ -80,6 +80,8 @@ def even(
             wrong |= _glitches(time, np.where(wrong, np.nan, values))
         if name in lossy and not _few(time, wrong):
             filled[name] = np.where(wrong, np.nan, values)
+            if not wrong.all():
+                notes.append(_lost(place, name, time, wrong))
             continue
         if name not in slow:
             _few_enough(place, name, time, wrong)
@@ -156,6 +158,16 @@ def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
             f"t = {time[wrong][0]:.3f} s, the longest stretch {_longest(time, wrong):.2f} s: record it again or cut "
             "the file there"
         )
+
+
+def _lost(place: str, name: str, time: Float, wrong: Bool) -> str:
+    """A remark on a column that has no number in many rows: a sensor that died, or one that is read now and then."""
+    last = int(np.flatnonzero(~wrong)[-1])
+    if last < len(time) - 1 and _few(time[: last + 1], wrong[: last + 1]):
+        text = f"after t = {time[last]:.3f} s, to the end at {time[-1]:.3f} s: its sensor died or was not read any more"
+    else:
+        text = f"in {100 * float(np.mean(wrong)):.1f} % of its rows, first at t = {time[wrong][0]:.3f} s"
+    return f"{place}: {name} has no number {text}. These rows do not count for it"
 
 
 def _few(time: Float, wrong: Bool) -> bool:

@@ -81,7 +81,7 @@ class PreslidingHysteresis(Effect):
         over = (
             f"over {parameters['displacement'].value:.2g} rad"
             if "displacement" in parameters
-            else f"up to about {parameters['velocity'].value:.2g} rad/s"
+            else f"until about {parameters['velocity'].value:.2g} rad/s"
         )
         return (
             f"Friction of {who.lower()} ({said(parameters['force'])}) builds up {over} after each reversal, and not at "
