@@ -66,7 +66,7 @@ def rough(states: Sequence[States], least: float = ROUGH) -> Iterator[str]:
         seconds = sum(b - a for a, b in inner) * run.step
         if seconds > SHORT:
             yield (
-                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock, a jump) and hardly count, first "
+                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and hardly count, first "
                 f"at {run.time[inner[0][0]]:.2f} s"
             )
 
