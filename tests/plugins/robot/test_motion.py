@@ -49,8 +49,8 @@ def test_noise_left_in_position_velocity_and_acceleration_is_what_the_transfer_f
     kept = smooth(noise, STEP, BANDWIDTH)
     angle = np.linspace(0, np.pi, 20001)[1:]
     slopes = np.ones_like(angle), np.sin(angle) / STEP, (2 * np.sin(angle / 2)) ** 2 / STEP**2
-    for part, slope in zip((kept, *differentiate(kept, STEP)), slopes, strict=True):
-        expected = np.sqrt(np.mean((transfer(angle) * slope) ** 2))
+    for part, gain in zip((kept, *differentiate(kept, STEP)), slopes, strict=True):
+        expected = np.sqrt(np.mean((transfer(angle) * gain) ** 2))
         assert np.std(part) == pytest.approx(expected, rel=0.03)
 
 

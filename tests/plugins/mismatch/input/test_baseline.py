@@ -63,14 +63,14 @@ def test_a_simulation_that_follows_the_description_is_the_description(described)
 @pytest.mark.parametrize("lead", [0.0, 0.0095])
 def test_friction_that_turns_over_early_is_found_in_the_simulation(silent, lead):
     """As MuJoCo's soft friction does."""
-    q, qd, qdd = plant.moves(1, 24.0)(TIME)
+    _, qd, qdd = plant.moves(1, 24.0)(TIME)
     early = np.array(plant.NOMINAL.coulomb) * (np.tanh((qd + lead * qdd) / 0.004) - np.tanh(qd / 0.004))
     base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, early))], silent)
     assert base.arm.description.friction_lead == pytest.approx(lead, abs=0.001)
 
 
 def test_an_arm_whose_friction_turns_with_its_velocity_has_no_lead(silent):
-    q, qd, qdd = plant.moves(1, 24.0)(TIME)
+    _, qd, qdd = plant.moves(1, 24.0)(TIME)
     early = np.array(plant.NOMINAL.coulomb) * (np.tanh((qd + 0.0095 * qdd) / 0.004) - np.tanh(qd / 0.004))
     simulated = run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, early))
     arm = replace(simulated, torque=simulated.torque - early)
