@@ -140,6 +140,10 @@ class Effect(ABC):
         """True if these recordings can show such a shape, not only what their sampling makes of motion."""
         return True
 
+    def fuller(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
+        """Shapes that this one is a part of, tried once it is found."""
+        return []
+
     def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
         """Shapes so unlike this one that they must fit clearly worse, if it is this one."""
         return []
