@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellwatt_plugins.mismatch.fit.acceptance import (
+    held,
     physical,
     relieves_tension,
     required_gain,
@@ -105,10 +106,21 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         several = not term.effect.acceptance.several_channels or relieves_tension(rest, last, state.thresholds)
         if why is None and not several and not seen_by_several(rest, last.block(term)[0]):
             why = "only one channel asks for it"
+        if why is None and _murky(state, rest, last):
+            why = "takes little off a channel of which much stays unexplained"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest
     return now
+
+
+def _murky(state: SearchState, rest: Solution, last: Solution) -> bool:
+    """True if the last term takes little off its joint beside what is in no library."""
+    term, asked = last.terms[-1], state.thresholds
+    if asked.murky == 0.0 or term.joint is None or term.effect.form.intermittent:
+        return False
+    left = last.problem.chi2(last.residual)[term.joint]
+    return bool(left > asked.much_left) and held(rest, last, term).share < asked.murky
 
 
 def _size(now: Solution, term: Term) -> float:
