@@ -66,7 +66,7 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
     # A drive's limit or dead band can take up what no name says as well as the numbers of its law can.
     shaped = term.effect.acts_on == "drive" and term.effect.form.to_scale and term.joint is not None
     relieved = not shaped and relieves_tension(before, after, thresholds)
-    if (term.effect.form.intermittent and enough) or relieved:
+    if (term.effect.form.intermittent and enough) or relieved or gain > term.effect.acceptance.by_evidence:
         return None
     found = held(before, after, term)
     channels = channels_of(after, term)

@@ -117,7 +117,9 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
 def _murky(state: SearchState, rest: Solution, last: Solution) -> bool:
     """True if the last term takes little off its joint beside what is in no library."""
     term, asked = last.terms[-1], state.thresholds
-    if asked.murky == 0.0 or term.joint is None or term.effect.form.intermittent:
+    if asked.murky == 0.0 or term.joint is None:
+        return False
+    if term.effect.form.intermittent or np.isfinite(term.effect.acceptance.by_evidence):
         return False
     left = last.problem.chi2(last.residual)[term.joint]
     return bool(left > asked.much_left) and held(rest, last, term).share < asked.murky
