@@ -18,7 +18,7 @@ lint:
 
 # The front end of the page, its own tests first; needs Node.js.
 front:
-    cd daemon/cellwatt/sinks/page/front && npm ci && npm test && npm run build
+    cd daemon/cellwatt/outlets/page/front && npm ci && npm test && npm run build
 
 # The pages of docs/ as a site, every link checked.
 docs:

@@ -55,7 +55,7 @@ def serving(daemon: Daemon) -> psutil.Process:
     """The process that serves the page."""
     assert daemon.process is not None
     family = psutil.Process(daemon.process.pid).children(recursive=True)
-    return next(child for child in family if "cellwatt.sinks.page.serving" in child.cmdline())
+    return next(child for child in family if "cellwatt.outlets.page.serving" in child.cmdline())
 
 
 async def share(process: psutil.Process, seconds: float) -> float:

@@ -1,7 +1,6 @@
-"""Capacity: cells a router, readers a cell, bytes a day, and what a year of many cells in a lake costs.
+"""Capacity: cells a router, readers a cell, bytes a day.
 
-    python bench/capacity.py [--only router subscribers record lake] [--repeats 3] [--seconds 10] [--markdown]
-    python bench/capacity.py --only cost --cells 1000 --price-gb-month 0.023 …
+    python bench/capacity.py [--only router subscribers record] [--repeats 3] [--seconds 10] [--markdown]
 
 The parts are described in the modules of the package `capacity`, the figures in docs/capacity.md.
 """

@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -70,8 +71,8 @@ def listen(endpoint: str) -> None:
     """The subscriber's process: receipts until its standard input ends, then percentiles as JSON."""
     import zenoh
 
-    from cellwatt.publish.encode import decode
-    from cellwatt.publish.mark import Mark
+    from cellwatt.outlets.zenoh.encode import decode, schema_in
+    from cellwatt.outlets.zenoh.mark import Mark
 
     got: list[tuple[int, bytes, bytes]] = []
 
@@ -88,14 +89,20 @@ def listen(endpoint: str) -> None:
     session.declare_subscriber("cellwatt/bench/bench/raw/**", receive)
     print("listening", flush=True)
     sys.stdin.readline()
-    kept, got = got, []
+    early, got = got, []
     start = time.monotonic()
     sys.stdin.readline()
     kept, seconds = got, time.monotonic() - start
     session.close()
     in_daemon, by_robot, samples = [], {}, 0
-    for at, payload, attachment in kept:
-        batch = decode(payload, Mark.decode(attachment, payload))
+    schemas: dict[int, bytes] = {}
+    for n, (at, payload, attachment) in enumerate([*early, *kept]):
+        mark = Mark.decode(attachment, payload)
+        if not mark.schema:
+            schemas[zlib.crc32(schema_in(payload))] = schema_in(payload)
+        if n < len(early):
+            continue
+        batch = decode(schemas[mark.schema] + payload if mark.schema else payload, mark)
         samples += len(batch)
         in_daemon.append(at - batch.arrival)
         by_robot.setdefault(batch.source, []).extend((at - batch.device_time).tolist())

@@ -91,15 +91,15 @@ class Tally:
 
 
 class BenchDriver(YaskawaDriver):
-    """Tells its outlet the deadline of each slot."""
+    """Tells its inlet the deadline of each slot."""
 
     async def _serve_slot(self, link, deadline):
-        self.outlet.deadline = deadline
+        self.inlet.deadline = deadline
         await super()._serve_slot(link, deadline)
 
 
 @dataclass
-class BenchOutlet:
+class BenchInlet:
     tally: Tally
     account: Account = field(default_factory=Account)
     deadline: int = 0
@@ -124,22 +124,22 @@ class BenchOutlet:
 async def ours(ports: list[int], seconds: float) -> Tally:
     """The driver itself."""
     tally = Tally()
-    outlets = [BenchOutlet(tally) for _ in ports]
+    inlets = [BenchInlet(tally) for _ in ports]
     tasks = []
-    for port, outlet in zip(ports, outlets, strict=True):
+    for port, inlet in zip(ports, inlets, strict=True):
         settings = YaskawaSettings(
             host="127.0.0.1", port=port, read=("position", "torque"), rate=RATE, pulses_per_degree=(1000.0,) * 6
         )
-        tasks.append(asyncio.create_task(BenchDriver(f"arm_{port}", settings, outlet).run()))
-    await asyncio.gather(*(outlet.up.wait() for outlet in outlets))
+        tasks.append(asyncio.create_task(BenchDriver(f"arm_{port}", settings, inlet).run()))
+    await asyncio.gather(*(inlet.up.wait() for inlet in inlets))
     await asyncio.sleep(1.0)
-    before = [(o.account.expected, o.account.missed.total()) for o in outlets]
-    for outlet in outlets:
-        outlet.measuring = True
+    before = [(o.account.expected, o.account.missed.total()) for o in inlets]
+    for inlet in inlets:
+        inlet.measuring = True
     tally.cpu_share = await measured(seconds)
-    for outlet, (expected, missed) in zip(outlets, before, strict=True):
-        tally.due += outlet.account.expected - expected
-        tally.missed += outlet.account.missed.total() - missed
+    for inlet, (expected, missed) in zip(inlets, before, strict=True):
+        tally.due += inlet.account.expected - expected
+        tally.missed += inlet.account.missed.total() - missed
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

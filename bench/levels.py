@@ -23,12 +23,12 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt.outlets.page.levels import Curves
+from cellwatt.outlets.page.levels.store import ends_at
 from cellwatt.record import Header, Recording
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt.sinks.page.levels import Curves
-from cellwatt.sinks.page.levels.store import ends_at
 
 S = 10**9
 SESSION = 1_795_255_200 * S

@@ -28,10 +28,10 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Batch, Channel, Stream
-from cellwatt.publish import ZenohSettings, ZenohSink
-from cellwatt.publish.encode import encode_batch
-from cellwatt.publish.link import LinkSettings, open_session
-from cellwatt.publish.mark import Mark
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh.encode import encode_batch
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Subscriber
 from cellwatt.ticker import Ticker
 
@@ -196,11 +196,11 @@ async def pace(give: Give, seconds: float, first: int) -> tuple[int, list[int]]:
     return begun, held
 
 
-async def with_sink(endpoint: str, view: View, work: Callable[[ZenohSink], Any]) -> Any:
-    sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,), queue=4096), view)
-    task = asyncio.create_task(sink.run())
+async def with_outlet(endpoint: str, view: View, work: Callable[[ZenohOutlet], Any]) -> Any:
+    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), queue=4096), view)
+    task = asyncio.create_task(outlet.run())
     try:
-        return await work(sink)
+        return await work(outlet)
     finally:
         task.cancel()
         with suppress(asyncio.CancelledError):
@@ -230,14 +230,14 @@ def latency(way: str, seconds: float) -> dict[str, float]:
     else:
         view = View()
 
-        def recorded_and_offered(sink: ZenohSink) -> Any:
+        def recorded_and_offered(outlet: ZenohOutlet) -> Any:
             def give(batch: Batch) -> None:
                 view.recorded[batch.source].append(batch)
-                sink.offer(batch)
+                outlet.offer(batch)
 
             return measure(give)
 
-        begun, held, found = asyncio.run(with_sink(endpoint, view, recorded_and_offered))
+        begun, held, found = asyncio.run(with_outlet(endpoint, view, recorded_and_offered))
     arrived = np.array(found["took"])[np.array(found["offered"]) >= begun] / 1e3
     return {
         "p50": float(np.percentile(arrived, 50)),
@@ -277,7 +277,7 @@ def throughput(way: str, seconds: float) -> dict[str, float]:
             return {"Mvalues_per_s": asyncio.run(flood(give, lambda: 0))}
     return {
         "Mvalues_per_s": asyncio.run(
-            with_sink(endpoint, View(), lambda sink: flood(sink.offer, lambda: len(sink._outbox)))
+            with_outlet(endpoint, View(), lambda outlet: flood(outlet.offer, lambda: len(outlet._outbox)))
         )
     }
 

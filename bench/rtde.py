@@ -46,7 +46,7 @@ SERVERS = 4
 
 
 class Counting:
-    """An outlet that only counts."""
+    """An inlet that only counts."""
 
     def __init__(self) -> None:
         self.account = Account()
@@ -73,27 +73,27 @@ class Counting:
 
 async def native(addresses: list[str], seconds: float, stalled: bool) -> dict[str, float]:
     """All robots in one loop: packets made and lost, and CPU s, within the time."""
-    outlets = [Counting() for _ in addresses]
+    inlets = [Counting() for _ in addresses]
     drivers = []
-    for address, outlet in zip(addresses, outlets, strict=True):
+    for address, inlet in zip(addresses, inlets, strict=True):
         host, _, port = address.rpartition(":")
         settings = UrDriver.Settings(host=host, port=int(port), rate=RATE, channels=FIELDS_17)
-        drivers.append(asyncio.create_task(UrDriver("arm", settings, outlet).run()))
+        drivers.append(asyncio.create_task(UrDriver("arm", settings, inlet).run()))
     async with asyncio.timeout(60):
-        for outlet in outlets:
-            await outlet.warm.wait()
-    made = sum(o.account.expected for o in outlets)
-    lost = made - sum(o.account.received for o in outlets)
-    blocks = sum(o.blocks for o in outlets)
+        for inlet in inlets:
+            await inlet.warm.wait()
+    made = sum(o.account.expected for o in inlets)
+    lost = made - sum(o.account.received for o in inlets)
+    blocks = sum(o.blocks for o in inlets)
     cpu, end = time.process_time(), time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0:
         await asyncio.sleep(min(left, STALL_EVERY - STALL))
         if stalled:
             time.sleep(STALL)  # noqa: ASYNC251 - the stall is what is measured
     cpu = time.process_time() - cpu
-    expected = sum(o.account.expected for o in outlets)
-    received = sum(o.account.received for o in outlets)
-    blocks = sum(o.blocks for o in outlets) - blocks
+    expected = sum(o.account.expected for o in inlets)
+    received = sum(o.account.received for o in inlets)
+    blocks = sum(o.blocks for o in inlets) - blocks
     for driver in drivers:
         driver.cancel()
     await asyncio.gather(*drivers, return_exceptions=True)

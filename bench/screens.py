@@ -21,11 +21,11 @@ from tests.browser import WAIT, chromium
 
 from bench import watch
 from cellwatt.demo.cells import free_endpoint
-from cellwatt.publish.encode import JSON
-from cellwatt.publish.keys import CellKeys
-from cellwatt.publish.link import LinkSettings, open_session
-from cellwatt.publish.mark import Mark
-from cellwatt.publish.messages import health
+from cellwatt.outlets.zenoh.encode import JSON
+from cellwatt.outlets.zenoh.keys import CellKeys
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import health
 
 SIZE = {"width": 1440, "height": 900}
 CELLS = 24

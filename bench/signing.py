@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt import Alarm, Batch, Channel, Stream
-from cellwatt.publish.encode import encode_batch
-from cellwatt.publish.mark import Mark
-from cellwatt.publish.messages import encode_item
-from cellwatt.publish.signing import Check, Seal
+from cellwatt.outlets.zenoh.encode import encode_batch
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import encode_item
+from cellwatt.outlets.zenoh.signing import Check, Seal
 from cellwatt.record import seal
 from cellwatt.signing import Signer, new_key
 

@@ -3,7 +3,7 @@
     python bench/view.py [--seconds 20] [--cells 200]
 
 Prints JSON: the share of one core that the process takes that serves, bytes before a browser can draw its first curve,
-and what was dropped. Cells are emulated: the sink is fed here, the plant's cells are Zenoh sessions of one process.
+and what was dropped. Cells are emulated: the outlet is fed here, the plant's cells are Zenoh sessions of one process.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ import numpy as np
 import psutil
 
 from cellwatt import FrameChannel, Frames, Layout
-from cellwatt.publish.encode import JSON
-from cellwatt.publish.keys import CellKeys
-from cellwatt.publish.link import LinkSettings, open_session
-from cellwatt.publish.mark import Mark
-from cellwatt.publish.messages import health
-from cellwatt.sinks.page import PageSettings, PageSink
+from cellwatt.outlets.page import PageOutlet, PageSettings
+from cellwatt.outlets.zenoh.encode import JSON
+from cellwatt.outlets.zenoh.keys import CellKeys
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import health
 
 SITE, CELL = "plant-1", "weld-3"
 RATE, CHANNELS, SHOWN, BLOCK = 50.0, 60, 8, 5
@@ -56,15 +56,15 @@ def status(cell: str) -> dict[str, Any]:
     return {**about, "sources": sources, **rest}
 
 
-async def feed(sink: PageSink) -> None:
+async def feed(outlet: PageOutlet) -> None:
     sequence, began = 0, time.time_ns() // LAYOUT.step
     while True:
         numbers = np.arange(sequence, sequence + BLOCK)
         values = np.sin(numbers[:, None] / 50 + np.arange(CHANNELS))
         quality, bound = (np.zeros((BLOCK, CHANNELS), kind) for kind in (np.uint8, np.int64))
-        sink.offer(Frames(LAYOUT, sequence, (began + numbers) * LAYOUT.step, values, quality, bound))
+        outlet.offer(Frames(LAYOUT, sequence, (began + numbers) * LAYOUT.step, values, quality, bound))
         if sequence % round(RATE) == 0:
-            sink.health(status(CELL))
+            outlet.health(status(CELL))
         sequence += BLOCK
         await asyncio.sleep((began + sequence) * LAYOUT.step * 1e-9 - time.time())
 
@@ -111,11 +111,11 @@ async def share(process: psutil.Process, seconds: float) -> float:
 
 
 async def one_cell(seconds: float) -> dict[str, Any]:
-    sink = PageSink("page", PageSettings(listen="127.0.0.1:0"), View())  # type: ignore[arg-type]
-    tasks = [asyncio.create_task(sink.run()), asyncio.create_task(feed(sink))]
-    while sink.url is None:  # noqa: ASYNC110
+    outlet = PageOutlet("page", PageSettings(listen="127.0.0.1:0"), View())  # type: ignore[arg-type]
+    tasks = [asyncio.create_task(outlet.run()), asyncio.create_task(feed(outlet))]
+    while outlet.url is None:  # noqa: ASYNC110
         await asyncio.sleep(0.1)
-    url, (process,) = sink.url.rstrip("/"), psutil.Process().children()
+    url, (process,) = outlet.url.rstrip("/"), psutil.Process().children()
     stream = f"{url}/api/cells/{SITE}/{CELL}/stream?channels={WANTED}&rate=10"
     told: dict[str, Any] = {"core_percent": {}}
     reads: list[dict[str, int]] = []
@@ -132,7 +132,7 @@ async def one_cell(seconds: float) -> dict[str, Any]:
     told["bytes_before_first_curve"] = await first_curve(url)
     told["pss_MB"] = round(process.memory_full_info().pss / 1e6, 1)
     told["told_late"] = sum(read.get("late", 0) for read in reads)
-    told["dropped"] = {**sink.account.dropped, **sink.account.counters}
+    told["dropped"] = {**outlet.account.dropped, **outlet.account.counters}
     await ended(tasks)
     return told
 

@@ -22,7 +22,7 @@ from cellwatt.demo.cells import free_endpoint, shape_file
 from cellwatt.live.app import LiveApp
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look
-from cellwatt.publish.heard import await_cell
+from cellwatt.outlets.zenoh.heard import await_cell
 from cellwatt.subscriber import LinkSettings, Message, Subscriber
 
 ROOT = Path(__file__).resolve().parents[1]

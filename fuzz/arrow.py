@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
-from cellwatt.publish import encode, received
-from cellwatt.publish.mark import Mark
+from cellwatt.outlets.zenoh import encode, received
+from cellwatt.outlets.zenoh.mark import Mark
 from fuzz.items import SESSION, batch, frames, same
 from fuzz.message import MARK, sample
 from fuzz.target import Target
 
+BLOCKS = batch(5, 3), batch(5, 2, device=False), frames(7, 2)
+SCHEMAS = {check: schema for check, schema, _ in map(encode.encode_apart, BLOCKS)}
+
 
 def run(data: bytes) -> None:
     """A mark, then a payload; what was read and is sent on reads as the same."""
+    size = MARK + 4 * (data[:1] == b"\2")
     try:
-        mark, content = received.read_message(sample(data[:MARK], data[MARK:]), "raw")
+        mark, content = received.read_message(sample(data[:size], data[size:]), "raw", SCHEMAS)
     except ProtocolError:
         return
     assert not isinstance(content, str)
@@ -30,11 +35,13 @@ def run(data: bytes) -> None:
 
 
 def seeds() -> Iterable[bytes]:
-    """A batch with and without a device's clock, and frames."""
-    for content in (batch(5, 3), batch(5, 2, device=False), frames(7, 2)):
+    """A batch with and without a device's clock, and frames; each with and without its schema."""
+    for content in BLOCKS:
         mark = Mark(SESSION, content.sequence, len(content), SESSION)
         payload = encode.encode_batch(content) if isinstance(content, Batch) else encode.encode_frames(content)
         yield mark.encode(payload)[:MARK] + payload
+        check, _, rows = encode.encode_apart(content)
+        yield replace(mark, schema=check).encode(rows)[: MARK + 4] + rows
 
 
 TARGET = Target(run, seeds, 3000)

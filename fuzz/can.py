@@ -14,7 +14,7 @@ from can import Message
 from cellwatt_drivers.can_sensor.bus_errors import decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
-from fuzz.outlet import CheckingOutlet
+from fuzz.inlet import CheckingInlet
 from fuzz.target import Target
 
 _HEAD = struct.Struct(">HBB")
@@ -44,8 +44,8 @@ def run(data: bytes) -> None:
 
 
 def _frames(data: bytes) -> None:
-    outlet = CheckingOutlet()
-    intakes = [Intake("sensor", decoding, 0.02 * (i % 3), outlet) for i, decoding in enumerate(decodings())]
+    inlet = CheckingInlet()
+    intakes = [Intake("sensor", decoding, 0.02 * (i % 3), inlet) for i, decoding in enumerate(decodings())]
     time, at = 1_700_000_000.0, 0
     while at + _HEAD.size <= len(data):
         after, kind, size = _HEAD.unpack_from(data, at)
@@ -61,11 +61,11 @@ def _frames(data: bytes) -> None:
             if kind & 0x40:
                 intake.resume()
             if kind & 0x80:
-                intake.flush(outlet.now())
+                intake.flush(inlet.now())
             intake.take(Message(arbitration_id=1, data=body, timestamp=time))
     for intake in intakes:
-        intake.flush(outlet.now())
-    assert outlet.account.residue == 0
+        intake.flush(inlet.now())
+    assert inlet.account.residue == 0
 
 
 def _lines(data: bytes) -> None:

@@ -11,7 +11,7 @@ from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.intake import Intake
 from cellwatt_drivers.abb.messages import classes
-from fuzz.outlet import CheckingOutlet
+from fuzz.inlet import CheckingInlet
 from fuzz.target import Target
 
 COLUMNS = wire.columns(get_args(wire.Group), 6, ("rotary", "linear"))
@@ -24,8 +24,8 @@ def run(data: bytes) -> None:
         size = int.from_bytes(data[:2], "big")
         datagrams.append(data[2 : 2 + size])
         data = data[2 + size :]
-    outlet = CheckingOutlet()
-    intake = Intake(outlet, Stream("egm", COLUMNS.channels, 250.0, "device"), COLUMNS, lambda: None)
+    inlet = CheckingInlet()
+    intake = Intake(inlet, Stream("egm", COLUMNS.channels, 250.0, "device"), COLUMNS, lambda: None)
     intake.take(datagrams)
     for datagram in datagrams:
         intake.opened()

@@ -13,7 +13,7 @@ from cellwatt.channel import Stream
 from cellwatt_drivers.franka import fci
 from cellwatt_drivers.franka.fields import Group, Selection
 from cellwatt_drivers.franka.intake import Intake
-from fuzz.outlet import CheckingOutlet
+from fuzz.inlet import CheckingInlet
 from fuzz.target import Target
 
 SELECTION = Selection.of(["state"])
@@ -26,7 +26,7 @@ def run(data: bytes) -> None:
         version, port = fci.decode_connect(data)
         assert struct.pack("<HH", version, port) == data[:4]
     stream = Stream("fci", SELECTION.channels, 1000.0, "device")
-    intake = Intake(CheckingOutlet(), stream, 1)
+    intake = Intake(CheckingInlet(), stream, 1)
     whole = len(data) // 5 * 5
     rows = np.frombuffer(data[:whole], [("time", "<i4"), ("mode", "u1")])
     for start in range(0, len(rows), 7):

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Final
 
-from cellwatt.sinks.historian.client import LONGEST_WAIT, outcome_of
+from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of
 from fuzz.target import Target
 
 STATUS: Final = (200, 204, 400, 401, 404, 413, 422, 429, 500, 503)

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from cellwatt.errors import CellwattError, ProtocolError
-from cellwatt.publish import messages, received
-from cellwatt.publish.keys import CellKeys, alarm_path, parse, raw_topic, topic_of_series
-from cellwatt.publish.mark import Mark
+from cellwatt.outlets.zenoh import messages, received
+from cellwatt.outlets.zenoh.keys import CellKeys, alarm_path, parse, raw_topic, topic_of_series
+from cellwatt.outlets.zenoh.mark import Mark
 from fuzz.items import MESSAGES, SESSION
 from fuzz.target import Target
 
@@ -20,7 +20,7 @@ MARK = 32
 
 def sample(mark: bytes, payload: bytes) -> Any:
     """As Zenoh gives it; a mark of full length gets the sum that belongs to it."""
-    attachment = mark + zlib.crc32(payload, zlib.crc32(mark)).to_bytes(4, "little") if len(mark) == MARK else mark
+    attachment = mark + zlib.crc32(payload, zlib.crc32(mark)).to_bytes(4, "little") if len(mark) >= MARK else mark
 
     def holding(data: bytes) -> Any:
         return SimpleNamespace(to_bytes=lambda: data)

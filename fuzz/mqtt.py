@@ -8,11 +8,11 @@ from functools import cache
 from typing import Final
 
 from cellwatt.errors import ProtocolError
-from cellwatt.sinks.mqtt.edge_node import EdgeNode
-from cellwatt.sinks.mqtt.message import Order
-from cellwatt.sinks.mqtt.payload import DataType, Metric, decode, encode
-from cellwatt.sinks.mqtt.plain import PlainFormat
-from cellwatt.sinks.mqtt.settings import MqttSettings, SparkplugSettings
+from cellwatt.outlets.mqtt.edge_node import EdgeNode
+from cellwatt.outlets.mqtt.message import Order
+from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
+from cellwatt.outlets.mqtt.plain import PlainFormat
+from cellwatt.outlets.mqtt.settings import MqttSettings, SparkplugSettings
 from fuzz.items import SESSION
 from fuzz.target import Target
 

@@ -15,13 +15,13 @@ from asyncua.common.utils import Buffer, NotEnoughData
 from asyncua.ua.ua_binary import struct_from_binary, struct_to_binary, variant_from_binary, variant_to_binary
 
 from cellwatt.channel import Channel, Stream
-from cellwatt.sinks.opc_ua.arrays import bound_arrays
-from cellwatt.sinks.opc_ua.conditions import USER, Conditions
+from cellwatt.outlets.opc_ua.arrays import bound_arrays
+from cellwatt.outlets.opc_ua.conditions import USER, Conditions
 from cellwatt_drivers.opc_ua import messages
 from cellwatt_drivers.opc_ua.intake import Intake
 from cellwatt_drivers.opc_ua.nodes import Source
+from fuzz.inlet import CheckingInlet
 from fuzz.items import SESSION
-from fuzz.outlet import CheckingOutlet
 from fuzz.target import Target
 
 STREAM: Final = Stream("tags", (Channel("speed", "rad/s"), Channel("torque", "Nm")), 10.0, "device")
@@ -69,7 +69,7 @@ bound_arrays()
 
 
 def _told(data: bytes) -> None:
-    intake = Intake("cell", CheckingOutlet(), STREAM, lambda code: ua.StatusCode(code & 0xFFFF_0000).name)
+    intake = Intake("cell", CheckingInlet(), STREAM, lambda code: ua.StatusCode(code & 0xFFFF_0000).name)
     arrival = SESSION
     at = 0
     while at + 2 <= len(data):

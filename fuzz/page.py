@@ -17,17 +17,17 @@ from multidict import CIMultiDict, CIMultiDictProxy
 from yarl import URL
 
 from cellwatt.errors import CellwattError
+from cellwatt.outlets.page.access import Gate
+from cellwatt.outlets.page.app import Page
+from cellwatt.outlets.page.archive import Archive, Desk, P, T
+from cellwatt.outlets.page.assets import Assets
+from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.rooms import OneRoom, Room
+from cellwatt.outlets.page.sessions import Sessions
+from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.streams import Hub
 from cellwatt.results import Alarm
-from cellwatt.sinks.page.access import Gate
-from cellwatt.sinks.page.app import Page
-from cellwatt.sinks.page.archive import Archive, Desk, P, T
-from cellwatt.sinks.page.assets import Assets
-from cellwatt.sinks.page.browsers import Browsers
-from cellwatt.sinks.page.feed import Feed
-from cellwatt.sinks.page.rooms import OneRoom, Room
-from cellwatt.sinks.page.sessions import Sessions
-from cellwatt.sinks.page.settings import PageSettings
-from cellwatt.sinks.page.streams import Hub
 from fuzz.items import MESSAGES, SESSION
 from fuzz.target import Target
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt_drivers.power_board import payload, wire
 from cellwatt_drivers.power_board.board import Board, board_stream
-from fuzz.outlet import CheckingOutlet
+from fuzz.inlet import CheckingInlet
 from fuzz.target import Target
 
 PACKET = payload.Packet(1, 65535, 4_294_967_000, 8130, 1, (23000, 1500, 34500, 23001, 1501, -34501))
@@ -49,12 +49,12 @@ def _fed(mode: wire.Mode, data: bytes, step: int) -> list[payload.Packet]:
 def _board(whole: list[payload.Packet], in_pieces: list[payload.Packet]) -> None:
     """What comes must not depend on the pieces; then up to samples."""
     assert whole == in_pieces
-    outlet = CheckingOutlet()
+    inlet = CheckingInlet()
     boards: dict[int, Board] = {}
-    arrival = outlet.now()
+    arrival = inlet.now()
     for packet in whole:
         board = boards.setdefault(
-            packet.phases, Board("board", board_stream(packet.phases, 123.0), packet.phases, 50_000_000, outlet)
+            packet.phases, Board("board", board_stream(packet.phases, 123.0), packet.phases, 50_000_000, inlet)
         )
         arrival += 8_130_000
         board.take(packet, arrival)

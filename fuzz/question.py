@@ -9,15 +9,15 @@ from typing import Any
 from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
-from cellwatt.publish.answers import Answers
-from cellwatt.publish.backlog import Backlog
-from cellwatt.publish.encode import ARROW, decode
-from cellwatt.publish.keys import QUESTIONS, CellKeys
-from cellwatt.publish.mark import Mark
-from cellwatt.publish.past import MOST_RESULTS, MOST_SAMPLES
-from cellwatt.publish.questions import parameters
+from cellwatt.outlet import CellView
+from cellwatt.outlets.zenoh.answers import Answers
+from cellwatt.outlets.zenoh.backlog import Backlog
+from cellwatt.outlets.zenoh.encode import ARROW, decode
+from cellwatt.outlets.zenoh.keys import QUESTIONS, CellKeys
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.past import MOST_RESULTS, MOST_SAMPLES
+from cellwatt.outlets.zenoh.questions import parameters
 from cellwatt.results import Alarm, Event, Result
-from cellwatt.sink import CellView
 from fuzz.items import MESSAGES, SESSION, batch, frames
 from fuzz.target import Target
 

@@ -9,7 +9,7 @@ from cellwatt.errors import ConfigError
 from cellwatt_drivers import can_sensor
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.sensor_map import load_decodings
-from fuzz.outlet import CheckingOutlet
+from fuzz.inlet import CheckingInlet
 from fuzz.target import Target, folder
 
 BETWEEN = b"\n%%%%\n"
@@ -30,7 +30,7 @@ def run(data: bytes) -> None:
         assert error.problems
         return
     for decoding in decodings.values():
-        intake = Intake("sensor", decoding, decoding.wanted.cycle, CheckingOutlet())
+        intake = Intake("sensor", decoding, decoding.wanted.cycle, CheckingInlet())
         for i, body in enumerate((bytes(8), b"\xff" * 8, b"\1\0" * 4, b"")):
             intake.take(Message(arbitration_id=1, data=body, timestamp=1e9 + i))
         intake.flush(2_000_000_000_000_000_000)

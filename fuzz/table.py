@@ -46,7 +46,7 @@ TABLE: Mapping[str, Entry] = {
     "arrow": Entry("a cell's Zenoh message: mark, Arrow stream"),
     "subscriber": Entry("a sequence of messages and answers at a subscriber"),
     "page": Entry("requests to the page: host, cookie, token against forgery, query, body"),
-    "wire": Entry("messages between the daemon and the processes that serve for sinks, both ways"),
+    "wire": Entry("messages between the daemon and the processes that serve for outlets, both ways"),
     "mqtt": Entry("what a broker hands over: Sparkplug's commands and host state, kept alarms"),
     "opc_ua": Entry("what an OPC UA server tells the driver; what a client hands to the method that acknowledges"),
     "influx": Entry("InfluxDB's answers: status, Retry-After, body"),

@@ -13,7 +13,7 @@ from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Decoder, Selection
-from fuzz.outlet import CheckingOutlet
+from fuzz.inlet import CheckingInlet
 from fuzz.target import Target
 
 SELECTION = Selection.of(["robot_mode", "payload", "bus.power"])
@@ -28,8 +28,8 @@ def run(data: bytes) -> None:
         for item, _ in wire.scan(memoryview(stream), wire.FROM_CLIENT):
             assert isinstance(item, wire.Frame)
             _request(item)
-    outlet = CheckingOutlet()
-    intake = Intake(outlet, Stream("rtde", SELECTION.channels, 125.0, "device"), "count")
+    inlet = CheckingInlet()
+    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 125.0, "device"), "count")
     intake.opened(Identity("UR", "fuzzed"), 125.0, 125.0)
     types = ["DOUBLE"] * len(TYPES) if how and how[0] & 128 else TYPES  # of the same width, which a decoder takes
     decoder = Decoder(SELECTION, RECIPE, types) if how and how[0] & 1 else None

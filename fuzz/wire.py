@@ -1,4 +1,4 @@
-"""Messages between the daemon and the processes that serve for sinks, both ways."""
+"""Messages between the daemon and the processes that serve for outlets, both ways."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
-from cellwatt.errors import ProtocolError, SinkError
+from cellwatt.errors import OutletError, ProtocolError
 from cellwatt.frames import Layout
+from cellwatt.outlets.apart import wire
+from cellwatt.outlets.apart.daemon import Daemon
+from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.outlet import PageOutlet
+from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.streams import Hub
 from cellwatt.results import Event
-from cellwatt.sinks.apart import wire
-from cellwatt.sinks.apart.daemon import Daemon
-from cellwatt.sinks.apart.wire import Kind
-from cellwatt.sinks.page.browsers import Browsers
-from cellwatt.sinks.page.feed import Feed
-from cellwatt.sinks.page.settings import PageSettings
-from cellwatt.sinks.page.sink import PageSink
-from cellwatt.sinks.page.streams import Hub
 from fuzz.items import LAYOUT, MESSAGES, SESSION, frames, same
 from fuzz.target import Target
 
@@ -43,10 +43,10 @@ async def _both(data: bytes) -> None:
     with suppress(ProtocolError):
         await Daemon(_reader(data), writer).hear(_Served().take)
     view: Any = SimpleNamespace(acknowledge=_done, shelve=_done, unshelve=_done)
-    sink = PageSink("page", PageSettings(), view)
-    with suppress(SinkError):
-        await sink._listen(_reader(data), writer)
-    sink.account.snapshot()
+    outlet = PageOutlet("page", PageSettings(), view)
+    with suppress(OutletError):
+        await outlet._listen(_reader(data), writer)
+    outlet.account.snapshot()
 
 
 def _done(*_: object) -> None:

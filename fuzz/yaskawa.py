@@ -8,7 +8,7 @@ from contextlib import suppress
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
 from cellwatt_drivers.yaskawa.robotstate import AlarmWatch, status_row
-from fuzz.outlet import CheckingOutlet
+from fuzz.inlet import CheckingInlet
 from fuzz.target import Target
 
 
@@ -45,7 +45,7 @@ def _data(data: bytes) -> None:
         alarm = payload.decode_alarm(data)
         again = payload.decode_alarm(payload.encode_alarm(alarm))
         assert (again.code, again.data, again.kind) == (alarm.code, alarm.data, alarm.kind)
-        watch = AlarmWatch("robot", CheckingOutlet())
+        watch = AlarmWatch("robot", CheckingInlet())
         watch.see(alarm)
         watch.see(payload.Alarm(0))
 

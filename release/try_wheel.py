@@ -52,7 +52,6 @@ def main() -> None:
             ["--version"],
             ["check", "cell.yaml"],
             ["drivers"],
-            ["migrate", "cell.yaml"],
             ["demo", "--seconds", "20"],
         ):
             print("$ cellwatt", *arguments, flush=True)

@@ -8,7 +8,7 @@ TOGETHER = {
     "tests/system": "timing",  # whole daemons beside another are late, not wrong
     "tests/daemon/record/test_kill.py": "timing",
     "tests/daemon/test_ticker.py": "timing",
-    "tests/daemon/publish/plants": "timing",
+    "tests/daemon/outlets/zenoh/plants": "timing",
     "tests/bench/outlet/test_whole.py": "timing",
     "tests/daemon/scheduler": "tests/daemon/scheduler",  # workers are started once
     "tests/plugins/energy": "tests/plugins/energy",  # a campaign and its fit are made once
@@ -32,9 +32,9 @@ FIRST = [
     "tests/plugins/mismatch/test_explain.py",
     "tests/daemon/config/test_hostile.py",
     "tests/daemon/record/test_bombs.py",
-    "tests/daemon/publish/test_link_cut.py",
-    "tests/daemon/publish/test_processes.py",
-    "tests/daemon/publish/test_secure.py",
+    "tests/daemon/outlets/zenoh/test_link_cut.py",
+    "tests/daemon/outlets/zenoh/test_processes.py",
+    "tests/daemon/outlets/zenoh/test_secure.py",
     "tests/plugins/mismatch/input/test_admission.py",
     "tests/plugins/models/static/test_identify.py",
     "tests/daemon/testing/test_suite.py",
@@ -54,7 +54,7 @@ FIRST = [
     "tests/drivers/scpi_analyzer/test_scpi_faults.py",
     "tests/daemon/testing/test_new_driver.py",
     "tests/plugins/mismatch/fit/test_search.py",
-    "tests/daemon/publish/test_hostile_bus.py",
+    "tests/daemon/outlets/zenoh/test_hostile_bus.py",
 ]
 """What takes longer than 20 s beside other tests, longest first: whoever is done with it takes the small rest."""
 

@@ -1,1 +1,1 @@
-"""How many cells a router carries, how many readers a cell, how many bytes a day, and what a lake costs."""
+"""How many cells a router carries, how many readers a cell, and how many bytes a day."""

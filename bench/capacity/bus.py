@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from capacity.children import orders, say
-from cellwatt.publish.keys import CellKeys
-from cellwatt.publish.link import LinkSettings, open_session
-from cellwatt.publish.mark import Mark
+from cellwatt.outlets.zenoh.keys import CellKeys
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.mark import Mark
 
 SITE = "bench"
 PATIENCE = 60.0

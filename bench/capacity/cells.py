@@ -17,8 +17,8 @@ import yaml
 
 from capacity.bus import PATIENCE, SITE
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.publish.keys import CellKeys
-from cellwatt.publish.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.keys import CellKeys
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 
 CELL = "cell"
 WARM_UP = 6.0
@@ -85,7 +85,7 @@ async def emulated(kind: Kind) -> AsyncIterator[dict[str, dict[str, Any]]]:
 
 @asynccontextmanager
 async def daemon(
-    kind: Kind, folder: Path, zenoh: Mapping[str, Any], sinks: Mapping[str, Any] | None = None
+    kind: Kind, folder: Path, zenoh: Mapping[str, Any], outlets: Mapping[str, Any] | None = None
 ) -> AsyncIterator[None]:
     """A whole daemon of a cell, recorded into ``folder/record`` and published."""
     async with emulated(kind) as sources:
@@ -97,7 +97,7 @@ async def daemon(
             "record": {"folder": str(folder / "record")},
             "zenoh": dict(zenoh),
             **({"stages": {"segment": {}}} if kind.arm else {}),
-            **(sinks or {}),
+            **(outlets or {}),
         }
         file = folder / "cell.yaml"
         file.write_text(yaml.safe_dump(settings, sort_keys=False))

@@ -1,4 +1,4 @@
-"""The arithmetic of docs/capacity.md: cells a router carries, and what a lake costs. Pure; measures nothing."""
+"""The arithmetic of docs/capacity.md: cells a router carries. Pure; measures nothing."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 DAY = 86_400.0  # s
-DAYS = 365
-MONTHS = 12
-MB, GB = 1e6, 1e9
+MB = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,119 +72,3 @@ def most_cells(cores_a_cell: float, cores: float = 1.0, headroom: float = 0.5) -
     if cores_a_cell <= 0 or not 0 <= headroom < 1:
         raise ValueError(f"found {cores_a_cell} cores a cell and headroom {headroom}")
     return math.floor(cores * (1 - headroom) / cores_a_cell * (1 + 1e-12))
-
-
-PART_OF_AN_UPLOAD = 10 * 2**20
-"""Bytes of a part, as Arrow uploads what is larger than one."""
-GETS_OF_A_READ = 3
-"""Requests, HEAD and GET, with which the historian reads a file of S3 back."""
-LISTS_OF_A_JOIN = 2
-READS_OF_A_JOIN = 2
-"""How often each file is read when those of a day are joined."""
-PUTS_OF_A_REMOVAL, GETS_OF_A_REMOVAL = 1, 1
-"""Beside the DELETE, which costs nothing: Arrow looks for the file, and writes a mark for its folder."""
-
-
-def puts(size: float) -> float:
-    """Requests that cost as much as a PUT, to write a file of ``size`` bytes: one, or its parts and two more."""
-    return 1.0 if size <= PART_OF_AN_UPLOAD else 2.0 + math.ceil(size / PART_OF_AN_UPLOAD)
-
-
-@dataclass(frozen=True, slots=True)
-class Lake:
-    """What one cell writes into a lake on one day: ``bytes`` in ``files``; with ``compact`` these become one."""
-
-    bytes: float
-    files: float
-    compact: bool = False
-
-    @property
-    def writing(self) -> float:
-        """Requests a day that cost as much as a PUT: those, LIST, and parts of uploads."""
-        written = self.files * puts(self.bytes / self.files)
-        return written + (puts(self.bytes) + LISTS_OF_A_JOIN + self.files * PUTS_OF_A_REMOVAL if self.compact else 0.0)
-
-    @property
-    def joining(self) -> float:
-        """Requests a day that cost as much as a GET, to join the files of a day."""
-        return self.files * (READS_OF_A_JOIN * GETS_OF_A_READ + GETS_OF_A_REMOVAL) if self.compact else 0.0
-
-    @property
-    def kept(self) -> float:
-        """Files of a day that stay."""
-        return 1.0 if self.compact else self.files
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """What is read of a lake: ``cell_days`` a day, of which ``share`` of the bytes are transferred.
-
-    ``gets_a_file`` requests open a file and fetch one column of it; ``outside`` is the share of the bytes that leaves
-    the provider's network. ``core_hours`` a cell and day are those of commands over the lake, measured elsewhere.
-    """
-
-    cell_days: float = 0.0
-    share: float = 1.0
-    gets_a_file: float = 3.0
-    outside: float = 1.0
-    core_hours: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Prices:
-    """List prices in one currency; ``docs/capacity.md`` says whose and of when."""
-
-    gb_month: float
-    puts_1000: float
-    gets_1000: float
-    egress_gb: float
-    core_hour: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """Cost of a year by kind."""
-
-    storage: float
-    put: float
-    get: float
-    egress: float
-    compute: float
-
-    @property
-    def total(self) -> float:
-        """All of it."""
-        return self.storage + self.put + self.get + self.egress + self.compute
-
-
-def stored_gb_months(cells: int, lake: Lake, kept_days: float = DAYS, age_days: float = 0.0) -> float:
-    """GB-months of a year that begins ``age_days`` after the lake was begun, of which ``kept_days`` are kept.
-
-    What is there grows evenly until it is as old as it is kept, then it stays.
-    """
-    daily = cells * lake.bytes / GB
-    return daily * _integral(age_days, age_days + DAYS, kept_days) * MONTHS / DAYS
-
-
-def _integral(begin: float, end: float, most: float) -> float:
-    """Of ``min(t, most)`` from ``begin`` to ``end``."""
-
-    def until(t: float) -> float:
-        return t * t / 2 if t <= most else most * most / 2 + (t - most) * most
-
-    return until(end) - until(begin)
-
-
-def year(
-    cells: int, lake: Lake, reading: Reading, prices: Prices, kept_days: float = DAYS, age_days: float = 0.0
-) -> Cost:
-    """What ``cells`` cost in the year that begins ``age_days`` after the lake was begun."""
-    read = reading.cell_days * DAYS
-    gets = cells * lake.joining * DAYS + read * lake.kept * reading.gets_a_file
-    return Cost(
-        storage=stored_gb_months(cells, lake, kept_days, age_days) * prices.gb_month,
-        put=cells * lake.writing * DAYS / 1000 * prices.puts_1000,
-        get=gets / 1000 * prices.gets_1000,
-        egress=read * lake.bytes / GB * reading.share * reading.outside * prices.egress_gb,
-        compute=cells * reading.core_hours * DAYS * prices.core_hour,
-    )

@@ -93,26 +93,8 @@ def record(found: Figures) -> str:
     )
 
 
-def lake(found: Figures) -> str:
-    """Bytes by rows a second, requests, and scans."""
-    names = {
-        "rows": "rows of a file of ten minutes", "kB_a_file": "kB of it", "MB_a_day": "MB a day, 144 files",
-        "MB_a_day_joined": "MB a day, joined", "cpu_s_a_day": "processor time a day, writing, s",
-        "join_cpu_s_a_day": "the same, joining, s", "table_MB_a_day": "memory of the table that is joined, MB",
-    }  # fmt: skip
-    rates = found["rows"]
-    rows = [[text, *(said(rates[rate][name]) for rate in rates)] for name, text in names.items()]
-    scans = [[what, said(x["s"]), said(x["cpu_s"])] for what, x in found["scan"].items() if isinstance(x, dict)]
-    parts = [table(["", *rates], rows), table(["scan", "s", "processor time, s"], scans)]
-    if found["requests"]:
-        asked = [[what, ", ".join(f"{n} {method}" for method, n in x.items())] for what, x in found["requests"].items()]
-        parts.append(table(["one file", "requests"], asked))
-    return "\n\n".join(parts)
-
-
 PAGES: Mapping[str, Callable[[Figures], str]] = {
     "router": router,
     "subscribers": subscribers,
     "record": record,
-    "lake": lake,
 }

@@ -26,9 +26,9 @@ from capacity.made import CELL, minutes
 from capacity.model import DAY, MB
 from capacity.wire import Counted, historian, passing
 from cellwatt import Layout
+from cellwatt.outlets.page.levels import Curves
+from cellwatt.outlets.page.levels.store import ends_at
 from cellwatt.record import Recording
-from cellwatt.sinks.page.levels import Curves
-from cellwatt.sinks.page.levels.store import ends_at
 
 LEVELS = 10
 """Minutes of frames of which level files are made."""
@@ -55,12 +55,12 @@ async def _run(kind: Kind, seconds: float) -> tuple[dict[str, float], Figures]:
     with tempfile.TemporaryDirectory() as name, mosquitto(Path(name)) if MOSQUITTO else nullcontext() as broker:
         folder = Path(name)
         async with passing(port) as bus, passing(broker.port if broker else 1) as mqtt, historian() as influx:
-            sinks: dict[str, Any] = {
+            outlets: dict[str, Any] = {
                 "historian": {"influx": {"url": f"http://127.0.0.1:{influx.port}", "database": "bench"}}
             }
             if broker:
-                sinks["mqtt"] = {"broker": f"mqtt://127.0.0.1:{mqtt.port}"}
-            async with daemon(kind, folder, {"listen": [f"tcp/127.0.0.1:{port}"]}, sinks):
+                outlets["mqtt"] = {"broker": f"mqtt://127.0.0.1:{mqtt.port}"}
+            async with daemon(kind, folder, {"listen": [f"tcp/127.0.0.1:{port}"]}, outlets):
                 link = {"connect": [f"tcp/127.0.0.1:{bus.port}"]}
                 reader = await asyncio.to_thread(begun, "read", link=link, keys=[f"cellwatt/{SITE}/**"], sessions=1)
                 try:

@@ -38,8 +38,8 @@ def free_ports() -> list[int]:
 
 async def ours(ports: Sequence[int], seconds: float) -> Run:
     made = [AbbSettings(host="127.0.0.1", bind="127.0.0.1", egm_port=port, web=()) for port in ports]
-    async with driven([partial(AbbDriver, f"arm_{s.egm_port}", s) for s in made]) as outlets:
-        return await measured(accounts(outlets), seconds)
+    async with driven([partial(AbbDriver, f"arm_{s.egm_port}", s) for s in made]) as inlets:
+        return await measured(accounts(inlets), seconds)
 
 
 async def plain(ports: Sequence[int], seconds: float) -> Run:

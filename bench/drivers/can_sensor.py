@@ -38,8 +38,8 @@ async def ours(seconds: float) -> Run:
         read=STREAMS,
         rates=dict.fromkeys(STREAMS, RATE),
     )
-    async with driven([partial(CanSensorDriver, "battery", settings)]) as outlets:
-        return await measured(accounts(outlets), seconds)
+    async with driven([partial(CanSensorDriver, "battery", settings)]) as inlets:
+        return await measured(accounts(inlets), seconds)
 
 
 async def plain(seconds: float) -> Run:

@@ -45,10 +45,10 @@ def devices() -> list[FrankaEmulator]:
 
 
 async def ours(seconds: float) -> Run:
-    async with driven([partial(FrankaDriver, "arm", FrankaSettings(host=ADDRESS))]) as outlets:
+    async with driven([partial(FrankaDriver, "arm", FrankaSettings(host=ADDRESS))]) as inlets:
         us = [psutil.Process(), *(c for c in psutil.Process().children() if receive.__name__ in c.cmdline())]
-        run = await measured(accounts(outlets), seconds, lambda: sum(sum(p.cpu_times()[:2]) for p in us))
-        return replace(run, late=np.concatenate(outlets[0].late)[-run.samples :])
+        run = await measured(accounts(inlets), seconds, lambda: sum(sum(p.cpu_times()[:2]) for p in us))
+        return replace(run, late=np.concatenate(inlets[0].late)[-run.samples :])
 
 
 async def plain(seconds: float) -> Run:

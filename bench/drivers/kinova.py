@@ -28,8 +28,8 @@ def devices() -> list[KinovaEmulator]:
 
 async def ours(ports: Sequence[int], seconds: float) -> Run:
     made = [KinovaSettings(host="127.0.0.1", port=port, rate=RATE) for port in ports]
-    async with driven([partial(KinovaDriver, f"arm_{s.port}", s) for s in made]) as outlets:
-        return await measured(accounts(outlets), seconds)
+    async with driven([partial(KinovaDriver, f"arm_{s.port}", s) for s in made]) as inlets:
+        return await measured(accounts(inlets), seconds)
 
 
 async def plain(ports: Sequence[int], seconds: float) -> Run:

@@ -30,8 +30,8 @@ def devices() -> list[OpcUaEmulator]:
 async def ours(ports: Sequence[int], seconds: float) -> Run:
     common = {"host": "127.0.0.1", "model": "opc_40010", "rate": RATE, "publish": 0.1}
     made = [OpcUaSettings.model_validate(common | {"port": port}) for port in ports]
-    async with driven([partial(OpcUaDriver, f"plc_{s.port}", s) for s in made]) as outlets:
-        return await measured(accounts(outlets), seconds)
+    async with driven([partial(OpcUaDriver, f"plc_{s.port}", s) for s in made]) as inlets:
+        return await measured(accounts(inlets), seconds)
 
 
 class _Counting:

@@ -29,8 +29,8 @@ def devices() -> list[ScpiAnalyzerEmulator]:
 async def ours(ports: Sequence[int], seconds: float) -> Run:
     made = [ScpiAnalyzerSettings(host="127.0.0.1", port=port, rate=RATE) for port in ports]
     named = [partial(ScpiAnalyzerDriver, f"mains_{number}", settings) for number, settings in enumerate(made)]
-    async with driven(named) as outlets:
-        return await measured(accounts(outlets), seconds)
+    async with driven(named) as inlets:
+        return await measured(accounts(inlets), seconds)
 
 
 async def plain(ports: Sequence[int], seconds: float) -> Run:

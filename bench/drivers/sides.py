@@ -115,7 +115,7 @@ class Still:
 
 
 @dataclass
-class Outlet:
+class Inlet:
     """Counts; says on standard error what a driver tells."""
 
     account: Account = field(default_factory=Account)
@@ -171,17 +171,17 @@ async def served(file: str, *arguments: str) -> AsyncIterator[list[str]]:
 
 
 @asynccontextmanager
-async def driven(make: Sequence[Callable[[Outlet], Driver]]) -> AsyncIterator[list[Outlet]]:
+async def driven(make: Sequence[Callable[[Inlet], Driver]]) -> AsyncIterator[list[Inlet]]:
     """Drivers in this loop, all connected. Raises what ended one of them."""
-    outlets = [Outlet() for _ in make]
-    tasks = [asyncio.create_task(each(outlet).run()) for each, outlet in zip(make, outlets, strict=True)]
-    up = asyncio.gather(*(outlet.up.wait() for outlet in outlets))
+    inlets = [Inlet() for _ in make]
+    tasks = [asyncio.create_task(each(inlet).run()) for each, inlet in zip(make, inlets, strict=True)]
+    up = asyncio.gather(*(inlet.up.wait() for inlet in inlets))
     try:
         await asyncio.wait([up, *tasks], return_when=asyncio.FIRST_COMPLETED)
         if not up.done():
             up.cancel()
             return  # what ended a driver is raised below
-        yield outlets
+        yield inlets
     finally:
         await ended(tasks)
 
@@ -195,9 +195,9 @@ async def ended(tasks: Sequence[asyncio.Task[None]]) -> None:
             await task
 
 
-def accounts(outlets: Sequence[Outlet]) -> Counted:
+def accounts(inlets: Sequence[Inlet]) -> Counted:
     """What the drivers received and missed."""
-    return lambda: (sum(o.account.received for o in outlets), sum(o.account.missed.total() for o in outlets))
+    return lambda: (sum(o.account.received for o in inlets), sum(o.account.missed.total() for o in inlets))
 
 
 async def measured(counted: Counted, seconds: float, cpu: Callable[[], float] = time.process_time) -> Run:

@@ -16,7 +16,7 @@ from cellwatt.progress import show_progress
 from cellwatt.scheduler import scheduled, spread
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
-from cellwatt_plugins.faults.cycles.live import CycleJudge, CycleWatch, Told
+from cellwatt_plugins.faults.cycles.live import CycleWatch, Told
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import Arm
 from faults.cases import Case, make_case
@@ -66,7 +66,7 @@ def main() -> None:
     parse.add_argument("--real", action="store_true", help="judge the real recordings instead")
     parse.add_argument("--healthy", action="store_true", help="count false alarms in calm cycles instead")
     parse.add_argument("--edited", action="store_true", help="count false alarms in edited tasks instead")
-    parse.add_argument("--networks", action="store_true", help="thresholds, the paper's network and that of a motion")
+    parse.add_argument("--networks", action="store_true", help="thresholds and the paper's network")
     parse.add_argument("--scheduler", metavar="PLACE", help="whose workers do the cells, as of cellwatt's commands")
     given = parse.parse_args()
     with show_progress(), scheduled(given.scheduler):
@@ -141,7 +141,7 @@ def judge(case: Case) -> Figures:
     )
 
 
-def watch(known: Known | CycleJudge, judged: Recording) -> list[Told]:
+def watch(known: Known, judged: Recording) -> list[Told]:
     """What is told of a recording that comes block by block."""
     live, out = CycleWatch(known, judged.step), []
     for begin in range(0, len(judged.time), BLOCK):

@@ -1,7 +1,7 @@
 """Outlets beside the plain libraries of the same protocols, and a whole daemon whose servers hang.
 
 rows         frames of 60 channels, and as much of a cell as an outlet needs
-loop         a sink that runs beside other work, and how late its event loop is
+loop         an outlet that runs beside other work, and how late its event loop is
 turns        runs of several ways, one after the other
 children     processes of the benchmark, spoken to in lines of JSON
 servers      Mosquitto, InfluxDB, and one that takes connections and says nothing

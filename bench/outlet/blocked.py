@@ -155,6 +155,6 @@ def _memory(pids: Mapping[str, int]) -> dict[str, float]:
 def _delivered(told: Settings) -> dict[str, float]:
     out = {}
     for name, what in DELIVERED.items():
-        sink = told["sinks"].get(name, {"counters": {}})
-        out[f"{name}_delivered"] = float({**sink, **sink["counters"]}.get(what, 0))
+        outlet = told["sinks"].get(name, {"counters": {}})
+        out[f"{name}_delivered"] = float({**outlet, **outlet["counters"]}.get(what, 0))
     return out

@@ -11,13 +11,13 @@ from pathlib import Path
 
 from capacity.figures import Figures, Numbers, repeated
 
+from cellwatt.outlets.historian.exporting import Export
+from cellwatt.outlets.historian.settings import LakeSettings
+from cellwatt.outlets.historian.store import FolderStore
 from cellwatt.record import Header
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt.sinks.historian.exporting import Export
-from cellwatt.sinks.historian.settings import LakeSettings
-from cellwatt.sinks.historian.store import FolderStore
 from outlet import influx
 from outlet.rows import CELL, RATE, SITE, START, frames
 from outlet.servers import INFLUXD, influxd

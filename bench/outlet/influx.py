@@ -11,14 +11,13 @@ from typing import Any
 
 import aiohttp
 
-from cellwatt.account import Account
-from cellwatt.sinks.historian.client import Client
-from cellwatt.sinks.historian.filling import lines_of
-from cellwatt.sinks.historian.line_protocol import row_line
-from cellwatt.sinks.historian.sending import Sender
-from cellwatt.sinks.historian.settings import HistorianSettings, InfluxSettings
-from cellwatt.sinks.historian.sink import HistorianSink
-from cellwatt.sinks.selection import Picker
+from cellwatt.outlets.historian.client import Client
+from cellwatt.outlets.historian.influx import Lines
+from cellwatt.outlets.historian.line_protocol import row_line
+from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.settings import HistorianSettings, InfluxSettings
+from cellwatt.outlets.past import read
+from cellwatt.outlets.selection import Picker
 from outlet.loop import served, until
 from outlet.rows import BLOCK, CELL, LAYOUT, RATE, START, View, frames
 from outlet.servers import DATABASE
@@ -37,20 +36,20 @@ def settings_for(url: str) -> InfluxSettings:
 async def offered(url: str, seconds: float) -> dict[str, float]:
     """Rows a second through the outlet, offered as fast as they are taken."""
     view: Any = View()
-    sink = HistorianSink("historian", HistorianSettings(influx=settings_for(url)), view)
-    assert sink._influx is not None
-    items = sink._influx._items
+    outlet = HistorianOutlet("historian", HistorianSettings(influx=settings_for(url)), view)
+    assert outlet._influx is not None
+    items = outlet._influx.forwarder._items
 
     async def work() -> dict[str, float]:
         given, began = 0, time.monotonic()
         while time.monotonic() < began + seconds:
-            sink.offer(frames(given, BLOCK))
+            outlet.offer(frames(given, BLOCK))
             given += BLOCK
             await until(lambda: len(items) <= 40, 0.0)
-        await until(lambda: sink.account.received >= given - 1)
-        return {"rows_per_s": sink.account.received / (time.monotonic() - began)}
+        await until(lambda: outlet.account.received >= given - 1)
+        return {"rows_per_s": outlet.account.received / (time.monotonic() - began)}
 
-    return await served(sink, work)
+    return await served(outlet, work)
 
 
 async def posted(url: str, seconds: float) -> dict[str, float]:
@@ -70,9 +69,12 @@ async def posted(url: str, seconds: float) -> dict[str, float]:
 
 async def filled(url: str, record: Path, length: int) -> dict[str, float]:
     """Rows a second from a record of so many seconds."""
-    settings, account, began = settings_for(url), Account(), time.monotonic()
+    settings, sent, began = settings_for(url), 0, time.monotonic()
     async with Client(settings) as client:
+        peer = Lines(client, settings.measurement, {"cell": CELL}, None)
         for at in range(START, START + length * 10**9, STEP):
-            lines = await asyncio.to_thread(lines_of, record, CELL, settings, {"cell": CELL}, (at, at + STEP))
-            await Sender(client, account, None).send(lines)
-    return {"rows_per_s": account.received / (time.monotonic() - began)}
+            part = await asyncio.to_thread(read, record, CELL, settings, at, at + STEP, 10**6)
+            lines = [line for row in part.rows if (line := peer.row(row, part.units)) is not None]
+            await peer.send(lines)
+            sent += len(lines)
+    return {"rows_per_s": sent / (time.monotonic() - began)}

@@ -1,4 +1,4 @@
-"""A sink that runs beside other work, and how late its event loop is."""
+"""An outlet that runs beside other work, and how late its event loop is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cellwatt.errors import SinkError
+from cellwatt.errors import OutletError
 from cellwatt.ticker import Ticker
 
 T = TypeVar("T")
@@ -59,13 +59,13 @@ async def _tick(seconds: float, each: Callable[[int], None], late: list[float]) 
                 break
 
 
-async def served(sink: Any, work: Callable[[], Awaitable[T]]) -> T:
-    """Do some work while a sink runs, again and again where it fails."""
+async def served(outlet: Any, work: Callable[[], Awaitable[T]]) -> T:
+    """Do some work while an outlet runs, again and again where it fails."""
 
     async def run() -> None:
         while True:
-            with suppress(SinkError):
-                await sink.run()
+            with suppress(OutletError):
+                await outlet.run()
             await asyncio.sleep(0.5)
 
     task = asyncio.create_task(run())

@@ -12,10 +12,10 @@ import aiohttp
 from capacity.figures import Figures, repeated
 from prometheus_client import CollectorRegistry, Counter, start_http_server
 
-from cellwatt.sinks.metrics.exposition import CellCollector, exposed
-from cellwatt.sinks.metrics.serving import FRESH
-from cellwatt.sinks.metrics.settings import MetricsSettings
-from cellwatt.sinks.metrics.sink import MetricsSink
+from cellwatt.outlets.metrics.exposition import CellCollector, exposed
+from cellwatt.outlets.metrics.outlet import MetricsOutlet
+from cellwatt.outlets.metrics.serving import FRESH
+from cellwatt.outlets.metrics.settings import MetricsSettings
 from outlet.loop import served, until
 from outlet.rows import View, frames
 
@@ -48,19 +48,19 @@ def _health(sources: int) -> Figures:
 async def run(seconds: float) -> dict[str, float]:
     """Figures of one run."""
     view: Any = View()
-    sink = MetricsSink("metrics", MetricsSettings(listen="127.0.0.1:0"), view)
-    sink.health(_health(16))
-    sink.offer(frames(0, 1))
+    outlet = MetricsOutlet("metrics", MetricsSettings(listen="127.0.0.1:0"), view)
+    outlet.health(_health(16))
+    outlet.offer(frames(0, 1))
 
     async def work() -> dict[str, float]:
-        await until(lambda: sink.url is not None)
-        collector = CellCollector(sink._meter, {})
+        await until(lambda: outlet.url is not None)
+        collector = CellCollector(outlet._meter, {})
         began = time.thread_time()
         for _ in range(20):
             text, _ = exposed(collector, OPEN_METRICS)
         cost = (time.thread_time() - began) / 20
         series = sum(line[:1] != b"#" for line in text.splitlines())
-        ours = await _answers(f"{sink.url}/metrics", seconds)
+        ours = await _answers(f"{outlet.url}/metrics", seconds)
         async with _plain(series) as url:
             theirs = await _answers(url, seconds)
         return {
@@ -68,7 +68,7 @@ async def run(seconds: float) -> dict[str, float]:
             "answers_per_s": ours, "plain_answers_per_s": theirs,
         }  # fmt: skip
 
-    return await served(sink, work)
+    return await served(outlet, work)
 
 
 async def _answers(url: str, seconds: float) -> float:

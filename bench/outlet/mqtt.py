@@ -14,8 +14,8 @@ import aiomqtt
 from capacity.figures import Figures
 
 from cellwatt import Frames
-from cellwatt.sinks.mqtt.settings import MqttSettings
-from cellwatt.sinks.mqtt.sink import MqttSink
+from cellwatt.outlets.mqtt.outlet import MqttOutlet
+from cellwatt.outlets.mqtt.settings import MqttSettings
 from outlet.children import child
 from outlet.loop import served, ticks, until
 from outlet.mqtt_plain import Give, payloads, plain
@@ -33,11 +33,11 @@ def measure(seconds: float, repeats: int) -> Figures:
         return {**_rows(broker, seconds, repeats), **_lateness(broker, seconds)}
 
 
-def made(port: int, qos: int) -> MqttSink:
+def made(port: int, qos: int) -> MqttOutlet:
     """The outlet to a broker of this host."""
     told = {"broker": f"mqtt://127.0.0.1:{port}", "rate": f"{RATE:g} Hz", "qos": {"frame": qos}, "queue": 4096}
     view: Any = View()
-    return MqttSink("mqtt", MqttSettings.model_validate(told), view)
+    return MqttOutlet("mqtt", MqttSettings.model_validate(told), view)
 
 
 def _rows(broker: Mosquitto, seconds: float, repeats: int) -> Figures:
@@ -69,22 +69,22 @@ async def _given(port: int, give: Give, qos: int, seconds: float) -> int:
 
 async def flood(port: int, qos: int, seconds: float) -> int:
     """Offer frames to the outlet, as fast as its queue takes them; give how many."""
-    sink = made(port, qos)
+    outlet = made(port, qos)
     blocks = [frames(BLOCK * i, BLOCK) for i in range(40)]
 
     async def work() -> int:
         sequence = 0
-        await until(lambda: sink._outbox.serving)
+        await until(lambda: outlet._outbox.serving)
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             block = blocks[(sequence // BLOCK) % len(blocks)]
-            sink.offer(Frames(LAYOUT, sequence, block.time, block.values, block.quality, block.bound))
+            outlet.offer(Frames(LAYOUT, sequence, block.time, block.values, block.quality, block.bound))
             sequence += BLOCK
-            await until(lambda: len(sink._outbox.rows) < 200, 0.0)
-        await until(lambda: sink.account.counters["rows sent"] == sequence)
+            await until(lambda: len(outlet._outbox.rows) < 200, 0.0)
+        await until(lambda: outlet.account.counters["rows sent"] == sequence)
         return sequence
 
-    return await served(sink, work)
+    return await served(outlet, work)
 
 
 def _lateness(broker: Mosquitto, seconds: float) -> Figures:
@@ -96,17 +96,17 @@ def _lateness(broker: Mosquitto, seconds: float) -> Figures:
 
 
 async def _late(broker: Mosquitto, how: signal.Signals | None, seconds: float) -> dict[str, float]:
-    sink = made(broker.port, 1)
+    outlet = made(broker.port, 1)
     given = 0
 
     def each(number: int) -> None:
         nonlocal given
         if number // 20 > given:
             given = number // 20
-            sink.offer(frames(given, 1))
+            outlet.offer(frames(given, 1))
 
     async def work() -> dict[str, float]:
-        await until(lambda: sink._outbox.serving)
+        await until(lambda: outlet._outbox.serving)
         await asyncio.sleep(0.2)
         if how is not None:
             broker.signal(how)
@@ -115,4 +115,4 @@ async def _late(broker: Mosquitto, how: signal.Signals | None, seconds: float) -
         finally:
             broker.signal(signal.SIGCONT)
 
-    return await served(sink, work)
+    return await served(outlet, work)

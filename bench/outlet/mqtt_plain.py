@@ -8,10 +8,10 @@ from collections.abc import Awaitable, Callable
 
 import aiomqtt
 
-from cellwatt.sinks.mqtt.message import Labels
-from cellwatt.sinks.mqtt.plain import PlainFormat
-from cellwatt.sinks.mqtt.settings import MqttSettings
-from cellwatt.sinks.selection import Picker
+from cellwatt.outlets.mqtt.message import Labels
+from cellwatt.outlets.mqtt.plain import PlainFormat
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.selection import Picker
 from outlet.mqtt_reader import ROOT
 from outlet.rows import CELL, LAYOUT, RATE, SITE, frames
 

@@ -19,8 +19,8 @@ import psutil
 from capacity.children import Child
 from capacity.figures import Figures, computed, spread
 
-from cellwatt.sinks.opc_ua.settings import OpcUaSinkSettings
-from cellwatt.sinks.opc_ua.sink import OpcUaSink
+from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet
+from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
 from outlet.children import child
 from outlet.loop import off_loop, served, until
 from outlet.opc_ua_plain import due
@@ -45,28 +45,28 @@ def measure(seconds: float, repeats: int) -> Figures:
 async def ours(seconds: float) -> dict[str, dict[str, float]]:
     """Figures of one run of the outlet, by pace."""
     view: Any = View()
-    settings = OpcUaSinkSettings.model_validate({"listen": "127.0.0.1:0", "rate": f"{RATE:g} Hz"})
-    sink = OpcUaSink("opc_ua", settings, view)
+    settings = OpcUaOutletSettings.model_validate({"listen": "127.0.0.1:0", "rate": f"{RATE:g} Hz"})
+    outlet = OpcUaOutlet("opc_ua", settings, view)
     given = 0
 
     async def write(rate: float, count: int) -> None:
         nonlocal given
         async for _ in due(rate, count):
-            sink.offer(frames(given, 1))
+            outlet.offer(frames(given, 1))
             given += 1
 
     async def work() -> dict[str, dict[str, float]]:
         async with asyncio.timeout(START):
-            await until(lambda: sink.url is not None)
+            await until(lambda: outlet.url is not None)
         await write(0, 1)  # the server makes its variables with the first row
-        return await _paced(str(sink.url), await asyncio.to_thread(_serving), write, seconds)
+        return await _paced(str(outlet.url), await asyncio.to_thread(_serving), write, seconds)
 
-    return await served(sink, work)
+    return await served(outlet, work)
 
 
 def _serving() -> int:
     """The process of the outlet, a child of this one."""
-    return next(each.pid for each in psutil.Process().children() if OpcUaSink.module in each.cmdline())
+    return next(each.pid for each in psutil.Process().children() if OpcUaOutlet.module in each.cmdline())
 
 
 async def theirs(seconds: float) -> dict[str, dict[str, float]]:

@@ -1,10 +1,10 @@
-"""A cell as a process: the Zenoh sink over a record on disk, ordered about in JSON lines.
+"""A cell as a process: the Zenoh outlet over a record on disk, ordered about in JSON lines.
 
 python -m bench.plants.cell '{"site", "cell", "folder", "zenoh": settings, "record": settings, "rate": Hz, "width": n}'
 
 ``{"run": s}`` records and publishes samples, frames and alarms in real time until that time is over (``null``: until
 ``{"halt": true}``); ``{"past": h}`` records hours at once, with time stamps of that long. ``{"tell": true}`` says what
-was made, the counts of the sink and the memory.
+was made, the counts of the outlet and the memory.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
-from cellwatt.publish import ZenohSettings, ZenohSink
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
 from cellwatt.results import Event, Result
 
@@ -31,7 +31,7 @@ FRAME_RATE = 50.0
 
 
 class View:
-    """What the sink asks of its cell."""
+    """What the outlet asks of its cell."""
 
     journal = None
     folder = Path("/")
@@ -72,7 +72,7 @@ class Cell:
         record = RecordSettings(**{**order["record"], "folder": order["folder"]})
         self.recorder = Recorder(record, header)
         self.view = View(order["site"], order["cell"], self.recorder)
-        self.sink = ZenohSink("zenoh", ZenohSettings(**order["zenoh"]), self.view)  # type: ignore[arg-type]
+        self.outlet = ZenohOutlet("zenoh", ZenohSettings(**order["zenoh"]), self.view)  # type: ignore[arg-type]
         self.samples = self.frames = self.alarms = self.refused = 0
         self.clock = self.recorder.session
         """UTC ns of the next sample."""
@@ -97,7 +97,7 @@ class Cell:
             device_time=None,
         )
         self.refused += not self.recorder.batch(batch)
-        self.sink.offer(batch)
+        self.outlet.offer(batch)
         self.samples += count
         self.clock += int(count * step)
 
@@ -106,7 +106,7 @@ class Cell:
         now, shape = time.time_ns(), (count, 1)
         time_of = now + ((numbers - numbers[-1]) * 1e9 / FRAME_RATE).astype(np.int64)
         values, quality, bound = numbers[:, None] + 0.25, np.zeros(shape, np.uint8), np.zeros(shape, np.int64)
-        self.sink.offer(
+        self.outlet.offer(
             Frames(layout=self.layout, sequence=self.frames, time=time_of, values=values, quality=quality, bound=bound)
         )
         self.frames += count
@@ -114,7 +114,7 @@ class Cell:
     def make_alarm(self) -> None:
         now, number = time.time_ns(), self.alarms
         text = f"Joint {number} needs more power than it should."
-        self.sink.offer(
+        self.outlet.offer(
             Alarm(
                 id=f"alarm-{number}",
                 kind="joint_fault",
@@ -163,14 +163,14 @@ class Cell:
             "files": len(kept),
             "bytes": sum(k["bytes"] for k in kept),
             "span_h": (self.clock - self.recorder.session) / HOUR,
-            "account": self.sink.account.snapshot(),
+            "account": self.outlet.account.snapshot(),
             "rss": rss(),
             "most_rss": most_rss(),
         }
 
     async def beat(self) -> None:
         while True:
-            self.sink.health({"state": "green"})
+            self.outlet.health({"state": "green"})
             await asyncio.sleep(0.5)
 
     async def obey(self) -> None:
@@ -207,7 +207,7 @@ def say(what: Any) -> None:
 async def main() -> None:
     cell = Cell(json.loads(sys.argv[1]))
     cell.recorder.start()
-    tasks = [asyncio.create_task(cell.sink.run()), asyncio.create_task(cell.beat())]
+    tasks = [asyncio.create_task(cell.outlet.run()), asyncio.create_task(cell.beat())]
     say("ready")
     try:
         await cell.obey()

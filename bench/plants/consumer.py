@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Batch, Frames
-from cellwatt.publish.keys import CellKeys, parse
-from cellwatt.publish.link import LinkSettings, open_session
-from cellwatt.publish.mark import Mark
+from cellwatt.outlets.zenoh.keys import CellKeys, parse
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Gap, Message, Subscriber
 
 from .cell import most_rss, rss, say

@@ -4,13 +4,14 @@
 
     table = cw.open("/var/lib/cellwatt/weld-3").frame()
 
-This is the whole public interface, for drivers, stages and sinks, here or in another repository, and for programs that
-use the data. ``Recording``, ``Subscriber`` and the names that packages register under ``cellwatt.api`` (``explain``,
-``Arm`` …) are imported when they are first used, so that ``import cellwatt`` stays light.
+This is the whole public interface, for drivers, stages and outlets, here or in another repository, and for programs
+that use the data. ``Recording``, ``Subscriber`` and the names that packages register under ``cellwatt.api``
+(``explain``, ``Arm`` …) are imported when they are first used, so that ``import cellwatt`` stays light.
 """
 
 from __future__ import annotations
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -18,32 +19,43 @@ from cellwatt.account import Account
 from cellwatt.alarms import AlarmBook, Patience
 from cellwatt.batch import Batch, Reading, Tick
 from cellwatt.channel import Channel, Quality, Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import (
     CellwattError,
     ConfigError,
     ConnectError,
     DeviceError,
     ModelError,
+    OutletError,
     ProtocolError,
     RecordingError,
-    SinkError,
     SourceError,
     WrongDeviceError,
 )
 from cellwatt.files import Places
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.outlet import CellView, Outlet, OutletSettings
 from cellwatt.progress import show_progress
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
-from cellwatt.sink import CellView, Sink, SinkSettings
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt.version import __version__
 
 if TYPE_CHECKING:
+    from cellwatt.outlets.forward import ForwardOutlet, ForwardSettings, NotNowError
+    from cellwatt.outlets.selection import Row
     from cellwatt.record import Recording
     from cellwatt.subscriber import LinkSettings, Subscriber
 
-_LATER = {"LinkSettings": "cellwatt.subscriber", "Recording": "cellwatt.record", "Subscriber": "cellwatt.subscriber"}
+_LATER = {
+    "ForwardOutlet": "cellwatt.outlets.forward",
+    "ForwardSettings": "cellwatt.outlets.forward",
+    "LinkSettings": "cellwatt.subscriber",
+    "NotNowError": "cellwatt.outlets.forward",
+    "Recording": "cellwatt.record",
+    "Row": "cellwatt.outlets.selection",
+    "Subscriber": "cellwatt.subscriber",
+}
+_FORMER = {"Sink": "Outlet", "SinkError": "OutletError", "SinkSettings": "OutletSettings"}
 
 __all__ = [
     "Account",
@@ -60,14 +72,20 @@ __all__ = [
     "Driver",
     "Energy",
     "Event",
+    "ForwardOutlet",
+    "ForwardSettings",
     "FrameChannel",
     "Frames",
     "Identity",
+    "Inlet",
     "Interval",
     "Layout",
     "LinkSettings",
     "ModelError",
+    "NotNowError",
     "Outlet",
+    "OutletError",
+    "OutletSettings",
     "Patience",
     "Prediction",
     "ProtocolError",
@@ -76,9 +94,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Result",
-    "Sink",
-    "SinkError",
-    "SinkSettings",
+    "Row",
     "SourceError",
     "SourceSettings",
     "Stage",
@@ -109,7 +125,10 @@ def open(recording: Places) -> Recording:
 def __getattr__(name: str) -> Any:
     from cellwatt.registry import available, load
 
-    if name in _LATER:
+    if name in _FORMER:
+        warnings.warn(f"cellwatt.{name} is now cellwatt.{_FORMER[name]}", DeprecationWarning, stacklevel=2)
+        value = globals()[_FORMER[name]]
+    elif name in _LATER:
         value = getattr(import_module(_LATER[name]), name)
     elif not name.startswith("_") and name in available("cellwatt.api"):
         value = load("cellwatt.api", name)

@@ -22,8 +22,13 @@ def ends_with_parent(number: signal.Signals = signal.SIGTERM) -> Callable[[], No
 
     def tie() -> None:
         os.setpgid(0, 0)
-        _libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
-        if os.getppid() != parent:  # it has ended meanwhile
-            os._exit(1)
+        end_with(parent, number)
 
     return tie
+
+
+def end_with(parent: int, number: signal.Signals = signal.SIGTERM) -> None:
+    """Let the kernel send this process a signal when its ``parent`` ends."""
+    _libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
+    if os.getppid() != parent:  # it has ended meanwhile
+        os._exit(1)

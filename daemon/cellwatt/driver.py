@@ -38,7 +38,7 @@ class Identity:
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
-class Outlet(Protocol):
+class Inlet(Protocol):
     """Receives what a driver reads. All methods return at once and are called on the event loop."""
 
     account: Account
@@ -99,13 +99,18 @@ class Driver(ABC, Generic[S]):
     left_out: frozenset[str] = frozenset()
     """Channels that this device does not have, which was told when it answered: they are NaN, and no trouble."""
 
-    def __init__(self, name: str, settings: S, outlet: Outlet) -> None:
+    def __init__(self, name: str, settings: S, inlet: Inlet) -> None:
         self.name = name
         self.settings = settings
-        self.outlet = outlet
+        self.inlet = inlet
         self.gather: Callable[[], float] = lambda: 0.0
         """s for which what the device sends may wait to be read or decoded together, now; 0: take it as it comes. The
         daemon sets it. No time of arrival may depend on it: the kernel stamps what waits there."""
+
+    @property
+    def outlet(self) -> Inlet:
+        """What ``inlet`` was called before."""
+        return self.inlet
 
     @property
     @abstractmethod
@@ -114,7 +119,7 @@ class Driver(ABC, Generic[S]):
 
     @abstractmethod
     async def run(self) -> None:
-        """Connect, call ``outlet.connected``, then emit until cancelled. Raises ``SourceError`` when it fails."""
+        """Connect, call ``inlet.connected``, then emit until cancelled. Raises ``SourceError`` when it fails."""
 
     @abstractmethod
     async def identify(self) -> Identity:

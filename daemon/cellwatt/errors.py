@@ -5,7 +5,7 @@
     ├── RecordingError            a recording cannot be read or written
     │   └── RepairingError        it is being repaired, and can be read in a while
     ├── ModelError                a model or reference file is refused
-    ├── SinkError                 a sink cannot be opened
+    ├── OutletError                 an outlet cannot be opened
     └── SourceError               a device; the daemon retries with back-off
         ├── ConnectError          nobody answers, or the port is gone       (also a ConnectionError)
         ├── ProtocolError         bytes that are not the device's protocol
@@ -27,11 +27,11 @@ __all__ = [
     "ConnectError",
     "DeviceError",
     "ModelError",
+    "OutletError",
     "Problem",
     "ProtocolError",
     "RecordingError",
     "RepairingError",
-    "SinkError",
     "SourceError",
     "WrongDeviceError",
     "why",
@@ -88,8 +88,8 @@ class ModelError(CellwattError):
     """A model or reference file is refused: wrong inputs, units or robot, or damaged."""
 
 
-class SinkError(CellwattError):
-    """A sink cannot be opened or was closed by the other side."""
+class OutletError(CellwattError):
+    """An outlet cannot be opened or was closed by the other side."""
 
 
 class SourceError(CellwattError):

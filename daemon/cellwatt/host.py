@@ -29,6 +29,16 @@ def check_host(host: str) -> str:
     raise ValueError(f"{told}; did you mean {alone!r}{', with the port as a key of its own' if port else ''}?")
 
 
+def stays_here(host: str) -> bool:
+    """True if only programs of this PC reach what listens at a host."""
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
 def _mistake(host: str) -> str:
     if len(host) > LONGEST:
         return f"a host name has at most {LONGEST} characters, this one has {len(host):,}"

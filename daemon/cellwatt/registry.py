@@ -1,4 +1,4 @@
-"""Finds drivers, stages, sinks, commands and public names by entry point, here and in any other package."""
+"""Finds drivers, stages, outlets, commands and public names by entry point, here and in any other package."""
 
 from __future__ import annotations
 
@@ -9,15 +9,19 @@ from typing import Any
 
 from cellwatt.driver import Driver
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.sink import Sink
+from cellwatt.outlet import Outlet
 from cellwatt.stage import Stage
+
+_FORMER = {"cellwatt.outlets": "cellwatt.sinks"}
+"""Groups by which packages still register."""
 
 
 @cache
 def available(group: str) -> dict[str, EntryPoint]:
     """Entry points of a group by name, sorted. Raises ``CellwattError`` if two packages claim one name."""
     found: dict[str, EntryPoint] = {}
-    for point in sorted(entry_points(group=group), key=lambda p: p.name):
+    points = [*entry_points(group=group), *entry_points(group=_FORMER.get(group, ""))]
+    for point in sorted(points, key=lambda p: p.name):
         other = found.get(point.name)
         if other is not None and other.value != point.value:
             raise CellwattError(f"{group}: {point.name!r} is claimed by both {other.value} and {point.value}")
@@ -62,7 +66,7 @@ def stage(name: str) -> type[Stage[Any]]:
     return found
 
 
-def sink(name: str) -> type[Sink[Any]]:
-    """Load a sink class by name. Raises ``ConfigError`` as ``load``."""
-    found: type[Sink[Any]] = load("cellwatt.sinks", name)
+def outlet(name: str) -> type[Outlet[Any]]:
+    """Load an outlet class by name. Raises ``ConfigError`` as ``load``."""
+    found: type[Outlet[Any]] = load("cellwatt.outlets", name)
     return found

@@ -4,7 +4,7 @@ import pytest
 
 from cellwatt.config.installed import installed
 from cellwatt.host import check_host
-from cellwatt.publish.link import LinkSettings
+from cellwatt.outlets.zenoh.link import LinkSettings
 
 GOOD = ["192.0.2.10", "arm-3.plant", "localhost", "::1", "fe80::1%eth0", "a_b", "x" * 63, "robot.", "3"]
 BAD = {

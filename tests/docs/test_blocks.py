@@ -27,7 +27,7 @@ SHOWN = ("text", "c", "xml")
 """Languages of what is only looked at: output, wire formats, files of other programs."""
 OURS = [block for block in EVERY_BLOCK if block.language == "sh"]
 CELL_KEYS = {"site", "cell", "robot", "sources", "frames", "stages", "record", "units"} | set(
-    available("cellwatt.sinks")
+    available("cellwatt.outlets")
 )
 NEEDED = {"site": "plant-1", "cell": "weld-3", "sources": {"arm": {"driver": "ur", "host": "192.0.2.10"}}}
 
@@ -79,6 +79,8 @@ def test_commands_and_options_are_there(block: Block) -> None:
         try:
             while isinstance(context.command, click.Group):
                 rest = [*context._protected_args, *context.args]
+                if not rest and context.command.invoke_without_command:
+                    break
                 name, command, rest = context.command.resolve_command(context, rest)
                 assert command is not None, line
                 context = command.make_context(name, rest, parent=context)

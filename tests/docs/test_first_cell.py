@@ -22,8 +22,8 @@ import pytest
 from bench import watch
 from cellwatt.config import load
 from cellwatt.live.view import Look
-from cellwatt.publish.heard import await_cell
-from cellwatt.publish.reach import link_to
+from cellwatt.outlets.zenoh.heard import await_cell
+from cellwatt.outlets.zenoh.reach import link_to
 from tests.docs.pages import ROOT, blocks
 
 NOBODY = "nobody"

@@ -14,7 +14,7 @@ from cellwatt.driver import Driver
 from cellwatt.emulation import Emulator
 from cellwatt.errors import SourceError
 
-from .outlet import CollectingOutlet
+from .inlet import CollectingInlet
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ async def served(emulator: Emulator) -> AsyncIterator[str]:
 
 
 @asynccontextmanager
-async def supervised(driver: Driver[Any], outlet: CollectingOutlet) -> AsyncIterator[list[SourceError]]:
+async def supervised(driver: Driver[Any], inlet: CollectingInlet) -> AsyncIterator[list[SourceError]]:
     """A driver that is run again when it fails, until the end; its failures. The account must be even then."""
     failures: list[SourceError] = []
 
@@ -64,9 +64,9 @@ async def supervised(driver: Driver[Any], outlet: CollectingOutlet) -> AsyncIter
                 await driver.run()
             except SourceError as error:
                 failures.append(error)
-                outlet.wake()
+                inlet.wake()
             await asyncio.sleep(0.01)
 
     async with going(run()):
         yield failures
-    assert outlet.account.residue == 0
+    assert inlet.account.residue == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cellwatt.frames import Frames
-from tests.daemon.publish.processes import Child, free_port
+from tests.daemon.outlets.zenoh.processes import Child, free_port
 
 from .conftest import ROOT
 

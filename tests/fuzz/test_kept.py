@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fuzz.kept import branches_of, smallest
 
-from cellwatt.publish.keys import escape
+from cellwatt.outlets.zenoh.keys import escape
 
 
 def run(data: bytes) -> None:

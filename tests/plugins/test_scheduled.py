@@ -122,7 +122,7 @@ def test_train_pattern(cell: Path, workers: str, tmp_path: Path) -> None:
 def test_faults_train(cell: Path, workers: str, tmp_path: Path) -> None:
     given = ["train", "--reference", cell / "reference.yaml", "--robot", cell, cell / "healthy_1.parquet"]
     told, folder = both(workers, tmp_path, faults, *given)
-    assert len(list(folder.glob("*-motion.onnx"))) > 2, told
+    assert len(list(folder.glob("*-codes.onnx"))) > 2, told
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.publish.keys import QUESTIONS
-from cellwatt.publish.link import open_session
+from cellwatt.outlets.zenoh.keys import QUESTIONS
+from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.record import Recording
 from tests.system.running import free_port, running
 from tests.system.test_daemon import ur

@@ -7,11 +7,13 @@ import os
 import sys
 import tempfile
 import traceback
+from collections.abc import Mapping
 from typing import Final
 
 import click
 from click.shell_completion import CompletionItem
 
+from cellwatt.address import blank
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.registry import available, load
 
@@ -26,21 +28,49 @@ EXIT_BUG = 70
 
 TRACEBACK: Final = "CELLWATT_TRACEBACK"
 """Variable of the environment: where it is set, the traceback of a bug goes to stderr instead of into a file."""
+GROUPS: Final = {
+    "Start": ("demo", "init", "check", "doctor", "drivers", "emulate"),
+    "Run": ("run", "record", "health", "secure", "notify", "diagnose"),
+    "Look": ("watch", "view", "plot", "export", "replay", "reports"),
+    "Simulation": ("explain", "simulate"),
+    "Energy and faults": ("disaggregate", "energy-campaign", "reference", "faults", "train", "predict"),
+    "Fleet": ("fleet",),
+    "Develop": ("new-driver", "new-outlet"),
+}
+"""Headings of the help with their commands; others come last."""
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class _Commands(click.Group):
+class Commands(click.Group):
+    """Commands that are the entry points of the group ``points``."""
+
+    points = "cellwatt.commands"
+    headings: Mapping[str, tuple[str, ...]] = GROUPS
+
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(available("cellwatt.commands"))
+        """Names of the commands, sorted."""
+        return list(available(self.points))
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in available("cellwatt.commands"):
+        """The command of that name, or one that says why it cannot be loaded; None where there is none."""
+        if name not in available(self.points):
             return None
         try:
-            command: click.Command = load("cellwatt.commands", name)
+            command: click.Command = load(self.points, name)
         except ConfigError as error:
             return _unloadable(name, error)
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands under their headings."""
+        left = self.list_commands(ctx)
+        for heading, names in (*self.headings.items(), ("Others" if self.headings else "Commands", left)):
+            there = [name for name in names if name in left]
+            left = [name for name in left if name not in there]
+            rows = [(n, c.get_short_help_str(100)) for n in there if (c := self.get_command(ctx, n)) is not None]
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows, col_max=20)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names of commands, without the help that click adds: that would import every one of them."""
@@ -59,7 +89,7 @@ def _unloadable(name: str, error: ConfigError) -> click.Command:
     return click.Command(name, settings, fail, [anything], short_help=str(error), add_help_option=False)
 
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="cellwatt")
 def cli() -> None:
     """Edge daemon for robot cells: measure, align, record, and say what is wrong."""
@@ -80,7 +110,7 @@ def main() -> None:
         click.echo(str(error), err=True)
         sys.exit(EXIT_USAGE)
     except CellwattError as error:
-        click.echo(f"cellwatt: {error}", err=True)
+        click.echo(f"cellwatt: {blank(str(error))}", err=True)
         sys.exit(EXIT_ERROR)
     except Exception as error:
         if isinstance(error, OSError) and error.errno in _FULL:
@@ -94,8 +124,8 @@ def main() -> None:
 
 def _tell_bug(error: Exception) -> None:
     """Say in one line that this is a mistake of ours, and where its traceback is."""
-    text = "".join(traceback.format_exception(error))
-    told = " ".join(f"{type(error).__name__}: {error}".split())
+    text = blank("".join(traceback.format_exception(error)))
+    told = blank(" ".join(f"{type(error).__name__}: {error}".split()))
     kept = f"set {TRACEBACK}=1 to see where it is"
     if os.environ.get(TRACEBACK):
         click.echo(text, err=True)

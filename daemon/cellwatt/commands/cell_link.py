@@ -9,8 +9,8 @@ from typing import Any, Final
 import click
 
 from cellwatt.config import CellConfig, load
-from cellwatt.publish.link import TlsSettings
-from cellwatt.publish.reach import client_of, link_to
+from cellwatt.outlets.zenoh.link import TlsSettings
+from cellwatt.outlets.zenoh.reach import client_of, link_to
 from cellwatt.subscriber import LinkSettings
 
 PEM: Final = click.Path(exists=True, dir_okay=False, path_type=Path)

@@ -20,7 +20,7 @@ from cellwatt.record.room import Room, room
 from cellwatt.runtime.assemble import Prepared, prepare
 
 
-@click.command()
+@click.command(short_help="Check settings files; connects to nothing.")
 @click.argument("files", metavar="FILE...", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the problems as a JSON list.")
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of a settings file, for editors, and stop.")
@@ -89,7 +89,7 @@ def _describe(config: CellConfig, prepared: Prepared) -> None:
         rows = [(n, config.stages[n].kind, ", ".join(s.needs)) for n, s in prepared.stages.items()]
         show_table(("stage", "kind", "needs"), rows)
     recorded = "nothing" if config.record is None else str(config.record.folder)
-    click.echo(f"\nrecord: {recorded}; sinks: {', '.join(config.sinks) or 'none'}")
+    click.echo(f"\nrecord: {recorded}; outlets: {', '.join(config.outlets) or 'none'}")
 
 
 def _count(things: Sized, what: str) -> str:

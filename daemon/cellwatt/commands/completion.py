@@ -16,8 +16,8 @@ def drivers(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> 
 
 
 def parts(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Names of drivers, stages and sinks."""
-    groups = ("cellwatt.drivers", "cellwatt.stages", "cellwatt.sinks")
+    """Names of drivers, stages and outlets."""
+    groups = ("cellwatt.drivers", "cellwatt.stages", "cellwatt.outlets")
     return starting((name for group in groups for name in available(group)), incomplete)
 
 

@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands import EXIT_FAILED, Commands
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.demo.power import MEASURED
 from cellwatt.errors import CellwattError, ConfigError, Problem, why
@@ -28,7 +28,7 @@ from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.sparkline import bars
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
-from cellwatt.registry import sink
+from cellwatt.registry import outlet
 
 if TYPE_CHECKING:
     from cellwatt.demo.outlets.outlets import Outlets
@@ -46,24 +46,36 @@ TOLD = ("health", "alarm", "task", "event", "gap")
 """Kinds of messages that have a line where the output is no terminal."""
 
 
-@click.command()
+class _Demos(Commands):
+    """Other demos, of plugins."""
+
+    points = "cellwatt.demos"
+    headings: Mapping[str, tuple[str, ...]] = {}
+
+
+@click.command(
+    cls=_Demos, invoke_without_command=True, short_help="Try the whole chain on emulated devices: no hardware."
+)
 @click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Which devices.")
-@click.option("--seconds", default=30.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
+@click.option("--seconds", default=60.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
 @click.option("--outlets", is_flag=True, help="Show the small cell in Prometheus, MQTT and OPC UA as well.")
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
 @click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Keep recording and log in this folder.")
-def command(cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path | None) -> None:
-    """Run emulated devices, the daemon and a subscriber.
+@click.pass_context
+def command(context: click.Context, cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path | None) -> None:
+    """Run emulated devices, the daemon and a subscriber; `demo explain` shows what explain finds.
 
-    The small cell has four devices; halfway a spring is hooked on an elbow. Exit code 0 only if nothing was lost and
-    the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate; exit code
-    0 only if nothing was lost.
+    The small cell has four devices; after 20 s, or halfway, a spring is hooked on an elbow. Exit code 0 only if nothing
+    was lost and the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate;
+    exit code 0 only if nothing was lost.
 
     Where the output is no terminal, the address of the page and what happens are lines.
 
     With --outlets the small cell is also served to Prometheus, MQTT and OPC UA, and read back with a client of each;
     exit code 0 only if they said the same and showed the alarm. Mosquitto and Prometheus run where they are installed.
     """
+    if context.invoked_subcommand is not None:
+        return
     if outlets and cell != "small":
         raise click.BadParameter("the outlets are shown with the small cell alone")
     if cell == "small" and seconds < HEALTHY:
@@ -71,7 +83,7 @@ def command(cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path 
     if seconds < 1:
         raise click.BadParameter("at least 1 s is needed to see rates")
     with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as place:
-        folder = Path(place)
+        folder = Path(place).resolve()
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -94,7 +106,7 @@ def _outlets(folder: Path) -> Outlets:
     lacking: list[Problem] = []
     for name in ("metrics", "mqtt", "opc_ua"):
         try:
-            sink(name)
+            outlet(name)
         except ConfigError as error:
             lacking += error.problems
     if lacking:

@@ -13,7 +13,7 @@ from cellwatt.diagnose import gather
 from cellwatt.quantity import Seconds
 
 
-@click.command()
+@click.command(short_help="Write a bundle for a bug report.")
 @click.argument("file", required=False, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="The zip (default: named by the time).")
 @click.option("--record", metavar="TIME", help="Also the last minutes of the record, e.g. --record '5 min'.")

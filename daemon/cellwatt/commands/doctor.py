@@ -25,7 +25,7 @@ from cellwatt.runtime.examine_meters import examine_meters
 COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 
 
-@click.command()
+@click.command(short_help="Open each device read-only: declared beside measured.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--seconds", type=SECONDS, default=5.0, show_default=True, help="How long to read each device.")
 @click.option(

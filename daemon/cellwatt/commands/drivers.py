@@ -19,12 +19,12 @@ from cellwatt.config.wording import did_you_mean
 from cellwatt.runtime.assemble import typical_streams
 
 
-@click.command()
+@click.command(short_help="List what is installed, and every key of one.")
 @click.argument("name", required=False, shell_complete=completion.parts)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--markdown", "as_markdown", is_flag=True, help="With NAME: print the table of settings for a docs page.")
 def command(name: str | None, as_json: bool, as_markdown: bool) -> None:
-    """List drivers, stages and sinks; with NAME print the settings of one."""
+    """List drivers, stages and outlets; with NAME print the settings of one."""
     parts = installed()
     if name is None:
         _list(parts, as_json)
@@ -32,7 +32,7 @@ def command(name: str | None, as_json: bool, as_markdown: bool) -> None:
     chosen = [p for p in parts if p.name == name]
     if not chosen:
         hint = did_you_mean(name, [p.name for p in parts])
-        raise click.UsageError(f"no driver, stage or sink named {name!r}{hint}")
+        raise click.UsageError(f"no driver, stage or outlet named {name!r}{hint}")
     if as_json:
         click.echo(json.dumps([_details(p) for p in chosen], indent=2, ensure_ascii=False))
     else:

@@ -22,7 +22,7 @@ from cellwatt.errors import CellwattError, ConfigError, why
 _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loop", "options": "--option"}
 
 
-@click.command()
+@click.command(short_help="Emulate devices, and let them fail.")
 @click.argument("driver", required=False, shell_complete=completion.drivers)
 @click.option(
     "--cell",

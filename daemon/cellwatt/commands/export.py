@@ -29,7 +29,7 @@ Written = dict[str, Any]
 """Name and number of rows of a file."""
 
 
-@click.command()
+@click.command(short_help="Write recordings as Parquet or CSV.")
 @click.argument("recordings", nargs=-1, required=True, type=INPUT)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the tables.")
 @click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)

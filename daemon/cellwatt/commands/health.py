@@ -10,10 +10,10 @@ import click
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.config import load
-from cellwatt.publish.reach import ask_cell
+from cellwatt.outlets.zenoh.reach import ask_cell
 
 
-@click.command()
+@click.command(short_help="Ask the running daemon how its cell is.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the whole health message as one JSON object.")
 def command(file: Path, as_json: bool) -> None:

@@ -18,7 +18,7 @@ from cellwatt.first_cell.write import write_cell
 SITE, CELL = "plant-1", "cell-1"
 
 
-@click.command()
+@click.command(short_help="Write a commented settings file for a cell.")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path), default=Path("cell.yaml"))
 @click.option("--site", help=f"Name of the plant (with --yes: {SITE}).")
 @click.option("--cell", help=f"Name of the cell (with --yes: {CELL}).")
@@ -62,7 +62,8 @@ def command(
 ) -> None:
     """Write a commented settings file for a cell, by questions or by options.
 
-    Each device whose address you give is opened read-only; nothing else is looked for, and no serial port is opened.
+    Nothing is asked where the options name site, cell and the address of each source, or with --yes. Each device whose
+    address you give is opened read-only; nothing else is looked for, and no serial port is opened.
     Exit code 1: FILE is written, and doctor found a device that fails.
     """
     if file.exists() and not force:
@@ -70,7 +71,7 @@ def command(
     if not file.parent.is_dir():
         raise click.UsageError(f"there is no folder {file.parent}: make it first")
     given = _with_values([parse_source(text) for text in sources], values)
-    asking = not yes and at_terminal()
+    asking = not yes and at_terminal() and not (site and cell and given and not any(map(unreachable, given)))
     if asking:
         site = site or ask("Site", "The plant; first part of every name that the cell publishes.", SITE)
         cell = cell or ask("Cell", "The cell within the plant; second part of those names.", CELL)

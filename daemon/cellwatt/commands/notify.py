@@ -15,18 +15,18 @@ import click
 from cellwatt.commands import EXIT_ERROR
 from cellwatt.config import load
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.sinks.notify import channels
-from cellwatt.sinks.notify.answer import Channel, cleaned
-from cellwatt.sinks.notify.quiet import zone_of
-from cellwatt.sinks.notify.settings import NotifySettings, RecipientSettings
-from cellwatt.sinks.notify.texts import About
-from cellwatt.sinks.notify.told import Message
+from cellwatt.outlets.notify import channels
+from cellwatt.outlets.notify.answer import Channel, cleaned
+from cellwatt.outlets.notify.quiet import zone_of
+from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
+from cellwatt.outlets.notify.texts import About
+from cellwatt.outlets.notify.told import Message
 
 PATIENCE = 8.0
 """Longest time, s, for one recipient, unless the settings allow less."""
 
 
-@click.command()
+@click.command(short_help="Send a test message to the recipients of alarms.")
 @click.option("--test", is_flag=True, required=True, help="Send a test message to each recipient.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("recipient", required=False)
@@ -37,10 +37,10 @@ def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> Non
     The daemon need not run. Prints ok or the reason for each. Exit code 3 if any is not reached.
     """
     config = load(file)
-    sink = config.sinks.get("notify")
-    if sink is None or not isinstance(sink.settings, NotifySettings):
+    outlet = config.outlets.get("notify")
+    if outlet is None or not isinstance(outlet.settings, NotifySettings):
         raise ConfigError(f"{file}: notify: there is none: name the recipients with 'notify: {{to: …}}'")
-    settings = sink.settings
+    settings = outlet.settings
     if recipient is not None and recipient not in settings.to:
         raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (there are: {', '.join(settings.to)})")
     about = About(config.site, config.cell, settings.page, zone_of(settings.zone))

@@ -15,7 +15,7 @@ from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import stage
 
 
-@click.command()
+@click.command(short_help="Draw a recording as an HTML page.")
 @click.argument("recording", nargs=-1, required=True, type=INPUT)
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("plot.html"), show_default=True)
 @click.option("--from", "start", type=FINITE, help="First second to show, from the recording's start.")

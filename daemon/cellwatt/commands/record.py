@@ -6,7 +6,6 @@ import asyncio
 import json
 import logging
 import signal
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,13 +19,14 @@ from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import load
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
+from cellwatt.log_lines import log_to_stderr
 from cellwatt.record import RecordSettings
 from cellwatt.record.claim import claimed
 from cellwatt.record.settings import default_folder
 from cellwatt.runtime.cell import Cell
 
 
-@click.command()
+@click.command(short_help="Record a cell, without stages and outlets.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
     "--out",
@@ -45,8 +45,8 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
     settings = config.record or RecordSettings(folder=out or _default(config.cell))
     if out is not None:
         settings = settings.model_copy(update={"folder": out})
-    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
-    cell = Cell(replace(config, record=settings, stages={}, sinks={}))
+    log_to_stderr(logging.WARNING)
+    cell = Cell(replace(config, record=settings, stages={}, outlets={}))
     with claimed(settings.folder, config.cell):
         click.echo(f"recording in {settings.folder}", err=True)
         final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))

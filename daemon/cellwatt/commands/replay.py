@@ -30,7 +30,7 @@ from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames
 from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
-@click.command()
+@click.command(short_help="Run a recording through the stages again.")
 @click.argument("recording", nargs=-1, required=True, type=INPUT)
 @click.option(
     "--settings",

@@ -38,7 +38,7 @@ _folder = click.option(
 _host = click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
 
 
-@click.group()
+@click.group(short_help="Make certificates and access rules.")
 def command() -> None:
     """Make certificates for cells and viewers, and rules who may publish, ask and see.
 

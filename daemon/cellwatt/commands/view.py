@@ -17,13 +17,13 @@ from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import ConfigError, why
 from cellwatt.files import read_text
-from cellwatt.sinks.page import PageSettings
-from cellwatt.sinks.page.passwords import hash_of
+from cellwatt.outlets.page import PageSettings
+from cellwatt.outlets.page.passwords import hash_of
 from cellwatt.subscriber import LinkSettings
 from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
-@click.command()
+@click.command(short_help="Show a live cell in a browser.")
 @cell_options
 @click.option("--listen", metavar="HOST:PORT", help="Where the page is served (default: 127.0.0.1:8480).")
 @click.option(
@@ -70,7 +70,7 @@ def command(
     if layout is not None:
         _write_layout(layout, config)
         return
-    own = None if config is None or "page" not in config.sinks else config.sinks["page"].settings
+    own = None if config is None or "page" not in config.outlets else config.outlets["page"].settings
     if page is not None:
         values = _written(page)
     else:
@@ -93,7 +93,7 @@ def command(
 
 
 def _write_layout(out: Path, config: CellConfig | None) -> None:
-    from cellwatt.foxglove.layout import layout_of, text_of
+    from cellwatt.outlets.foxglove.layout import layout_of, text_of
 
     if config is None:
         raise click.UsageError("--foxglove-layout is made from a cell's FILE")
@@ -135,7 +135,7 @@ def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str], f
 def _run(
     settings: PageSettings, link: LinkSettings, site: str, cell: str | None, verify: Path | None, seconds: float | None
 ) -> None:
-    from cellwatt.sinks.page.viewing import view
+    from cellwatt.outlets.page.viewing import view
 
     for warning in settings.warnings():
         click.echo(f"warning: {warning}", err=True)
@@ -160,7 +160,7 @@ def _foxglove(
     *,
     elsewhere: bool,
 ) -> None:
-    from cellwatt.foxglove import serve
+    from cellwatt.outlets.foxglove import serve
 
     where: dict[str, Any] = {"host": settings.host, "port": settings.port} if elsewhere else {}
     with contextlib.suppress(KeyboardInterrupt):

@@ -17,14 +17,14 @@ from rich.live import Live
 
 from cellwatt.commands.cell_link import cell_options, client, target, tls_of
 from cellwatt.commands.numbers import SECONDS
-from cellwatt.errors import SinkError
+from cellwatt.errors import OutletError
 from cellwatt.live.as_json import line_of
 from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.site import site as table_of
 from cellwatt.live.site import summary
 from cellwatt.live.view import Look
-from cellwatt.publish.heard import await_cell, site_health
-from cellwatt.publish.link import open_session
+from cellwatt.outlets.zenoh.heard import await_cell, site_health
+from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ REDRAW = 2.0
 """s between two tables of a site."""
 
 
-@click.command()
+@click.command(short_help="Show a live cell in the terminal.")
 @cell_options
 @click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
 @click.option(
@@ -76,11 +76,12 @@ def command(
 ) -> None:
     """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
 
-    In a terminal it is a dashboard; keys stand in its last line. Elsewhere it prints a line for each alarm, interval,
-    task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not heard.
+    In a terminal it is a dashboard; keys stand in its last line. Elsewhere, and with --topic, it prints a line for each
+    alarm, interval, task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not
+    heard.
     """
     tls = tls_of(ca, certificate, key)
-    screen = not as_json and sys.stdin.isatty() and sys.stdout.isatty()
+    screen = not as_json and not topics and sys.stdin.isatty() and sys.stdout.isatty()
     if file is None and connect and site and not cell:
         link = client(connect, tls)
         with contextlib.suppress(KeyboardInterrupt), open_session(link, patience=patience) as session:
@@ -100,7 +101,7 @@ def command(
             elif screen:
                 _show(messages, Look(channels=channels, power=power, ascii=not _unicode(sys.stdout)))
             else:
-                _print_lines(messages)
+                _print_lines(messages, standing="health" in want)
 
 
 def _unicode(stream: TextIO) -> bool:
@@ -121,7 +122,7 @@ def _print_site(session: zenoh.Session, site: str, *, as_json: bool) -> None:
         look = Look(Console().width, ascii=not _unicode(sys.stdout))
         click.echo(look.page(table_of(cells, look)).plain)
     if not cells:
-        raise SinkError(f"no cell of site {site} is heard")
+        raise OutletError(f"no cell of site {site} is heard")
 
 
 def _show_site(session: zenoh.Session, site: str, seconds: float | None) -> None:
@@ -141,7 +142,7 @@ def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: b
     while True:
         try:
             return await_cell(link, site, cell, patience)
-        except SinkError as error:
+        except OutletError as error:
             if not wait:
                 raise
             if str(error) != said:
@@ -165,11 +166,12 @@ def _print_json(messages: Iterable[Message | None]) -> None:
             click.echo(json.dumps(line_of(message)))
 
 
-def _print_lines(messages: Iterable[Message | None]) -> None:
+def _print_lines(messages: Iterable[Message | None], *, standing: bool) -> None:
+    """Print what changes; with ``standing`` how the cell stands, too, which its health tells."""
     bulletin = Bulletin()
     for message in messages:
         lines = bulletin.of(message) if message is not None else ()
-        for line in (*lines, *bulletin.stands(time.monotonic())):
+        for line in (*lines, *(bulletin.stands(time.monotonic()) if standing else ())):
             click.echo(line)
 
 

@@ -1,6 +1,6 @@
 """Settings: one YAML file a cell, checked whole before anything connects."""
 
-from cellwatt.config.cell import CellConfig, FrameSettings, SinkConfig, SourceConfig, StageConfig
+from cellwatt.config.cell import CellConfig, FrameSettings, OutletConfig, SourceConfig, StageConfig
 from cellwatt.config.loading import load
 from cellwatt.config.places import KeyPath
 from cellwatt.config.public import public_config
@@ -12,7 +12,7 @@ __all__ = [
     "Check",
     "FrameSettings",
     "KeyPath",
-    "SinkConfig",
+    "OutletConfig",
     "SourceConfig",
     "StageConfig",
     "json_schema",

@@ -9,17 +9,20 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from cellwatt.address import without
 from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
 from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
+from cellwatt.outlet import OutletSettings
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
 from cellwatt.signing import unusable
-from cellwatt.sink import SinkSettings
 from cellwatt.stage import StageSettings
 from cellwatt.units import Units
 
 LARGEST_FRAME_RATE = 1000.0  # Hz
+VERSION = 1
+"""Form of a settings file."""
 
 Latency = Literal["normal", "low"]
 KeyPart = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
@@ -35,8 +38,8 @@ class CellName(BaseModel):
     """Name of the plant, first part of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
     cell: KeyPart
     """Name of the cell within the site, second part of every Zenoh key."""
-    version: int = Field(default=1, ge=0)
-    """Version of the form of this file; one that states none is read as the newest."""
+    version: int = Field(default=VERSION, ge=VERSION)
+    """Version of the form of this file; one that states none is read as this."""
     robot: str | None = None
     """Robot in the cell: its name, which must be that of models and references; or a path to its ``robot.yaml`` or
     the folder that holds it."""
@@ -93,11 +96,11 @@ class StageConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class SinkConfig:
-    """One sink that is on."""
+class OutletConfig:
+    """One outlet that is on."""
 
     name: str
-    settings: SinkSettings
+    settings: OutletSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +109,7 @@ class CellConfig:
 
     ``text`` is the file as written, ``${ENV}`` not filled in and secrets hidden. ``environment`` holds, by key path,
     the text to show in place of a secret or of a value that came from the environment, and ``secrets`` the values
-    behind them. ``read_with`` are warnings from reading the file.
+    behind them.
     """
 
     path: Path
@@ -118,11 +121,10 @@ class CellConfig:
     frames: FrameSettings
     stages: dict[str, StageConfig]
     record: RecordSettings | None
-    sinks: dict[str, SinkConfig]
+    outlets: dict[str, OutletConfig]
     units: Units = field(default_factory=Units)
     environment: Mapping[KeyPath, str] = field(default_factory=dict, repr=False)
     secrets: Mapping[str, str] = field(default_factory=dict, repr=False)
-    read_with: tuple[str, ...] = ()
     record_place: str = field(default="", compare=False)
     """``file:line:column`` of the record folder."""
     latency: Latency = "normal"
@@ -142,7 +144,8 @@ class CellConfig:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about settings that are allowed, a line each."""
-        told = {name: sink.settings.warnings() for name, sink in self.sinks.items()}
+        told = {name: outlet.settings.warnings() for name, outlet in self.outlets.items()}
         if self.record is not None:
             told["record"] = unusable(self.record.sign)
-        return (*self.read_with, *(f"{name}: {text}" for name, texts in told.items() for text in texts))
+        found = [f"{name}: {text}" for name, texts in told.items() for text in texts]
+        return tuple(without(text, self.secrets) for text in found)

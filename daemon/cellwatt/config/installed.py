@@ -1,4 +1,4 @@
-"""The drivers, stages and sinks that are installed, also those that cannot be loaded."""
+"""The drivers, stages and outlets that are installed, also those that cannot be loaded."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pydantic import BaseModel
 
 from cellwatt.registry import available, load
 
-PartKind = Literal["driver", "stage", "sink"]
-PART_KINDS: tuple[PartKind, ...] = ("driver", "stage", "sink")
+PartKind = Literal["driver", "stage", "outlet"]
+PART_KINDS: tuple[PartKind, ...] = ("driver", "stage", "outlet")
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One driver, stage or sink. ``found`` is its class, or ``None`` with the reason in ``error``."""
+    """One driver, stage or outlet. ``found`` is its class, or ``None`` with the reason in ``error``."""
 
     kind: PartKind
     name: str

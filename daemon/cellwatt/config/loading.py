@@ -12,22 +12,21 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from cellwatt.config.cell import CellConfig, CellName, FrameSettings, SinkConfig, SourceConfig, StageConfig
-from cellwatt.config.document import Document
+from cellwatt.config.cell import VERSION, CellConfig, CellName, FrameSettings, OutletConfig, SourceConfig, StageConfig
+from cellwatt.config.document import Document, read
 from cellwatt.config.fields import anchored, fields_of
 from cellwatt.config.nodes import quoted
 from cellwatt.config.places import MOST, KeyPath, first
 from cellwatt.config.secret import secrets_in
-from cellwatt.config.versions import read_newest
 from cellwatt.config.wording import explain, found, missing_key, nearest, unknown_key
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.record.settings import RecordSettings, default_folder
-from cellwatt.registry import available, driver, sink, stage
+from cellwatt.registry import available, driver, outlet, stage
 from cellwatt.units import Units
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
-DEFAULT_SINK = "zenoh"
-"""On without being asked for; other sinks are on when their key is there."""
+DEFAULT_OUTLET = "zenoh"
+"""On without being asked for; other outlets are on when their key is there."""
 
 MOST_NAMES = 100
 """Sources of a cell, and stages."""
@@ -44,12 +43,19 @@ def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
     ``environ`` fills ``${NAME}`` (default: the process's). Raises ``ConfigError`` with the mistakes found, in file
     order; of more than ``MOST`` it says how many.
     """
-    document, warnings = read_newest(path, os.environ if environ is None else environ)
-    return replace(load_document(document), read_with=warnings)
+    document = read(path, os.environ if environ is None else environ)
+    version = document.value.get("version")
+    if type(version) is int and version > VERSION:  # whatever else is wrong in it, that is why
+        message = (
+            f"settings of version {version}, this cellwatt reads version {VERSION}: "
+            "install the cellwatt that they were written for, or a later one"
+        )
+        raise ConfigError([document.problem(("version",), message)])
+    return load_document(document)
 
 
 def load_document(document: Document) -> CellConfig:
-    """The settings of a document in the newest form, as ``load`` gives them; its secrets are hidden from then on."""
+    """The settings of a document, as ``load`` gives them; its secrets are hidden from then on."""
     reading = _Reading(document, document.file.absolute().parent)
     config = _cell(reading, document.file)
     if config is None or reading.problems:
@@ -116,7 +122,7 @@ class _Reading:
         return made
 
     def find(self, what: Callable[[str], type[Any]], name: str, path: KeyPath, hint: str = "") -> type[Any] | None:
-        """A driver, stage or sink class by name; ``None`` after a complaint."""
+        """A driver, stage or outlet class by name; ``None`` after a complaint."""
         try:
             return what(name)
         except ConfigError as error:
@@ -129,8 +135,8 @@ class _Reading:
 def _cell(reading: _Reading, path: Path) -> CellConfig | None:
     document = reading.document
     top: dict[Any, Any] = document.value
-    sinks = list(available("cellwatt.sinks"))
-    keys = [*fields_of(CellName), *_SECTIONS, *sinks]
+    ways_out = list(available("cellwatt.outlets"))
+    keys = [*fields_of(CellName), *_SECTIONS, *ways_out]
     for key in top:
         if key in keys:
             continue
@@ -146,7 +152,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
     stages = dict(_stages(reading, top))
     _robot(reading, name)
     record = _record(reading, top, name) if "record" in top else None
-    outlets = dict(_sinks(reading, top, sinks))
+    outlets = dict(_outlets(reading, top, ways_out))
     units = _section(reading, "units", Units, top) if "units" in top else Units()
     if name is None or frames is None or units is None:
         return None
@@ -161,7 +167,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         frames=frames,
         stages=stages,
         record=record,
-        sinks=outlets,
+        outlets=outlets,
         units=units,
         environment=document.environment,
         secrets=document.secrets,
@@ -284,18 +290,18 @@ def _class(
     return reading.find(what, kind, path, hint)
 
 
-def _sinks(reading: _Reading, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, SinkConfig]]:
+def _outlets(reading: _Reading, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, OutletConfig]]:
     for name in names:
-        value = top.get(name, {} if name == DEFAULT_SINK else "off")
+        value = top.get(name, {} if name == DEFAULT_OUTLET else "off")
         if value is False or value == "off":
             continue
         values = reading.mapping((name,), value)
-        found_class = None if values is None else reading.find(sink, name, (name,))
+        found_class = None if values is None else reading.find(outlet, name, (name,))
         if values is None or found_class is None:
             continue
         settings = reading.settings(found_class.Settings, (name,), values)
         if settings is not None:
-            yield name, SinkConfig(name, settings)
+            yield name, OutletConfig(name, settings)
 
 
 def _same_device(reading: _Reading, sources: Mapping[str, SourceConfig]) -> None:

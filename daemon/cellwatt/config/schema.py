@@ -20,7 +20,7 @@ Schema = dict[str, Any]
 
 
 def json_schema() -> Schema:
-    """The schema of a settings file with every driver, stage and sink that is installed here."""
+    """The schema of a settings file with every driver, stage and outlet that is installed here."""
     parts = installed()
     models: list[type[BaseModel]] = [CellName, FrameSettings, RecordSettings, Units]
     models += [p.settings for p in parts if p.settings is not None]
@@ -29,7 +29,7 @@ def json_schema() -> Schema:
     for definition in definitions.values():
         _written_defaults(definition)
     inline = {model: _inline(refs[model, "validation"], definitions) for model in dict.fromkeys(models)}
-    by_kind = {kind: [p for p in parts if p.kind == kind] for kind in ("driver", "stage", "sink")}
+    by_kind = {kind: [p for p in parts if p.kind == kind] for kind in ("driver", "stage", "outlet")}
     name = inline[CellName]
     properties: Schema = {
         **name["properties"],
@@ -44,7 +44,7 @@ def json_schema() -> Schema:
         "stages": _stages(by_kind["stage"], inline),
         "record": _optional(inline[RecordSettings]),
         "units": _optional(inline[Units]),
-        **{p.name: _sink(p, inline) for p in by_kind["sink"]},
+        **{p.name: _outlet(p, inline) for p in by_kind["outlet"]},
     }
     return {
         "$schema": "http://json-schema.org/draft-07/schema#",
@@ -127,7 +127,7 @@ def _stages(parts: Sequence[Part], inline: Mapping[type[BaseModel], Schema]) -> 
     }
 
 
-def _sink(part: Part, inline: Mapping[type[BaseModel], Schema]) -> Schema:
+def _outlet(part: Part, inline: Mapping[type[BaseModel], Schema]) -> Schema:
     off = {"enum": ["off", False], "description": f"No {part.name}."}
     return {"description": part.title, "anyOf": [_optional(_of(part, inline)), off]}
 

@@ -92,6 +92,7 @@ def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPat
     """
     told = dict(os.environ, CELLWATT_DEMO_FOLDER=str(folder), CELLWATT_DEMO_ENDPOINT=f"tcp/{endpoint}")
     told |= {"CELLWATT_DEMO_MODEL": str(model_file()), "CELLWATT_DEMO_SHAPE": str(shape_file())}
+    told["CELLWATT_DEMO_DESCRIPTION"] = str(shape_file().parent)
     told["CELLWATT_DEMO_PAGE"] = page
     for (_, name, key), value in settings.items():
         told[f"CELLWATT_DEMO_{str(name).upper()}_{str(key).upper()}"] = str(value)

@@ -24,6 +24,8 @@ from cellwatt.errors import CellwattError
 if TYPE_CHECKING:
     from cellwatt.demo.outlets.outlets import Outlets  # it needs packages that the demo itself can do without
 
+HEALTHY = 20.0
+"""s at most before the spring."""
 STOP = 60.0
 """Longest time, s, that the daemon may take to drain, and then the last messages to the subscriber."""
 
@@ -50,7 +52,7 @@ class Demonstration:
         self._stopping.set()
 
     async def small(self) -> dict[str, Any]:
-        """Run four devices and hook a spring on an elbow halfway; return the summary, JSON-ready.
+        """Run four devices and hook a spring on an elbow; return the summary, JSON-ready.
 
         Raises ``CellwattError`` when a process does not start.
         """
@@ -138,11 +140,12 @@ class Demonstration:
             return daemon.returncode
 
     async def _hook(self, emulators: Mapping[str, EmulatorProcess], page: str) -> float | None:
-        """Hook the spring on halfway; return the UTC time of it, s, or None where the demo ended before."""
+        """Hook the spring on, at the latest halfway; return its UTC time, s, or None where the demo ended before."""
         look = f"in a browser: http://{page}"
-        self.say(f"running for {self.seconds:.0f} s; the spring comes halfway; {look}")
+        healthy = min(self.seconds / 2, HEALTHY)
+        self.say(f"running for {self.seconds:.0f} s; the spring comes after {healthy:.0f} s; {look}")
         start = time.time()
-        hooked = fault.next_start(start + self.seconds / 2, self.epoch)
+        hooked = fault.next_start(start + healthy, self.epoch)
         await self._pause(hooked - 0.5 - time.time())
         if self._stopped:
             return None

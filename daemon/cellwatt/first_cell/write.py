@@ -104,7 +104,7 @@ def cell_text(plan: CellPlan, arms: tuple[str, ...]) -> str:
         "",
         *_section("record", RecordSettings, record, "Every raw sample is written there first"),
         "",
-        *_sinks(plan),
+        *_outlets(plan),
         *_section("units", Units, {}, "Units in which values are shown and exported"),
     ]
     return "\n".join(lines) + "\n"
@@ -162,8 +162,8 @@ def _required(part: Part) -> str:
     return f"{{{', '.join(keys)}}}"
 
 
-def _sinks(plan: CellPlan) -> Iterator[str]:
-    for part in installed("sink"):
+def _outlets(plan: CellPlan) -> Iterator[str]:
+    for part in installed("outlet"):
         if part.settings is not None:
             values = {"listen": f"[{in_yaml(plan.listen)}]"} if part.name == "zenoh" else {}
             yield from _section(part.name, part.settings, values, part.title)

@@ -113,7 +113,7 @@ def _standing(cell: LiveCell) -> str:
     well = sum(s["state"] == "ok" for s in sources)
     alarms = f"{len(cell.alarms)} alarm{'s' * (len(cell.alarms) != 1)}" if cell.alarms else "no alarm"
     return (
-        f"{status['site']}/{status['cell']} is {status['state']}: {well} of {len(sources)} sources ok, "
+        f"{status['site']}/{status['cell']} is {cell.state}: {well} of {len(sources)} sources ok, "
         f"{sum(s['received'] for s in sources)} samples received, {lost} lost, {alarms}"
     )
 

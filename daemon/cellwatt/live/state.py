@@ -89,6 +89,20 @@ class LiveCell:
         units = [channel.unit for channel in frames.layout.channels]
         self.frames.add(frames.time, frames.layout.names, units, frames.values)
 
+    @property
+    def state(self) -> str:
+        """The worse of the daemon's own state and what alarms say, as the page has it.
+
+        An error that nobody has acknowledged is ``red``, any other error or warning ``amber``; the shelf is silent.
+        """
+        own = str(self.status["state"])
+        known = {alarm["id"] for alarm in self.status.get("alarms", ()) if alarm.get("acknowledged")}
+        shelved = {alarm["id"] for alarm in self.status.get("shelved", ())}
+        grave = [a for a in self.alarms.values() if a["severity"] != "info" and a["id"] not in shelved]
+        if own == "red" or any(a["severity"] == "error" and a["id"] not in known for a in grave):
+            return "red"
+        return "amber" if grave else own
+
     def silent_for(self, now: float) -> float | None:
         """Time in s since the last message, at monotonic time ``now``, once it is too long."""
         gone = 0.0 if self.heard is None else now - self.heard

@@ -87,7 +87,7 @@ def head(cell: LiveCell, look: Look, title: str = "") -> list[Text]:
     if not s:
         return [Text(f"{title}{WAITING}", "dim"), *_silence(cell, look)]
     text = Text(f"{title}{s['site']}/{s['cell']} ", style="bold").append(
-        f"● {s['state']}", style=COLOUR.get(s["state"], "")
+        f"● {cell.state}", style=COLOUR.get(cell.state, "")
     )
     recorder = f"recorder {s['recorder']['state']}" if s["recorder"] else "not recording"
     text.append(f"  {look.clock(s['time'])} {look.zone}", style="not bold")

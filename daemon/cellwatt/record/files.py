@@ -7,11 +7,11 @@ import logging
 import time
 from collections import Counter, deque
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cellwatt.record.encoder import Encoder, Item, Redeclared
 from cellwatt.record.header import FileName, Header
-from cellwatt.record.openfile import OpenFile
+from cellwatt.record.openfile import DisplacedError, OpenFile
 from cellwatt.record.retention import listing
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.upkeep import Upkeep, is_full
@@ -51,9 +51,12 @@ class Files:
         self.open: OpenFile | None = None
         self.samples: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
+        self.displaced: dict[str, Any] = {"files": 0, "messages": 0, "reason": ""}
+        """Files that were removed or moved away while they were written, and what the record lacks for it."""
         self.bytes = self.count = 0
         self.flushed_at = self.retry_at = self._synced_at = self._retained_at = time.monotonic()
         self._opened_at = 0.0
+        self._of_file: Counter[str] = Counter()
         self._unsynced = False
         self._settings = settings
         self._header = header
@@ -73,6 +76,7 @@ class Files:
                 for _ in range(taken):
                     held.popleft()
                 self.samples.update(counts)
+                self._of_file.update(counts)
                 if self.open is not None and self.open.size >= self._upkeep.rotate_at:
                     self.rotate()
         except OSError as error:
@@ -100,6 +104,7 @@ class Files:
         file, self._encoder = self.open, None
         if file is None:
             return
+        file.check_place()
         file.finish()
         self.open = None
         self._upkeep.publish(file)
@@ -142,6 +147,7 @@ class Files:
         if self.open is None or self._encoder is None:
             if not self.count:
                 self._number = self._unused()
+            self._settings.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed
             header = replace(self._header, number=self._number)
             name = str(FileName(header.session, header.number, header.cell))
             try:
@@ -152,6 +158,7 @@ class Files:
             self._number += 1
             self._encoder = Encoder(self.open)
             self._opened_at = time.monotonic()
+            self._of_file.clear()
             self._upkeep.sync_folder()
             self.count += 1
             self.bytes += self.open.size
@@ -175,7 +182,25 @@ class Files:
             self.state, self.problem = "ok", ""
             self._upkeep.repair_left()
 
+    def _displaced(self, error: DisplacedError) -> None:
+        """Go on in a new file; what the record lacks now is counted as refused."""
+        file, self.open, self._encoder = self.open, None, None
+        if file is not None:
+            file.leave()
+        self.samples -= self._of_file
+        self.refused += self._of_file
+        lost = self._of_file.total()
+        self.displaced = {
+            "files": self.displaced["files"] + 1,
+            "messages": self.displaced["messages"] + lost,
+            "reason": f"{error.strerror}: the record lacks its {lost} messages",
+        }
+        log.error("%s; recording goes on in a new file", self.displaced["reason"])
+
     def _fail(self, error: OSError) -> None:
+        if isinstance(error, DisplacedError):
+            self._displaced(error)
+            return
         file, self.open, self._encoder = self.open, None, None
         if file is not None:
             file.abandon()

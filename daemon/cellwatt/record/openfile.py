@@ -58,6 +58,25 @@ def lock(file: FileIO) -> None:
             raise
 
 
+class DisplacedError(OSError):
+    """The file that is being written is no longer where readers look for it; the text is the reason alone."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(errno.ESTALE, reason)
+
+
+def check_place(descriptor: int, path: Path) -> None:
+    """Raise ``DisplacedError`` unless an open file is the one at ``path``."""
+    mine = os.fstat(descriptor)
+    try:
+        there = path.stat()
+    except OSError:
+        there = None
+    if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
+        how = "moved away, or something is mounted over its folder," if mine.st_nlink else "removed"
+        raise DisplacedError(f"{path.name} was {how} while it was written")
+
+
 class OpenFile:
     """An MCAP file being written; every method that writes raises ``OSError``.
 
@@ -163,6 +182,16 @@ class OpenFile:
     def descriptor(self) -> int:
         """A second descriptor of the file, for another thread to sync and close."""
         return os.dup(self._file.fileno())
+
+    def check_place(self) -> None:
+        """Raise ``DisplacedError`` if the file is not where readers look for it."""
+        check_place(self._file.fileno(), self.part)
+
+    def leave(self) -> None:
+        """End the file where it is now: whoever moved it has a whole recording."""
+        with contextlib.suppress(OSError):
+            self.finish()
+        self.release()
 
     def abandon(self) -> None:
         """Cut off what is not whole and let go of the file; a file without a chunk is removed."""

@@ -15,7 +15,7 @@ from typing import Any
 from cellwatt.errors import ConfigError
 from cellwatt.record import seal
 from cellwatt.record.header import FileName
-from cellwatt.record.openfile import OpenFile, sync_folder
+from cellwatt.record.openfile import OpenFile, check_place, sync_folder
 from cellwatt.record.recovery import Recovery, left_open, recover
 from cellwatt.record.retention import listing, remove, remove_oldest, surplus
 from cellwatt.record.settings import RecordSettings
@@ -23,6 +23,8 @@ from cellwatt.signing import Signer
 
 log = logging.getLogger(__name__)
 
+SHORT = 3600.0
+"""s for which it is told that recordings had to go because the disk was full."""
 MOST_IN_VAIN = 8
 """Recordings deleted on a full disk before it is clear that this does not help."""
 
@@ -47,6 +49,9 @@ class Upkeep:
         self._recovered: list[Recovery] = []
         self._removed_files = self._removed_bytes = 0
         self._in_vain = 0
+        self._short: dict[str, Any] = {}
+        """Recordings that had to go though the budget would have kept them."""
+        self._short_at = -SHORT
         self._problem = ""
 
     def start(self) -> None:
@@ -75,12 +80,13 @@ class Upkeep:
             "removed": {"files": self._removed_files, "bytes": self._removed_bytes},
             "recovered": [str(r) for r in self._recovered],
             "upkeep_problem": self._problem,
+            "short": self._short if time.monotonic() - self._short_at < SHORT else {},
         }
 
     def sync(self, file: OpenFile) -> bool:
         """Bring what was written to disk; ``False`` where the disk is still busy with the last call.
 
-        Raises the ``OSError`` that the last call met.
+        Raises the ``OSError`` that the last call met, ``DisplacedError`` where the file was not in its place.
         """
         last, self._syncing = self._syncing, None
         if last is not None:
@@ -88,7 +94,7 @@ class Upkeep:
                 self._syncing = last
                 return False
             last.result()
-        self._syncing = self._worker.submit(_sync, file.descriptor())
+        self._syncing = self._worker.submit(_sync, file.descriptor(), file.part)
         return True
 
     def sync_folder(self) -> None:
@@ -138,9 +144,14 @@ class Upkeep:
         except OSError as error:
             self._problem = f"cannot make room: {error.strerror}"
             return False
-        if gone is not None:
-            self._count_removed([gone.size])
-        return gone is not None
+        if gone is None:
+            return False
+        self._count_removed([gone.size])
+        left = sum(file.size for file in listing(self._settings.folder, self._cell))
+        if left < self._settings.keep:
+            self._short_at = time.monotonic()
+            self._short = {"files": self._short.get("files", 0) + 1, "bytes": left, "keep": self._settings.keep}
+        return True
 
     def _repair(self, parts: Iterable[Path]) -> None:
         self._repairing |= {self._repairs.submit(self._recover, part): part for part in parts}
@@ -197,8 +208,9 @@ class Upkeep:
         self._removed_bytes += sum(sizes)
 
 
-def _sync(descriptor: int) -> None:
+def _sync(descriptor: int, part: Path) -> None:
     try:
         os.fdatasync(descriptor)
+        check_place(descriptor, part)
     finally:
         os.close(descriptor)

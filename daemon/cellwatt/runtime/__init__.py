@@ -1,1 +1,1 @@
-"""Runs a cell: sources, frames, stages, record and sinks, each contained."""
+"""Runs a cell: sources, frames, stages, record and outlets, each contained."""

@@ -174,7 +174,7 @@ def _collecting(problems: list[Problem]) -> Iterator[None]:
 
 
 class _Unconnected:
-    """The outlet of a driver that is only asked for its streams."""
+    """The inlet of a driver that is only asked for its streams."""
 
     def __init__(self) -> None:
         self.account = Account()

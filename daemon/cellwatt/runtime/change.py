@@ -15,7 +15,7 @@ class Change:
     """Names of the parts that were added, removed or differ; ``frames`` where frames or stages begin anew."""
 
     sources: Sequence[str]
-    sinks: Sequence[str]
+    outlets: Sequence[str]
     stages: Sequence[str]
     frames: bool
 
@@ -30,15 +30,15 @@ class Change:
             raise CellwattError(f"a change of {', '.join(fixed)} needs a restart; nothing was changed")
         sources, stages = _changed(old.sources, new.sources), _changed(old.stages, new.stages)
         frames = bool(sources or stages or old.frames != new.frames or old.robot != new.robot)
-        return cls(sources, _changed(old.sinks, new.sinks), stages, frames)
+        return cls(sources, _changed(old.outlets, new.outlets), stages, frames)
 
     def __bool__(self) -> bool:
-        return bool(self.frames or self.sinks)
+        return bool(self.frames or self.outlets)
 
     def __str__(self) -> str:
         if not self:
             return "nothing changed"
-        parts = [f"{kind} {n}" for kind in ("source", "sink", "stage") for n in getattr(self, f"{kind}s")]
+        parts = [f"{kind} {n}" for kind in ("source", "outlet", "stage") for n in getattr(self, f"{kind}s")]
         return "reloaded: " + (", ".join(parts) or "frames")
 
 

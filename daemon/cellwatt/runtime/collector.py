@@ -99,8 +99,8 @@ class Collector:
     def _start_source(self, tasks: Tasks, config: SourceConfig, sequence: Mapping[str, int] | None) -> None:
         driver_class = find_driver(config.driver)
 
-        def make(outlet: Source) -> Driver[Any]:
-            driver = driver_class(config.name, config.settings, outlet)
+        def make(inlet: Source) -> Driver[Any]:
+            driver = driver_class(config.name, config.settings, inlet)
             driver.gather = lambda: self._config.gather(awaited=self._awaited())
             return driver
 

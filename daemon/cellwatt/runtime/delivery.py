@@ -1,4 +1,4 @@
-"""One sink at run time: run again when it ends, and contained where it breaks."""
+"""One outlet at run time: run again when it ends, and contained where it breaks."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from cellwatt.errors import SinkError
+from cellwatt.address import blank
+from cellwatt.errors import OutletError
+from cellwatt.outlet import Item, Outlet
 from cellwatt.runtime.source import asked_to_end
-from cellwatt.sink import Item, Sink
 
 log = logging.getLogger(__name__)
 
@@ -22,11 +23,11 @@ STEADY = 15.0
 
 
 class Delivery:
-    """The daemon's side of one sink: what it raises reaches neither the sources nor the other sinks."""
+    """The daemon's side of one outlet: what it raises reaches neither the sources nor the other sinks."""
 
-    def __init__(self, name: str, sink: Sink[Any]) -> None:
+    def __init__(self, name: str, outlet: Outlet[Any]) -> None:
         self.name = name
-        self._sink = sink
+        self._outlet = outlet
         self._ended: str | None = None
         self._serves_from = 0.0
         """When, monotonic s, a run that goes on until then takes back why the one before ended."""
@@ -34,35 +35,35 @@ class Delivery:
         self._told: str | None = None
 
     def succeed(self, before: Delivery) -> None:
-        """Take over from the sink that new settings have ended."""
-        self._contained("predecessors lost", lambda: self._sink.succeed(before._sink))
+        """Take over from the outlet that new settings have ended."""
+        self._contained("predecessors lost", lambda: self._outlet.succeed(before._outlet))
 
     def offer(self, item: Item) -> None:
-        """Hand over one item; where the sink breaks at it, it is lost and counted."""
-        self._contained("items lost", lambda: self._sink.offer(item))
+        """Hand over one item; where the outlet breaks at it, it is lost and counted."""
+        self._contained("items lost", lambda: self._outlet.offer(item))
 
     @property
     def awaited(self) -> bool:
-        """See ``Sink.awaited``."""
-        return bool(self._contained("looks lost", lambda: self._sink.awaited))
+        """See ``Outlet.awaited``."""
+        return bool(self._contained("looks lost", lambda: self._outlet.awaited))
 
     def health(self, status: Mapping[str, Any]) -> None:
         """Hand over the cell's health."""
-        self._contained("health lost", lambda: self._sink.health(status))
+        self._contained("health lost", lambda: self._outlet.health(status))
 
     def _contained(self, what: str, work: Callable[[], T]) -> T | None:
         try:
             return work()
         except Exception as error:
-            self._sink.account.count(what)
-            self._broke = f"{type(error).__name__}: {error}"
+            self._outlet.account.count(what)
+            self._broke = blank(f"{type(error).__name__}: {error}")
             if self._broke != self._told:
                 self._told = self._broke
-                log.exception("sink %s broke; what it was given is lost", self.name)
+                log.exception("outlet %s broke; what it was given is lost", self.name)
             return None
 
     async def run(self) -> None:
-        """Run the sink until cancelled, again after each end."""
+        """Run the outlet until cancelled, again after each end."""
         pause = FIRST_PAUSE / 2
         while True:
             began = time.monotonic()
@@ -71,30 +72,30 @@ class Delivery:
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
             pause = min(2 * pause, LONGEST_PAUSE)
-            self._ended = str(error) if isinstance(error, SinkError) else f"{type(error).__name__}: {error}"
+            self._ended = blank(str(error) if isinstance(error, OutletError) else f"{type(error).__name__}: {error}")
             self._serves_from = float("inf")
-            log.warning("sink %s: %s; trying again in %.1f s", self.name, self._ended, pause)
+            log.warning("outlet %s: %s; trying again in %.1f s", self.name, self._ended, pause)
             await asyncio.sleep(pause)
 
     async def _once(self) -> BaseException:
         try:
-            await self._sink.run()
-        except SinkError as error:
+            await self._outlet.run()
+        except OutletError as error:
             return error
         except (Exception, asyncio.CancelledError) as error:
             if asked_to_end(error):
                 raise
-            log.exception("sink %s broke", self.name)
+            log.exception("outlet %s broke", self.name)
             return error
-        return SinkError("it ended though nobody stopped it")
+        return OutletError("it ended though nobody stopped it")
 
     def status(self) -> dict[str, Any]:
-        """Figures for health, JSON-ready; each look also forgets where the sink broke since the one before."""
-        trouble = self._contained("looks lost", self._sink.trouble)
+        """Figures for health, JSON-ready; each look also forgets where the outlet broke since the one before."""
+        trouble = self._contained("looks lost", self._outlet.trouble)
         broke, self._broke = self._broke, None
         if time.monotonic() > self._serves_from:
             self._ended = None
         error = self._ended or broke or trouble
-        well = "starting" if self._contained("looks lost", self._sink.starting) else "ok"
-        where = {} if self._sink.url is None else {"url": self._sink.url}
-        return {"state": "down" if error else well, "error": error, **where, **self._sink.account.snapshot()}
+        well = "starting" if self._contained("looks lost", self._outlet.starting) else "ok"
+        where = {} if self._outlet.url is None else {"url": self._outlet.url}
+        return {"state": "down" if error else well, "error": error, **where, **self._outlet.account.snapshot()}

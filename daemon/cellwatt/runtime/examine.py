@@ -67,8 +67,8 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
     events: list[Event] = []
     driver_class = find_driver(config.driver)
 
-    def make(outlet: Source) -> Driver[Any]:
-        return driver_class(config.name, config.settings, outlet)
+    def make(inlet: Source) -> Driver[Any]:
+        return driver_class(config.name, config.settings, inlet)
 
     source = Source(config.name, make, clock.now, batches.append, events.append)
     result = Examination(config.name, config.driver, "ok")

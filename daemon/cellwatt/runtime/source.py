@@ -6,7 +6,7 @@ import asyncio
 import logging
 import random
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -28,6 +28,8 @@ log = logging.getLogger(__name__)
 FIRST_PAUSE, LONGEST_PAUSE, WRONG_DEVICE_PAUSE = 0.5, 10.0, 10.0  # s
 STEADY = 5.0
 """A connection that lasted this long, s, resets the back-off."""
+LOOK, LEAST_SAMPLES = 60.0, 3
+"""s, and samples, after which a channel that gave no number in them counts as one that gives none."""
 
 
 def next_pause(pause: float, error: BaseException, jitter: float) -> float:
@@ -53,7 +55,7 @@ def _first(reading: Reading, n: int) -> Reading:
 
 
 class Source:
-    """The daemon's side of one driver; implements ``cellwatt.driver.Outlet``.
+    """The daemon's side of one driver; implements ``cellwatt.driver.Inlet``.
 
     ``take`` gets every batch and ``tell`` every event, on the event loop. ``now`` is the cell's clock.
     ``sequence`` continues the numbering of a source of the same name that a reload replaced.
@@ -89,24 +91,29 @@ class Source:
         self._allowances = {s.name: Allowance(s.rate, now) for s in self.driver.streams}
         self._repeats = Repeats()
         self._blank: dict[str, NDArray[np.bool_]] = {}
-        """Channels, by stream, that gave no number since the device answered; no stream of which all have."""
+        """Channels, by stream, that gave no number since this look at them began; no stream of which all have."""
+        self._gone: dict[str, NDArray[np.bool_]] = {}
+        """Those of the look before, once there was one."""
+        self._looks = (time.monotonic(), dict(self.sequence))
+        """s at which this look began, and the number of the next sample then, by stream."""
 
-    # Outlet ---------------------------------------------------------------------------------------
+    # Inlet ---------------------------------------------------------------------------------------
 
     def connected(self, identity: Identity) -> None:
-        """See ``Outlet.connected``."""
+        """See ``Inlet.connected``."""
         again = self.state == "retrying"
         self.identity = identity
         self._connected_at = time.monotonic()
         self.last_error = None
         if self.state != "ok":
-            self._blank = {s.name: np.ones(len(s.channels), bool) for s in self.driver.streams}
+            self._gone.clear()
+            self._look(self.driver.streams)
             self.state, self.since = "starting", time.monotonic()
         who = " ".join(x for x in (identity.maker, identity.model, identity.firmware) if x)
         self.event("reconnected" if again else "connected", f"{self.name}: {who} answers")
 
     def emit(self, reading: Reading) -> None:
-        """See ``Outlet.emit``."""
+        """See ``Inlet.emit``."""
         n = len(reading.values)
         if n == 0:
             return
@@ -151,16 +158,16 @@ class Source:
         )
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
-        """See ``Outlet.bracket``."""
+        """See ``Inlet.bracket``."""
         self.clocks[stream.name].bracket(device_time, not_before)
 
     def clock_reset(self, stream: Stream, reason: str) -> None:
-        """See ``Outlet.clock_reset``."""
+        """See ``Inlet.clock_reset``."""
         self.clocks[stream.name].reset(reason)
         self.event("clock_reset", f"{self.name}: the device's clock changed ({reason})")
 
     def event(self, kind: str, text: str, **data: str | float) -> None:
-        """See ``Outlet.event``."""
+        """See ``Inlet.event``."""
         self.account.count(f"event {kind}")
         now = self.now()
         if self._repeats.tell(kind, now):
@@ -169,10 +176,11 @@ class Source:
             self.account.anomaly("events held back")
 
     def settle(self) -> None:
-        """Say how many events were held back in the minute that is over; to be called once a second."""
+        """Say what the minute that is over has shown, of events held back and channels; to be called once a second."""
         now = self.now()
         for kind, n in self._repeats.over(now):
             self._say(now, kind, f"{self.name}: {n} more events {kind!r} within a minute were counted, not told", {})
+        self._look_again()
 
     def _say(self, now: int, kind: str, text: str, data: Mapping[str, str | float]) -> None:
         text = one_line(text)
@@ -188,6 +196,21 @@ class Source:
             "what is beyond is dropped; is the rate in the settings right?",
         )
 
+    def _look(self, streams: Iterable[Stream]) -> None:
+        """Look anew for channels of some streams that give no number."""
+        self._blank |= {s.name: np.ones(len(s.channels), bool) for s in streams}
+        self._looks = time.monotonic(), dict(self.sequence)
+
+    def _look_again(self) -> None:
+        """End a look after ``LOOK`` s and begin the next: a sensor may die. What comes on change may rest for long."""
+        began, numbers = self._looks
+        if self.state != "ok" or time.monotonic() - began < LOOK:
+            return
+        again = [s for s in self.driver.streams if s.rate and self.sequence[s.name] - numbers[s.name] >= LEAST_SAMPLES]
+        none = {s.name: np.zeros(len(s.channels), bool) for s in again}
+        self._gone |= {name: self._blank.get(name, zeros) for name, zeros in none.items()}
+        self._look(again)
+
     def _look_for_numbers(self, stream: str, values: NDArray[np.float64]) -> None:
         blank = self._blank[stream]
         blank &= np.isnan(values).all(axis=0)
@@ -197,11 +220,11 @@ class Source:
             del self._blank[stream]
 
     def _without_number(self, stream: Stream) -> list[str]:
-        """Channels that never gave a number; states may be unknown, and what is left out was told."""
+        """Channels without a number in a look and since; states may be unknown, and what is left out was told."""
         blank = self._blank.get(stream.name)
         if blank is None:
             return []
-        known = zip(stream.channels, blank, strict=True)
+        known = zip(stream.channels, blank & self._gone.get(stream.name, blank), strict=True)
         return [c.name for c, b in known if b and c.kind != "discrete" and c.name not in self.driver.left_out]
 
     # supervision ----------------------------------------------------------------------------------

@@ -1,21 +1,21 @@
-"""The part that tells: the record, sinks, health and alarms about the daemon, and what sinks may ask."""
+"""The part that tells: the record, outlets, health and alarms about the daemon, and what outlets may ask."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from cellwatt.alarms import AlarmBook, Damping, withdrawn
 from cellwatt.batch import Batch, Tick
 from cellwatt.channel import Stream
-from cellwatt.config import CellConfig, SinkConfig, public_config
+from cellwatt.config import CellConfig, OutletConfig, public_config
 from cellwatt.frames import Frames, Layout
+from cellwatt.outlet import Journal
 from cellwatt.record import Header, History, Recorder
-from cellwatt.registry import sink as find_sink
+from cellwatt.registry import outlet as find_outlet
 from cellwatt.results import Alarm, Event, Result, series_of
 from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
@@ -24,18 +24,14 @@ from cellwatt.runtime.health import colour, describe, told_of
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.watch import Watch
 from cellwatt.runtime.words import Words
-from cellwatt.sink import Journal
 
 log = logging.getLogger(__name__)
-
-WORDS: Final = 0.5
-"""Period, s, at which it is looked whether an alarm about which people said something has changed."""
 
 Item = Batch | Tick | Event | Frames | Result
 
 
 class Teller:
-    """Records and publishes what it is given, judges the daemon's health, and answers sinks (``CellView``).
+    """Records and publishes what it is given, judges the daemon's health, and answers outlets (``CellView``).
 
     ``now`` is the cell's clock. ``journal`` holds what another process told before this one. ``on_health`` is called
     after each look with what was found.
@@ -45,7 +41,7 @@ class Teller:
         self, config: CellConfig, session: int, now: Callable[[], int], journal: Journal | None = None
     ) -> None:
         self.site, self.cell, self.session, self.folder = config.site, config.cell, session, config.folder
-        self.sinks: dict[str, Delivery] = {}
+        self.outlets: dict[str, Delivery] = {}
         self.recorder: Recorder | None = None
         self.evidence: Keeper | None = None
         self.on_health: Callable[[Mapping[str, Any]], None] = lambda _status: None
@@ -69,6 +65,7 @@ class Teller:
                 self._words.again(item)
         self._watch = Watch(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
+        self._displaced = 0
         self._warnings = config.warnings
 
     # life -----------------------------------------------------------------------------------------
@@ -89,22 +86,22 @@ class Teller:
             known = [standing.alarm for standing in self.alarms.raised]
             self.evidence = Keeper(self._config.record, self.cell, self._now, self.take, known)
             tasks.spawn("evidence", self.evidence.run())
-        for sink in self._config.sinks.values():
-            self._start_sink(tasks, sink)
+        for outlet in self._config.outlets.values():
+            self._start_outlet(tasks, outlet)
 
     async def stop(self, tasks: Tasks, names: Iterable[str]) -> None:
-        """End some sinks."""
-        await tasks.end(f"sink {name}" for name in names)
+        """End some outlets."""
+        await tasks.end(f"outlet {name}" for name in names)
 
     def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
-        """Take other settings: the sinks ``names``, which have ended, begin anew or are left out."""
+        """Take other settings: the outlets ``names``, which have ended, begin anew or are left out."""
         self._config, self._warnings = config, config.warnings
         stages = {s.alarm.stage for s in self.alarms.raised if s.alarm.stage is not None}
         self.withdraw(stages - config.stages.keys(), "is no longer part of the cell")
         for name in names:
-            before = self.sinks.pop(name, None)
-            if name in config.sinks:
-                self._start_sink(tasks, config.sinks[name], before)
+            before = self.outlets.pop(name, None)
+            if name in config.outlets:
+                self._start_outlet(tasks, config.outlets[name], before)
 
     def redeclare(self, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> None:
         """Begin a new file: what follows comes from other streams, or is laid out otherwise."""
@@ -113,8 +110,8 @@ class Teller:
             self.recorder.redeclare(self._header())
 
     async def close(self, tasks: Tasks) -> None:
-        """Let sinks and the record finish what is queued."""
-        await self.stop(tasks, self.sinks)
+        """Let outlets and the record finish what is queued."""
+        await self.stop(tasks, self.outlets)
         await tasks.end(["evidence", "words", "energy"])
         if self._config.record is not None:
             await self._words.keep(self._config.record.folder)
@@ -140,23 +137,21 @@ class Teller:
             if problem is not None and problem != told:
                 log.warning("acknowledged and shelved alarms will not outlast a restart: %s", problem)
             told = problem
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(WORDS):
-                    await self._words.said.wait()
+            await self._words.said.wait()
 
-    def _start_sink(self, tasks: Tasks, config: SinkConfig, before: Delivery | None = None) -> None:
-        sink = find_sink(config.name)(config.name, config.settings, self)
-        delivery = self.sinks[config.name] = Delivery(config.name, sink)
+    def _start_outlet(self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None) -> None:
+        outlet = find_outlet(config.name)(config.name, config.settings, self)
+        delivery = self.outlets[config.name] = Delivery(config.name, outlet)
         if before is not None:
             delivery.succeed(before)
         for warning in config.settings.warnings():
-            log.warning("sink %s: %s", config.name, warning)
-        tasks.spawn(f"sink {config.name}", delivery.run())
+            log.warning("outlet %s: %s", config.name, warning)
+        tasks.spawn(f"outlet {config.name}", delivery.run())
 
     # data -----------------------------------------------------------------------------------------
 
     def take(self, item: Item) -> None:
-        """Record one item and hand it to the sinks; never blocks."""
+        """Record one item and hand it to the outlets; never blocks."""
         number = None
         if isinstance(item, Result | Event) and not isinstance(item, Alarm):  # of alarms what the book makes of them
             number = self._number(item)
@@ -190,7 +185,7 @@ class Teller:
             return None
 
     def tell(self, item: Batch | Event | Frames | Result) -> None:
-        """Hand one item to the sinks; of an alarm what the alarm book makes of it."""
+        """Hand one item to the outlets; of an alarm what the alarm book makes of it."""
         if not isinstance(item, Batch | Frames | Event):
             self._results += 1
         if isinstance(item, Alarm):
@@ -204,7 +199,7 @@ class Teller:
     @property
     def awaited(self) -> bool:
         """True if somebody waits for samples or frames."""
-        return any(sink.awaited for sink in self.sinks.values())
+        return any(outlet.awaited for outlet in self.outlets.values())
 
     def withdraw(self, stages: Collection[str], why: str) -> None:
         """Clear the alarms that stages have left active, with the reason."""
@@ -223,8 +218,8 @@ class Teller:
     def _offer(self, item: Batch | Event | Frames | Result) -> None:
         if isinstance(item, Alarm):
             self._number(item)
-        for sink in self.sinks.values():
-            sink.offer(item)
+        for outlet in self.outlets.values():
+            outlet.offer(item)
 
     # health ---------------------------------------------------------------------------------------
 
@@ -235,14 +230,18 @@ class Teller:
         for alarm in self._watch.look(status, now):
             self.take(alarm)
         self._publish(self.alarms.look(now))
+        self._words.said.set()  # an alarm about which people said something may have changed
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
         status |= told_of(self.alarms, now)
-        for sink in self.sinks.values():
-            sink.health(status)
+        for outlet in self.outlets.values():
+            outlet.health(status)
         if self.recorder is not None:
             self.recorder.health(now, status)
+            if (gone := status["recorder"]["displaced"]["files"]) != self._displaced:
+                self._displaced = gone
+                self._words.write_again()
         self.on_health(status)
 
     def _measure(self, now: int, parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -255,12 +254,12 @@ class Teller:
             "warnings": self._warnings,
             **self._consumption.told(),
             "results": self._results,
-            "sinks": {name: sink.status() for name, sink in self.sinks.items()},
+            "sinks": {name: outlet.status() for name, outlet in self.outlets.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,
             "evidence": self.evidence.stats() if self.evidence is not None else None,
         }
 
-    # what sinks may ask (cellwatt.sink.CellView) -----------------------------------------------------
+    # what outlets may ask (cellwatt.outlet.CellView) -----------------------------------------------------
 
     def status(self) -> Mapping[str, Any]:
         """See ``CellView.status``."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook, Patience
+from cellwatt.door.port import TURNED_AWAY
+from cellwatt.door.tries import FAILED, REFUSED
 from cellwatt.results import Alarm, Severity
 
 PATIENCE: Final = 3
@@ -28,6 +30,8 @@ STRANGE: Final = 0.01
 """Share of the samples due that may be doubled, malformed, late …"""
 FEWEST_STRANGE: Final = 5
 """… or so many, where that is more."""
+FLOOD: Final = 50
+"""Connections within ``SPAN`` that a door turned away or cut off: more than browsers that lost their network."""
 PERIODS: Final = 3
 """Periods of a slow stream without a sample, after which it counts as one that gives none."""
 MOST_NAMED: Final = 5
@@ -49,10 +53,14 @@ KINDS: Final = {
     "accounting": "source {part}: all samples are accounted for",
     "stage_broken": "stage {part} runs again",
     "stage_slow": "stage {part} keeps up again",
-    "sink_down": "sink {part} is back",
+    "sink_down": "outlet {part} is back",
     "process_down": "process {part} is back",
     "process_slow": "process {part} keeps up again",
     "recorder": "recording works again",
+    "record_displaced": "recording goes on in a new file",
+    "record_short": "no recordings had to go before their time in the last hour",
+    "door_tried": "nobody tries passwords at {part} any more",
+    "door_flooded": "nobody fills {part} with connections any more",
 }
 """Alarms about the daemon itself, and what is said when they end."""
 
@@ -99,19 +107,48 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
         if dropped > 0:
             text = f"Stage {name} is too slow: {dropped} frames were dropped in front of it in the last {SPAN:.0f} s."
             found.append(Trouble("stage_slow", "warning", name, text, {"dropped_frames": dropped}))
-    for name, sink in status["sinks"].items():
-        if sink["state"] == "down":
-            found.append(Trouble("sink_down", "warning", name, f"Sink {name} is down: {sink['error']}", {}))
+    for name, outlet in status["sinks"].items():
+        if outlet["state"] == "down":
+            found.append(Trouble("sink_down", "warning", name, f"Outlet {name} is down: {outlet['error']}", {}))
+        found += _attacked(name, outlet, before["sinks"].get(name, outlet))
     for name, process in status.get("processes", {}).items():
         if process["down"]:
             text = f"Process {name} has not been heard of for {process['silent_s']:.0f} s; the others go on."
             found.append(Trouble("process_down", "error", name, text, {"restarts": process["restarts"]}))
         found += _behind(name, process, before.get("processes", {}).get(name, {}))
     recorder = status.get("recorder")
-    if recorder is not None and recorder["state"] != "ok":
+    return found if recorder is None else [*found, *_recording(recorder, before.get("recorder") or {})]
+
+
+def _recording(recorder: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[Trouble]:
+    if recorder["state"] != "ok":
         text = f"Recording is disturbed: {recorder['state']} {recorder.get('problem', '')}".rstrip()
-        found.append(Trouble("recorder", "error", "recorder", text, {"refused": dict(recorder.get("drops", {}))}))
-    return found
+        yield Trouble("recorder", "error", "recorder", text, {"refused": dict(recorder.get("drops", {}))})
+    displaced, earlier = recorder.get("displaced", {}), before.get("displaced", {})
+    if displaced.get("files", 0) > earlier.get("files", 0):
+        text = f"{displaced['reason']}; recording goes on in a new file."
+        yield Trouble("record_displaced", "error", "recorder", text, {"lacking": displaced["messages"]})
+    if short := recorder.get("short"):
+        text = (
+            f"The disk was full: {short['files']} recordings were removed to make room, {short['bytes'] / 1e9:.2f} GB "
+            f"are left of the {short['keep'] / 1e9:.2f} GB that keep asks for. Something else fills the disk."
+        )
+        yield Trouble("record_short", "warning", "recorder", text, dict(short))
+
+
+def _attacked(name: str, outlet: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[Trouble]:
+    """Somebody who tries passwords or tokens at a door, or fills it with connections."""
+    counted, earlier = outlet.get("counters", {}), before.get("counters", {})
+    flood = _more({what: counted.get(what, 0) for what in TURNED_AWAY}, earlier)
+    if sum(flood.values()) >= FLOOD:
+        told = ", ".join(f"{n} {what}" for what, n in flood.items())
+        text = f"Somebody fills {name} with connections: {told} in the last {SPAN:.0f} s; others may find it slow."
+        yield Trouble("door_flooded", "warning", name, text, flood)
+    tries = _more({what: counted.get(what, 0) for what in (FAILED, REFUSED)}, earlier)
+    if sum(tries.values()) >= FEWEST_STRANGE:
+        told = ", ".join(f"{n} {what}" for what, n in tries.items())
+        text = f"Somebody tries passwords at {name}: {told} in the last {SPAN:.0f} s; the log says from where."
+        yield Trouble("door_tried", "warning", name, text, tries)
 
 
 def _behind(name: str, process: Mapping[str, Any], before: Mapping[str, Any]) -> list[Trouble]:
@@ -140,8 +177,9 @@ def _silent(name: str, source: Mapping[str, Any]) -> list[Trouble]:
     if not blank:
         return []
     more = f" and {len(blank) - MOST_NAMED} more" if len(blank) > MOST_NAMED else ""
-    text = f"Source {name} answers, but never gave a number for {', '.join(blank[:MOST_NAMED])}{more}"
-    return [Trouble("source_blank", "warning", name, f"{text}: is it what the device has?", {"channels": blank})]
+    text = f"Source {name} answers, but gives no number for {', '.join(blank[:MOST_NAMED])}{more}"
+    hint = "has the device such channels, and are their sensors alive?"
+    return [Trouble("source_blank", "warning", name, f"{text}: {hint}", {"channels": blank})]
 
 
 def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:

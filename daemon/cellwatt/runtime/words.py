@@ -113,6 +113,11 @@ class Words:
             reason = why(error) if isinstance(error, OSError) else "it is not what a daemon wrote"
             log.warning("%s cannot be read, acknowledged and shelved alarms are forgotten: %s", path, reason)
 
+    def write_again(self) -> None:
+        """Have ``keep`` write all words: the file is gone."""
+        self._written = []
+        self.said.set()
+
     async def keep(self, folder: Path) -> str | None:
         """Write the words that hold, if they have changed; return the reason where they cannot be written."""
         self.said.clear()

@@ -1,6 +1,5 @@
-"""Independent parts of long work, done one after the other, or by the workers of a dask scheduler."""
+"""Independent parts of long work, done one after the other, in processes of this machine, or by dask workers."""
 
-from cellwatt.scheduler.ambient import scheduled
-from cellwatt.scheduler.spread import spread
+from cellwatt.scheduler.spread import scheduled, spread
 
 __all__ = ["scheduled", "spread"]

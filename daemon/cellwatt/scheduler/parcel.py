@@ -1,4 +1,4 @@
-"""Items, results and errors as bytes between a command and its workers.
+"""Items, results and errors as bytes between a command and its workers, and what a worker does with them.
 
 Path of a file that was fetched from a URL travels as that URL, so that each host has its own copy.
 """
@@ -6,24 +6,29 @@ Path of a file that was fetched from a URL travels as that URL, so that each hos
 from __future__ import annotations
 
 import io
+import os
 import pickle
 import traceback
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import cloudpickle  # type: ignore[import-untyped]
-
 from cellwatt.errors import CellwattError
 from cellwatt.fetch import again, origin
+from cellwatt.scheduler.threads import one_thread
+
+try:
+    from cloudpickle import Pickler  # type: ignore[import-untyped]
+except ModuleNotFoundError:  # the extra ``scale``: functions that a worker cannot import are refused without it
+    from pickle import Pickler
 
 
-class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
-    """Takes functions of a script or a session too, which a worker could not import."""
-
+class _Pickler(Pickler):  # type: ignore[misc]
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, Path) and (found := origin(obj)) is not None:
             return again, (found,)
-        return super().reducer_override(obj)
+        return getattr(super(), "reducer_override", lambda _: NotImplemented)(obj)
 
 
 def pack(content: object) -> bytes:
@@ -38,7 +43,48 @@ def unpack(parcel: bytes) -> Any:
     return pickle.loads(parcel)
 
 
-def pack_error(error: Exception) -> bytes:
+_held: tuple[bytes | Path, Any] | None = None
+"""What the items of the present work share: its bytes, or the file with them, and the value."""
+
+
+def _value(shared: bytes | Path) -> Any:
+    global _held  # one value a worker, however many items
+    if _held is None or _held[0] != shared:
+        _held = shared, unpack(shared.read_bytes() if isinstance(shared, Path) else shared)
+    return _held[1]
+
+
+def call(parcel: bytes, folder: str, shared: bytes | Path | None) -> tuple[bool, bytes]:
+    """Call the function with the item in the parcel, and with the ``shared`` value where there is one.
+
+    Relative paths are those of ``folder``, where the command runs. Returns True and the packed result, or False and
+    the packed error, which nobody is to try again or to log.
+    """
+    with suppress(OSError):  # not there: a relative path is not either, which the function tells
+        os.chdir(folder)
+    try:
+        function, item = unpack(parcel)
+        with one_thread():
+            return True, pack(function(item) if shared is None else function(item, _value(shared)))
+    except Exception as error:  # whatever the function raises is for the one who called spread
+        return False, _pack_error(error)
+
+
+def parcels(function: Callable[..., Any], items: Any) -> list[bytes]:
+    """The calls of a function with each of the items, for ``call``."""
+    return [pack((function, item)) for item in items]
+
+
+def result(answer: tuple[bool, bytes]) -> Any:
+    """The result that ``call`` returned. Raises the error where it is one."""
+    done, parcel = answer
+    content = unpack(parcel)
+    if done:
+        return content
+    raise content
+
+
+def _pack_error(error: Exception) -> bytes:
     """Bytes of an error, that of a bug with its traceback as a note; one that cannot be pickled becomes its text."""
     try:
         if not isinstance(error, CellwattError):
@@ -49,3 +95,9 @@ def pack_error(error: Exception) -> bytes:
     except Exception:  # an exception class of others may fail in any way
         pass
     return pack(CellwattError(f"{type(error).__name__}: {' '.join(str(error).split())}"))
+
+
+def shortened(item: object) -> str:
+    """An item as a message names it."""
+    text = " ".join(repr(item).split())
+    return text if len(text) <= 100 else f"{text[:99]}…"

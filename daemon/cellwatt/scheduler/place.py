@@ -11,13 +11,10 @@ EXPECTED = "expected local, local:2 (that many workers), tcp://host:8786 or tls:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A dask scheduler: the one at ``address``, or one of our own with ``workers`` processes (None: one a core)."""
+    """The dask scheduler at ``address``, or ``workers`` processes of this machine (None: one a core)."""
 
     address: str | None = None
     workers: int | None = None
-
-    def __str__(self) -> str:
-        return "the local scheduler" if self.address is None else f"the scheduler at {self.address}"
 
 
 def parse_place(text: str) -> Place:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from cellwatt.publish.keys import PREFIX, CellKeys
+from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys
 
 _TELLS: Final = ("put", "declare_queryable", "reply", "liveliness_token")
 """Messages that a cell sends."""

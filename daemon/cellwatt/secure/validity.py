@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
-from cellwatt.publish.link import LinkSettings, TlsSettings
+from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
 
 SOON: Final = timedelta(days=30)
 """Rest of a certificate's time from which on it is told."""

@@ -8,9 +8,9 @@ Holes, which an interrupted link leaves, are filled from the cell's record befor
 messages have ``backfilled`` set. Messages that the cell no longer has are delivered as a ``Gap``.
 """
 
-from cellwatt.publish.link import LinkSettings
-from cellwatt.publish.order import Gap
-from cellwatt.publish.received import Health
+from cellwatt.outlets.zenoh.link import LinkSettings
+from cellwatt.outlets.zenoh.order import Gap
+from cellwatt.outlets.zenoh.received import Health
 from cellwatt.subscriber.message import EVERYTHING, Message
 from cellwatt.subscriber.subscriber import Subscriber
 

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from cellwatt.errors import SinkError
-from cellwatt.publish.keys import ALARM, CellKeys
+from cellwatt.errors import OutletError
+from cellwatt.outlets.zenoh.keys import ALARM, CellKeys
 from cellwatt.subscriber.inbox import Inbox
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Asker:
                 if not inbox.mailbox.full:
                     self._ask_what_is_missing()
         except zenoh.ZError as error:
-            inbox.mailbox.end(SinkError(f"Zenoh session: {error}"))
+            inbox.mailbox.end(OutletError(f"Zenoh session: {error}"))
         except BaseException as error:
             inbox.mailbox.end(error)
             raise

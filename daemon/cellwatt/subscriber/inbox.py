@@ -15,24 +15,29 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
+from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
-from cellwatt.publish.asking import Question
-from cellwatt.publish.follow import Following
-from cellwatt.publish.keys import ALARM, HEALTH, parse
-from cellwatt.publish.mailbox import Mailbox
-from cellwatt.publish.mark import Mark
-from cellwatt.publish.order import Part
-from cellwatt.publish.received import (
+from cellwatt.frames import Frames
+from cellwatt.outlets.zenoh.asking import Question
+from cellwatt.outlets.zenoh.encode import schema_in
+from cellwatt.outlets.zenoh.follow import Following
+from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, Address, parse
+from cellwatt.outlets.zenoh.mailbox import Mailbox
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.order import Part
+from cellwatt.outlets.zenoh.received import (
     Health,
+    UnknownSchemaError,
     read_answer,
     read_health,
     read_message,
     read_refusal,
     read_sessions,
 )
-from cellwatt.publish.witness import Witness
+from cellwatt.outlets.zenoh.witness import Witness
 from cellwatt.results import Alarm
 from cellwatt.subscriber.message import Message
+from cellwatt.subscriber.schemas import Schemas
 
 if TYPE_CHECKING:
     import zenoh
@@ -56,6 +61,7 @@ class Inbox:
         self.following = following
         self.witness = witness
         self.counts = counts
+        self._schemas = Schemas()
         self.mailbox: Mailbox[Message] = Mailbox(queue_size, _QUEUE_BYTES)
         self.lock = threading.Lock()
         self.look = threading.Event()
@@ -96,11 +102,23 @@ class Inbox:
                 if self.witness.newer(mark, self._health_reached):
                     self._on_health(mark, health)
                 return
-            mark, content = read_message(sample, address.kind)
-            ready = self.following.message(address.topic, mark, content, len(sample.payload))
-            self._deliver(address.topic, ready)
-            if not ready:
-                self.look.set()
+            self._take(address, sample)
+
+    def _take(self, address: Address, sample: zenoh.Sample) -> None:
+        topic = address.topic
+        try:
+            mark, content = read_message(sample, address.kind, self._schemas.of(topic))
+        except UnknownSchemaError:
+            self.counts["let go"] += not self._schemas.hold(topic, sample)
+            return
+        if isinstance(content, Batch | Frames) and not mark.schema:
+            for waited in self._schemas.learn(topic, schema_in(sample.payload.to_bytes())):
+                with self._counted():
+                    self._take(address, waited)
+        ready = self.following.message(topic, mark, content, len(sample.payload))
+        self._deliver(topic, ready)
+        if not ready:
+            self.look.set()
 
     def _on_health(self, mark: Mark, health: Health) -> None:
         self.following.hinted(health.positions)

@@ -7,8 +7,8 @@ from typing import Final
 
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
-from cellwatt.publish.order import Gap
-from cellwatt.publish.received import Health
+from cellwatt.outlets.zenoh.order import Gap
+from cellwatt.outlets.zenoh.received import Health
 from cellwatt.results import Event, Result
 
 EVERYTHING: Final = ("raw", "frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")

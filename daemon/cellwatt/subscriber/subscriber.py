@@ -10,11 +10,11 @@ from collections.abc import AsyncIterator, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cellwatt.errors import ConfigError, SinkError
-from cellwatt.publish.follow import Following, Positions
-from cellwatt.publish.keys import HEALTH, KINDS, CellKeys
-from cellwatt.publish.link import LinkSettings, open_session
-from cellwatt.publish.witness import Witness
+from cellwatt.errors import ConfigError, OutletError
+from cellwatt.outlets.zenoh.follow import Following, Positions
+from cellwatt.outlets.zenoh.keys import HEALTH, KINDS, CellKeys
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.witness import Witness
 from cellwatt.subscriber.asking import Asker
 from cellwatt.subscriber.inbox import Inbox
 from cellwatt.subscriber.message import EVERYTHING, Message
@@ -32,7 +32,7 @@ class Subscriber:
     are let go and asked for again. ``verify`` is the public key of a cell that signs, or a certificate with it (PEM);
     messages that the cell has not signed are then left out and counted as ``unsigned``, repeated health messages as
     ``replayed``. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening
-    raises ``SinkError`` if the link cannot be opened.
+    raises ``OutletError`` if the link cannot be opened.
 
     Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
     """
@@ -64,10 +64,10 @@ class Subscriber:
         self._asker: Asker | None = None
 
     def receive(self, timeout: float | None = None) -> Message:
-        """Take the next message. Raises ``TimeoutError``, or ``SinkError`` after ``close``."""
+        """Take the next message. Raises ``TimeoutError``, or ``OutletError`` after ``close``."""
         message = self._inbox.mailbox.take(timeout)
         if message is None:
-            raise SinkError("the subscriber was closed")
+            raise OutletError("the subscriber was closed")
         return self._handed(message)
 
     def __iter__(self) -> Iterator[Message]:
@@ -101,7 +101,7 @@ class Subscriber:
         return message
 
     def open(self) -> None:
-        """Open the session and subscribe; blocks. Raises ``SinkError``."""
+        """Open the session and subscribe; blocks. Raises ``OutletError``."""
         import pyarrow  # noqa: F401  # so that the first message does not wait for it
 
         self._session = open_session(self._link, self._stopped.is_set)

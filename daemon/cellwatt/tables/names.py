@@ -1,9 +1,11 @@
 """The dialect of tables: which quantity of which joint a column's name stands for, and in which unit.
 
-Five families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
-(``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``), Isaac Lab's (``joint_pos_0``) and the
-channels of a cell (``arm.joint_1.position``, ``supply.power``). Capitals and the blank or ``_`` before a number do not
-matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may follow: ``q_1 [deg]``, ``q_3 [mm]`` of a
+Seven families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
+(``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``), ROS's joint states (``position[0]``,
+``effort[0]``), Isaac's (``joint_pos_0``, ``dof_pos_0``), libfranka's (``dq_1``, ``tau_J_1``) and the channels of a cell
+(``arm.joint_1.position``, ``supply.power``). Capitals do not matter; a number may be written ``_1``, `` 1``, ``.1`` or
+``[1]``, and a path may stand before the name (``/joint_states/effort[0]``). Joints are numbered from 1, or from 0
+where there is a 0. A unit may follow: ``q_1 [deg]``, ``q_3 [mm]`` of a
 linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI unit of the quantity.
 """
 
@@ -17,16 +19,30 @@ from typing import Final
 from cellwatt.units import TABLE, Unit, kind_of
 
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
-    "position": ("q", "actual_q", "position", "qpos", "joint_pos"),
-    "velocity": ("qd", "actual_qd", "velocity", "qvel", "joint_vel"),
-    "acceleration": ("qdd", "acceleration"),
-    "torque": ("tau", "torque", "actual_current_as_torque", "qfrc_actuator", "actuator_force", "applied_torque"),
+    "position": ("q", "actual_q", "position", "qpos", "joint_pos", "joint_position", "dof_pos"),
+    "velocity": ("qd", "actual_qd", "velocity", "qvel", "joint_vel", "joint_velocity", "dof_vel", "dq"),
+    "acceleration": ("qdd", "acceleration", "qacc", "joint_acc", "ddq"),
+    "torque": (
+        "tau",
+        "torque",
+        "actual_current_as_torque",
+        "qfrc_actuator",
+        "actuator_force",
+        "applied_torque",
+        "effort",
+        "joint_torque",
+        "joint_effort",
+        "measured_effort",
+        "dof_torque",
+        "dof_force",
+        "tau_j",
+    ),
     "torque_ratio": ("torque_percent", "torque_ratio"),
     "torque_spread": ("torque_spread",),
     "current": ("current", "actual_current"),
     "temperature": ("temperature", "joint_temperatures"),
-    "target_position": ("target_q", "target_position"),
-    "target_velocity": ("target_qd", "target_velocity"),
+    "target_position": ("target_q", "target_position", "q_d"),
+    "target_velocity": ("target_qd", "target_velocity", "dq_d"),
     "target_acceleration": ("target_qdd", "target_acceleration"),
     "command": ("command", "joint_pos_target"),
     "control": ("ctrl",),
@@ -34,7 +50,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
 WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
-    "time": ("t", "timestamp", "time", "utc"),
+    "time": ("t", "timestamp", "time", "utc", "stamp", "sim_time"),
     "supply.power": ("power", "supply_power"),
     "bus.power": ("bus_power",),
     "tool.payload": ("payload",),
@@ -85,7 +101,9 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
-_NUMBERED = re.compile(r"(?P<stem>[a-z_]*[a-z])_?(?P<number>\d+)")
+_NUMBERED = re.compile(
+    r"(?P<path>(?:.*/|data\.|field\.)?)(?P<stem>[a-z_]*[a-z])(?:[_.]?(?P<number>\d+)|\[(?P<index>\d+)\])"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +128,7 @@ class Name:
 
 def understood(written: str) -> Name | None:
     """Take a column's name apart; None where it is none of the dialect."""
-    if (match := _BRACKETS.fullmatch(written.strip())) is not None:
+    if (match := _BRACKETS.fullmatch(written.strip())) is not None and not match["unit"].isdigit():
         return _named(match["name"], match["unit"] or None)
     return _named(written.strip(), None) or next(_with_ending(written.strip()), None)
 
@@ -163,13 +181,17 @@ def _named(text: str, unit: str | None) -> Name | None:
             return Name(quantity, name, None, unit)
     if (match := _CHANNEL.fullmatch(name)) is not None:
         family = f"{match['source'] or ''}."
+        number = match["number"]
     elif (match := _NUMBERED.fullmatch(name)) is not None:
-        family = match["stem"]
+        family = match["path"] + match["stem"]
+        number = match["number"] or match["index"]
     else:
         return None
-    stem, number = match["stem"], int(match["number"])
+    stem = match["stem"]
     found = (quantity for quantity, stems in JOINT.items() if stem in stems)
-    return next((Name(q, family, number, unit or ("%" if stem == "torque_percent" else None)) for q in found), None)
+    return next(
+        (Name(q, family, int(number), unit or ("%" if stem == "torque_percent" else None)) for q in found), None
+    )
 
 
 def _with_ending(text: str) -> Iterator[Name]:

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from cellwatt.driver import Driver, Outlet
+from cellwatt.driver import Driver, Inlet
 from cellwatt.emulation import Emulator, Fault
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.registry import available
@@ -98,6 +98,6 @@ class Rig:
         """The settings for a device at ``address``, as in a settings file."""
         return {**self.settings, **self.place(address)}
 
-    def make(self, address: str, outlet: Outlet) -> Driver[Any]:
+    def make(self, address: str, inlet: Inlet) -> Driver[Any]:
         """Make a driver of the device at ``address``."""
-        return self.driver("device", self.driver.Settings.model_validate(self.written(address)), outlet)
+        return self.driver("device", self.driver.Settings.model_validate(self.written(address)), inlet)

@@ -10,7 +10,7 @@ from typing import Any
 
 from cellwatt.driver import Driver
 from cellwatt.errors import SourceError
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import NotConformingError, Rig, require
 
 _PAUSE = 0.05
@@ -23,7 +23,7 @@ class Running:
 
     rig: Rig
     driver: Driver[Any]
-    outlet: CollectingOutlet
+    inlet: CollectingInlet
     failures: list[SourceError] = field(default_factory=list)
     task: asyncio.Task[None] = field(init=False)
 
@@ -34,19 +34,19 @@ class Running:
     async def until(self, condition: Callable[[], object], what: str) -> None:
         """Wait for a condition. Raises ``NotConformingError`` if it is not met in time or the driver broke."""
         try:
-            await self.outlet.until(lambda: condition() or self._broken(), self.rig.patience)
+            await self.inlet.until(lambda: condition() or self._broken(), self.rig.patience)
         except TimeoutError:
             raise NotConformingError(
-                f"{what}: not within {self.rig.patience:g} s; {self.outlet.samples} samples, "
-                f"account {self.outlet.account.snapshot()}, failures {[str(f) for f in self.failures[-3:]]}"
+                f"{what}: not within {self.rig.patience:g} s; {self.inlet.samples} samples, "
+                f"account {self.inlet.account.snapshot()}, failures {[str(f) for f in self.failures[-3:]]}"
             ) from None
         if self._broken():
             self.verdict()
 
     async def samples(self, more: int, when: str) -> None:
         """Wait for ``count`` more samples."""
-        goal = self.outlet.samples + more
-        await self.until(lambda: self.outlet.samples >= goal, f"{more} samples {when}")
+        goal = self.inlet.samples + more
+        await self.until(lambda: self.inlet.samples >= goal, f"{more} samples {when}")
 
     def verdict(self) -> None:
         """Raise ``NotConformingError`` if ``run`` ended in a forbidden way or the account does not balance."""
@@ -59,17 +59,17 @@ class Running:
                 f"run() raised {type(error).__name__}: {error}; map what a library or the system raises to a "
                 "SourceError (ConnectError, ProtocolError, DeviceError, WrongDeviceError)"
             ) from error
-        uneven = [r for r in self.outlet.residues if r]
-        seen = f"after {len(uneven)} of {len(self.outlet.residues)} readings it was {uneven[:3]}, " if uneven else ""
+        uneven = [r for r in self.inlet.residues if r]
+        seen = f"after {len(uneven)} of {len(self.inlet.residues)} readings it was {uneven[:3]}, " if uneven else ""
         require(
-            not uneven and self.outlet.account.residue == 0,
+            not uneven and self.inlet.account.residue == 0,
             f"expected = received + missed + dropped does not hold whenever the loop turns: {seen}now "
-            f"{self.outlet.account.snapshot()}; call account.expect() for each sample due, at the moment at which it "
+            f"{self.inlet.account.snapshot()}; call account.expect() for each sample due, at the moment at which it "
             "is emitted, or missed (account.miss) because it never came",
         )
         require(
-            not self.outlet.early,
-            f"{self.outlet.early} readings came before outlet.connected(identity): call it first in each run()",
+            not self.inlet.early,
+            f"{self.inlet.early} readings came before inlet.connected(identity): call it first in each run()",
         )
 
     def _broken(self) -> bool:
@@ -78,7 +78,7 @@ class Running:
     async def supervise(self) -> None:
         """Run the driver, again after each ``SourceError``."""
         while True:
-            self.outlet.begin()
+            self.inlet.begin()
             try:
                 await self.driver.run()
             except SourceError as error:
@@ -103,8 +103,8 @@ async def ended(task: asyncio.Task[Any], patience: float) -> None:
 @asynccontextmanager
 async def running(rig: Rig, address: str) -> AsyncIterator[Running]:
     """Run a driver, again after each failure, until the end of the context, then give the verdict."""
-    outlet = CollectingOutlet()
-    found = Running(rig, rig.make(address, outlet), outlet)
+    inlet = CollectingInlet()
+    found = Running(rig, rig.make(address, inlet), inlet)
     found.start()
     try:
         yield found

@@ -9,7 +9,7 @@ import numpy as np
 
 from cellwatt.batch import Float
 from cellwatt.channel import Channel, Quality, Stream
-from cellwatt.driver import Identity, Outlet
+from cellwatt.driver import Identity, Inlet
 from cellwatt.errors import DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.slots import Slots
 from cellwatt_drivers.abb import rws
@@ -54,7 +54,7 @@ class Controller:
 
     def __init__(
         self,
-        outlet: Outlet,
+        inlet: Inlet,
         rate: float,
         state: Stream | None,
         energy: Stream | None,
@@ -62,7 +62,7 @@ class Controller:
         unit: str,
         joule: float,
     ) -> None:
-        self._outlet = outlet
+        self._inlet = inlet
         self._state = state
         self._energy = energy
         self._robotware: RobotWare = robotware
@@ -100,10 +100,10 @@ class Controller:
 
     def _miss_slots(self, slots: int, reason: str) -> None:
         if self._state is not None:
-            self._outlet.account.lose(slots, reason)
+            self._inlet.account.lose(slots, reason)
 
     async def _read_state(self, web: Web, stream: Stream) -> None:
-        asked, since = self._outlet.now(), time.monotonic_ns()
+        asked, since = self._inlet.now(), time.monotonic_ns()
         try:
             words = {
                 "controller": rws.value(await web.get(rws.CONTROLLER[self._robotware]), "ctrlstate"),
@@ -112,7 +112,7 @@ class Controller:
             }
             ratio = rws.ratio(await web.get(rws.SPEED))
         except SourceError:
-            self._outlet.account.lose(1, "not answered")
+            self._inlet.account.lose(1, "not answered")
             raise
         self._tell(words)
         values = [
@@ -122,7 +122,7 @@ class Controller:
             float(words["controller"].startswith("emergencystop")),
             ratio,
         ]
-        deliver(self._outlet, stream, np.array(values), asked, asked + time.monotonic_ns() - since)
+        deliver(self._inlet, stream, np.array(values), asked, asked + time.monotonic_ns() - since)
 
     async def _has_energy(self, web: Web, stream: Stream) -> bool:
         """Read the energy page; a controller that has none keeps its other pages."""
@@ -133,17 +133,17 @@ class Controller:
                 raise
             lacks = f"the controller has no page of its energy ({rws.ENERGY}); 'web: [state]' does not ask for it"
             reason = lacks if isinstance(error, WrongDeviceError) else str(error)
-            self._outlet.event("energy_failed", f"energy is not read any more in this session: {reason}")
+            self._inlet.event("energy_failed", f"energy is not read any more in this session: {reason}")
             return False
         return True
 
     async def _read_energy(self, web: Web, stream: Stream) -> None:
-        asked, since = self._outlet.now(), time.monotonic_ns()
+        asked, since = self._inlet.now(), time.monotonic_ns()
         found = rws.energy(await web.get(rws.ENERGY), self._unit)
         if found.count == self._count:
             return
         if self._count is not None and found.count > self._count + 1:
-            self._outlet.account.lose(found.count - self._count - 1, "energy between polls")
+            self._inlet.account.lose(found.count - self._count - 1, "energy between polls")
         self._count = found.count
         self._tell({"energy": found.state})
         joints = len(stream.channels) - 3
@@ -153,9 +153,9 @@ class Controller:
         if found.valid != self._valid:
             self._valid = found.valid
             kind, said = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
-            self._outlet.event(kind, f"the controller calls its energy measurement {said} ({found.state})")
+            self._inlet.event(kind, f"the controller calls its energy measurement {said} ({found.state})")
         arrival = asked + time.monotonic_ns() - since
-        deliver(self._outlet, stream, self._row(found, joints), asked, arrival, quality)
+        deliver(self._inlet, stream, self._row(found, joints), asked, arrival, quality)
 
     def _row(self, found: Energy, joints: int) -> Float:
         energies = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]]) * self._joule
@@ -167,4 +167,4 @@ class Controller:
             before = self._before.get(what, word)
             self._before[what] = word
             if before != word:
-                self._outlet.event(f"{what}_state", f"{what}: {before} → {word}", before=before, after=word)
+                self._inlet.event(f"{what}_state", f"{what}: {before} → {word}", before=before, after=word)

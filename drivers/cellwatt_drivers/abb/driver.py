@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field, SecretStr, field_validator, model_validator
 
 from cellwatt.channel import Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConnectError, SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
@@ -124,8 +124,8 @@ class AbbDriver(Driver[AbbSettings]):
         "/rw/panel/speedratio, /rw/rapid/execution, /rw/system/energy, and /logout when leaving",
     )
 
-    def __init__(self, name: str, settings: AbbSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: AbbSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         self._intake: Intake | None = None
         self._controller: Controller | None = None
         streams: list[Stream] = []
@@ -145,13 +145,13 @@ class AbbDriver(Driver[AbbSettings]):
     def _make_intake(self) -> Intake:
         s = self.settings
         found = wire.columns(s.egm, s.axes, s.external, s.robotware, s.linear)
-        return Intake(self.outlet, Stream("egm", found.channels, s.rate, "device"), found, self._delivers)
+        return Intake(self.inlet, Stream("egm", found.channels, s.rate, "device"), found, self._delivers)
 
     def _make_controller(self) -> tuple[Controller, list[Stream]]:
         s = self.settings
         state = state_stream(s.web_rate) if "state" in s.web else None
         energy = energy_stream(s.axes) if "energy" in s.web else None
-        made = Controller(self.outlet, s.web_rate, state, energy, s.robotware, s.mechanical_unit, s.energy_unit)
+        made = Controller(self.inlet, s.web_rate, state, energy, s.robotware, s.mechanical_unit, s.energy_unit)
         return made, [stream for stream in (state, energy) if stream is not None]
 
     @property
@@ -166,7 +166,7 @@ class AbbDriver(Driver[AbbSettings]):
                 return await self._controller.identify(web)
         s = self.settings
         come = asyncio.Event()
-        async with listening(s.host, s.bind, s.egm_port, self.outlet.account, lambda *_: come.set()):
+        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, lambda *_: come.set()):
             try:
                 async with asyncio.timeout(s.timeout):
                     await come.wait()
@@ -200,7 +200,7 @@ class AbbDriver(Driver[AbbSettings]):
     async def _listen(self, intake: Intake) -> None:
         s = self.settings
         intake.opened()
-        async with listening(s.host, s.bind, s.egm_port, self.outlet.account, intake.take):
+        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, intake.take):
             await asyncio.get_running_loop().create_future()
 
     async def _ask(self, controller: Controller) -> None:
@@ -215,9 +215,9 @@ class AbbDriver(Driver[AbbSettings]):
                     await controller.poll(web)
             except SourceError as failure:
                 pause = 1.0 if controller.taken > before else min(2 * pause, _LONGEST_PAUSE)
-                self.outlet.account.count("web failures")
+                self.inlet.account.count("web failures")
                 if str(failure) != str(self._trouble):
-                    self.outlet.event("web_failed", f"{self.name}: {failure}")
+                    self.inlet.event("web_failed", f"{self.name}: {failure}")
                 self._trouble = failure
                 if self._intake is None:
                     raise
@@ -242,7 +242,7 @@ class AbbDriver(Driver[AbbSettings]):
     def _greet(self, identity: Identity) -> None:
         self._greeted = True
         self._heard = time.monotonic()
-        self.outlet.connected(identity)
+        self.inlet.connected(identity)
 
     def _silence(self, seconds: float) -> ConnectError:
         s = self.settings

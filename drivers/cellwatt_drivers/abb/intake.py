@@ -10,7 +10,7 @@ from cellwatt.account import Losses
 from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.clock import unwrapped
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb.wire import Columns, Packet, decode
 
@@ -32,11 +32,11 @@ class Intake:
     milliseconds of the header, which are unwrapped.
     """
 
-    def __init__(self, outlet: Outlet, stream: Stream, columns: Columns, delivers: Callable[[], None]) -> None:
+    def __init__(self, inlet: Inlet, stream: Stream, columns: Columns, delivers: Callable[[], None]) -> None:
         """``delivers`` is called before each block is handed over."""
         self.stream = stream
         self._delivers = delivers
-        self._outlet = outlet
+        self._inlet = inlet
         self._columns = columns
         self._period = round(1e9 / stream.rate)
         self._number: int | None = None
@@ -45,7 +45,7 @@ class Intake:
         self._arrival = 0
         self._clocked = False
         self._sent: int | None = None
-        self._losses = Losses(outlet.account)
+        self._losses = Losses(inlet.account)
 
     def opened(self) -> None:
         """Losses before the next packet are those of an outage."""
@@ -53,14 +53,14 @@ class Intake:
 
     def take(self, datagrams: list[bytes], waited: int = 0) -> None:
         """Decode and hand over what came ``waited`` ns ago; what is not EGM is counted as ``malformed``."""
-        arrival = self._outlet.now() - waited
+        arrival = self._inlet.now() - waited
         times: list[int] = []
         rows: list[list[float]] = []
         for datagram in datagrams:
             try:
                 packet = decode(datagram)
             except ProtocolError:
-                self._outlet.account.anomaly("malformed")
+                self._inlet.account.anomaly("malformed")
                 continue
             time = self._continue(packet, arrival, times, rows)
             if time is not None:
@@ -72,7 +72,7 @@ class Intake:
         """The packet's time, ns, or ``None`` where it is to be left out; counts what is missing before it."""
         clocked = packet.clock is not None
         time = packet.clock if packet.clock is not None else self._unwrapped(packet.sent)
-        account = self._outlet.account
+        account = self._inlet.account
         fault = None
         missing = 0
         if self._number is not None:
@@ -87,7 +87,7 @@ class Intake:
             fault = self._broken(clocked, time, 1 + missing, arrival)
         if fault is not None:
             self._flush(times, rows, arrival)
-            self._outlet.clock_reset(self.stream, fault)
+            self._inlet.clock_reset(self.stream, fault)
         self._losses.before_next(missing)
         account.expect()
         self._number, self._time, self._arrival, self._clocked = packet.sequence, time, arrival, clocked
@@ -97,9 +97,9 @@ class Intake:
     def _repeated(self, packet: Packet, ahead: int) -> None:
         """Count a packet whose number has been taken, or passed by."""
         if ahead == 0 and packet != self._newest:
-            self._outlet.account.forgery("contradicting packets")
+            self._inlet.account.forgery("contradicting packets")
         else:
-            self._outlet.account.anomaly("duplicates" if ahead == 0 else "late packets")
+            self._inlet.account.anomaly("duplicates" if ahead == 0 else "late packets")
 
     def _broken(self, clocked: bool, time: int, steps: int, arrival: int) -> str | None:
         """Return why the controller's time has a new base since the packets before, or ``None``."""
@@ -121,6 +121,6 @@ class Intake:
             return
         values = np.array(rows)
         self._delivers()
-        self._outlet.emit(Reading(self.stream, values, arrival, np.array(times, dtype=np.int64)))
+        self._inlet.emit(Reading(self.stream, values, arrival, np.array(times, dtype=np.int64)))
         times.clear()
         rows.clear()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import Field, FilePath, field_validator, model_validator
 
 from cellwatt.channel import Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, SourceError, WrongDeviceError
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
@@ -92,8 +92,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         "slcan only, to the adapter: C (close), S<n> (bit rate, where bitrate is set), O or L (open, or listen only)",
     )
 
-    def __init__(self, name: str, settings: CanSensorSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: CanSensorSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         packages = _EXTRAS | ({"msgpack": "msgpack"} if settings.interface == "udp_multicast" else {})
         require(name, "driver can_sensor", packages, "pip install 'cellwatt[can]'")
         self._map, decodings = load_decodings(settings.sensor, settings.map)
@@ -101,7 +101,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         for stream in _chosen(self._map, settings):
             rate = settings.rates.get(stream)
             period = 1 / rate if rate else self._map.streams[stream].cycle
-            self._intakes.append(Intake(name, decodings[stream], period, outlet))
+            self._intakes.append(Intake(name, decodings[stream], period, inlet))
         self._by_frame: dict[tuple[int, bool], list[Intake]] = {}
         for intake in self._intakes:
             self._by_frame.setdefault(intake.identifier, []).append(intake)
@@ -137,7 +137,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
                         heard = loop.time()
                         if not connected:
                             connected = True
-                            self.outlet.connected(self._identity())
+                            self.inlet.connected(self._identity())
                     self._hand_over(listening)
                     if loop.time() - heard >= self.settings.silence:
                         raise self._verdict(listening.place)
@@ -179,7 +179,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             return False
         intakes = self._by_frame.get((frame.arbitration_id, frame.is_extended_id))
         if intakes is None or frame.is_remote_frame:
-            self.outlet.account.count("other frames")
+            self.inlet.account.count("other frames")
             if len(self._others) < _MOST_OTHERS:
                 self._others.add(frame.arbitration_id)
             return False
@@ -190,27 +190,27 @@ class CanSensorDriver(Driver[CanSensorSettings]):
     def _note_error(self, frame: Message) -> None:
         error = decode_error(frame.arbitration_id, bytes(frame.data))
         self._errors += 1
-        self.outlet.account.anomaly("error frames")
+        self.inlet.account.anomaly("error frames")
         for what in error.names:
-            self.outlet.account.count(f"error frames: {what}")
+            self.inlet.account.count(f"error frames: {what}")
         if error.overflow:
-            self.outlet.account.anomaly("controller overflows")
+            self.inlet.account.anomaly("controller overflows")
         if error.state is not None and error.state != self._state:
             kind = {"off": "bus_off", "passive": "bus_passive", "warning": "bus_warning", "active": "bus_active"}
             text = _STATES[error.state]
             self._state = error.state
-            self.outlet.event(kind[error.state], f"{self.name}: {self.settings.channel}: {text}")
+            self.inlet.event(kind[error.state], f"{self.name}: {self.settings.channel}: {text}")
 
     def _hand_over(self, listening: Listening) -> None:
         since = asyncio.get_running_loop().time() - listening.latest  # read ahead of the cell's time: never too early
-        arrival = self.outlet.now() - round(since * 1e9)
+        arrival = self.inlet.now() - round(since * 1e9)
         for intake in self._intakes:
             intake.flush(arrival)
         if listening.dropped > self._dropped:
-            self.outlet.account.anomaly("frames dropped", listening.dropped - self._dropped)
+            self.inlet.account.anomaly("frames dropped", listening.dropped - self._dropped)
             self._dropped = listening.dropped
         if listening.malformed > self._malformed:
-            self.outlet.account.anomaly("malformed", listening.malformed - self._malformed)
+            self.inlet.account.anomaly("malformed", listening.malformed - self._malformed)
             self._malformed = listening.malformed
 
     def _verdict(self, place: BusPlace) -> SourceError:

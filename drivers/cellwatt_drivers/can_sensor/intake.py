@@ -12,7 +12,7 @@ import numpy as np
 from cellwatt.account import Losses
 from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 from cellwatt_drivers.can_sensor.cycles import DUPLICATE, Cycle
 from cellwatt_drivers.can_sensor.sensor_map import Decoding
 
@@ -29,15 +29,15 @@ _BRACKET_EVERY = 1_000_000_000
 class Intake:
     """Decodes the frames of one stream, counts those that never came, and tells flags when they change."""
 
-    def __init__(self, name: str, decoding: Decoding, period: float, outlet: Outlet) -> None:
+    def __init__(self, name: str, decoding: Decoding, period: float, inlet: Inlet) -> None:
         self.stream = Stream(decoding.name, decoding.channels, 1 / period if period else 0.0, "device")
         self.last = 0
         """Time stamp of the newest frame, ns; 0: none yet."""
         self._name = name
         self._decoding = decoding
-        self._outlet = outlet
+        self._inlet = inlet
         self._cycle = Cycle(period, decoding.counts_to)
-        self._losses = Losses(outlet.account, "disconnected")
+        self._losses = Losses(inlet.account, "disconnected")
         self._bracketed = 0
         self._flags: frozenset[str] = frozenset()
         self._times: list[int] = []
@@ -58,20 +58,20 @@ class Intake:
         try:
             signals = self._decoding.decode(bytes(frame.data))
         except ValueError as error:
-            self._outlet.account.anomaly("malformed")
-            if self._outlet.account.counters["malformed"] == 1:
-                self._outlet.event("malformed_frame", f"{self._name}: {error}")
+            self._inlet.account.anomaly("malformed")
+            if self._inlet.account.counters["malformed"] == 1:
+                self._inlet.event("malformed_frame", f"{self._name}: {error}")
             return
         if not signals:  # a multiplexed message that carries others this time
-            self._outlet.account.count("frames without the signals")
+            self._inlet.account.count("frames without the signals")
             return
         wanted = self._decoding.wanted
         if len(signals) < len(wanted.needed):
-            self._outlet.account.count("signals beyond a short frame", len(wanted.needed) - len(signals))
+            self._inlet.account.count("signals beyond a short frame", len(wanted.needed) - len(signals))
         count = int(signals[wanted.counter]) if wanted.counter else 0
         lost = self._cycle.lost(frame.timestamp, count, self._losses.resumed)
         if lost == DUPLICATE:
-            self._outlet.account.anomaly("duplicates")
+            self._inlet.account.anomaly("duplicates")
             return
         self._losses.before_next(lost)
         self._add(frame.timestamp, signals)
@@ -79,8 +79,8 @@ class Intake:
     def _add(self, timestamp: float, signals: Mapping[str, float]) -> None:
         stamp = round(timestamp * 1e9)
         if stamp < self.last - _BACK * 1e9:
-            self.flush(self._outlet.now())
-            self._outlet.clock_reset(self.stream, f"the PC's clock was set back by {(self.last - stamp) / 1e9:.3f} s")
+            self.flush(self._inlet.now())
+            self._inlet.clock_reset(self.stream, f"the PC's clock was set back by {(self.last - stamp) / 1e9:.3f} s")
             self.last = 0
         self.last = max(stamp, self.last + 1)
         flags = frozenset(f for f in self._decoding.wanted.flags if signals[f])
@@ -94,10 +94,10 @@ class Intake:
 
     def _tell(self, flags: frozenset[str]) -> None:
         for flag in flags:
-            self._outlet.account.count(f"flag {flag}")
+            self._inlet.account.count(f"flag {flag}")
         if flags != self._flags:
             text = f"raises {', '.join(sorted(flags))}" if flags else "raises no flag any more"
-            self._outlet.event("sensor_flags", f"{self._name}: {self.stream.name} {text}")
+            self._inlet.event("sensor_flags", f"{self._name}: {self.stream.name} {text}")
             self._flags = flags
 
     def flush(self, arrival: int) -> None:
@@ -105,8 +105,8 @@ class Intake:
         if not self._rows:
             return
         self._bracket()
-        self._outlet.account.expect(len(self._rows))
-        self._outlet.emit(
+        self._inlet.account.expect(len(self._rows))
+        self._inlet.emit(
             Reading(
                 self.stream,
                 np.array(self._rows),
@@ -119,7 +119,7 @@ class Intake:
 
     def _bracket(self) -> None:
         """Frames are stamped by this PC's own clock: what it says now is made no earlier than now."""
-        not_before = self._outlet.now()
+        not_before = self._inlet.now()
         if not_before - self._bracketed >= _BRACKET_EVERY:
             self._bracketed = not_before
-            self._outlet.bracket(self.stream, time.time_ns(), not_before)
+            self._inlet.bracket(self.stream, time.time_ns(), not_before)

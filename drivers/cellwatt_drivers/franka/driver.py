@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from cellwatt.channel import Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.franka import library
@@ -59,14 +59,14 @@ class FrankaDriver(Driver[FrankaSettings]):
         "UDP: nothing; no control loop is ever started",
     )
 
-    def __init__(self, name: str, settings: FrankaSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: FrankaSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         how = "pip install 'cellwatt[franka]' (Linux on x86-64, Python 3.11 or 3.12)"
         require(name, "franka", {"pylibfranka": "the package pylibfranka"}, how)
         self._selection = Selection.of(settings.read)
         self._every = round(FASTEST / settings.rate)
         stream = Stream("fci", self._selection.channels, settings.rate, "device")
-        self._intake = Intake(outlet, stream, self._every)
+        self._intake = Intake(inlet, stream, self._every)
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -79,7 +79,7 @@ class FrankaDriver(Driver[FrankaSettings]):
         self._intake.opened()
         async with library.reading(s.host, self._every, self._selection, s.timeout) as reader:
             block = await reader.block()
-            self.outlet.connected(_identity(reader))
+            self.inlet.connected(_identity(reader))
             try:
                 while True:
                     self._intake.take(block[:, 0].astype(np.int64), block[:, 1], block[:, 2:])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cellwatt.account import Losses
 from cellwatt.batch import Float, Reading
 from cellwatt.channel import Stream
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 from cellwatt.slots import HOST
 from cellwatt_drivers.franka.fields import MODE, MODES
 from cellwatt_drivers.shared.states import State, StateWatch
@@ -29,15 +29,15 @@ class Intake:
     ``every`` is the step in ms between two states that are kept. The robot's time counts ms since its start.
     """
 
-    def __init__(self, outlet: Outlet, stream: Stream, every: int) -> None:
+    def __init__(self, inlet: Inlet, stream: Stream, every: int) -> None:
         self.stream = stream
-        self._outlet = outlet
+        self._inlet = inlet
         self._every = every
         self._last: int | None = None
         self._arrival = 0
-        self._losses = Losses(outlet.account)
+        self._losses = Losses(inlet.account)
         self._missing, self._held, self._since = 0, 0.0, 0
-        self._states = StateWatch(outlet, stream, {MODE: State("mode", "robot mode", MODES)})
+        self._states = StateWatch(inlet, stream, {MODE: State("mode", "robot mode", MODES)})
 
     def opened(self) -> None:
         """Losses before the next state are those of an outage."""
@@ -56,10 +56,10 @@ class Intake:
 
     def _take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
         """States of one time base, rising."""
-        arrival = self._outlet.now()
+        arrival = self._inlet.now()
         first = int(stamps[0])
         if self._last is not None and self._strange(first, arrival):
-            self._outlet.clock_reset(self.stream, "the robot's time began anew")
+            self._inlet.clock_reset(self.stream, "the robot's time began anew")
             self._last = None
         before = first - self._every if self._last is None else self._last
         steps = np.diff(stamps, prepend=before)
@@ -67,10 +67,10 @@ class Intake:
         if self._losses.resumed:
             self._losses.before_next(int(missing[0]))
             missing[0] = 0
-        self._outlet.account.expect(len(stamps))
+        self._inlet.account.expect(len(stamps))
         self._tell(missing, held, stamps)
         self._last, self._arrival = int(stamps[-1]), arrival
-        self._outlet.emit(Reading(self.stream, values, arrival, stamps * 1_000_000))
+        self._inlet.emit(Reading(self.stream, values, arrival, stamps * 1_000_000))
         self._states.see(values)
 
     def _tell(self, missing: NDArray[np.int64], held: Float, stamps: NDArray[np.int64]) -> None:
@@ -86,8 +86,8 @@ class Intake:
     def settle(self) -> None:
         """Count what is missing: as many states as the reader was kept from are the host's."""
         host = min(self._missing, round(self._held / self._every))
-        self._outlet.account.lose(host, HOST)
-        self._outlet.account.lose(self._missing - host, "gap")
+        self._inlet.account.lose(host, HOST)
+        self._inlet.account.lose(self._missing - host, "gap")
         self._missing, self._held = 0, 0.0
 
     def _strange(self, first: int, arrival: int) -> bool:

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from pydantic import Field, SecretStr, field_validator
 
 from cellwatt.channel import Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
@@ -88,8 +88,8 @@ class KinovaDriver(Driver[KinovaSettings]):
         "Kortex: CreateSession, KeepAlive, BaseCyclic.RefreshFeedback, CloseSession",
     )
 
-    def __init__(self, name: str, settings: KinovaSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: KinovaSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         module, package, how = _LIBRARIES[settings.protocol]
         require(name, f"protocol {settings.protocol}", {module: package}, how)
         self._reads = _reads(settings)
@@ -98,7 +98,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         self._last: dict[str, list[int]] = {}
         self._flags: dict[str, int] = {}
         states = {"robot.state": State("state", name, registers.STATES, "unknown")}
-        self._watches = {read.stream.name: StateWatch(outlet, read.stream, states) for read in self._reads}
+        self._watches = {read.stream.name: StateWatch(inlet, read.stream, states) for read in self._reads}
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -118,9 +118,9 @@ class KinovaDriver(Driver[KinovaSettings]):
         s = self.settings
         if s.protocol == "kortex":
             return open_kortex(
-                s.host, s.port or kortex.PORT, s.user, s.password.get_secret_value(), s.timeout, self.outlet.now
+                s.host, s.port or kortex.PORT, s.user, s.password.get_secret_value(), s.timeout, self.inlet.now
             )
-        return open_link(s.host, s.port or registers.PORT, s.unit, s.timeout, self.outlet.now)
+        return open_link(s.host, s.port or registers.PORT, s.unit, s.timeout, self.inlet.now)
 
     async def _greet(self, link: Link | KortexLink) -> Identity:
         for read in self._reads:
@@ -132,7 +132,7 @@ class KinovaDriver(Driver[KinovaSettings]):
     async def _converse(self) -> None:
         """One connection, from the greeting on."""
         async with self._open() as link:
-            self.outlet.connected(await self._greet(link))
+            self.inlet.connected(await self._greet(link))
             self._turns = Turns()
             async with self._slots as slots:
                 async for _ in slots:
@@ -140,21 +140,21 @@ class KinovaDriver(Driver[KinovaSettings]):
                         await self._serve(link, read, len(self._reads) - done)
 
     def _miss_slots(self, slots: int, reason: str) -> None:
-        self.outlet.account.lose(slots * len(self._reads), reason)
+        self.inlet.account.lose(slots * len(self._reads), reason)
 
     async def _serve(self, link: Link | KortexLink, read: Read, left: int) -> None:
         """One request; where it fails, the ``left`` ones of this slot are missed."""
         try:
             answer = await link.read(read.first, read.count)
         except SourceError as error:
-            self.outlet.account.lose(left, reason_of(error))
+            self.inlet.account.lose(left, reason_of(error))
             raise
         self._emit(read, answer)
 
     def _emit(self, read: Read, answer: Answer) -> None:
         name = read.stream.name
         if answer.registers == self._last.get(name):
-            self.outlet.account.count(f"{name} repeats")
+            self.inlet.account.count(f"{name} repeats")
         self._last[name] = answer.registers
         if name == "arm":
             values = registers.arm_values(answer.registers)
@@ -163,7 +163,7 @@ class KinovaDriver(Driver[KinovaSettings]):
             axes = self.settings.axes
             values = registers.motion_values(answer.registers, axes)
             values[:axes] = self._turns.unwrap(values[:axes])
-        deliver(self.outlet, read.stream, values, answer.asked, answer.arrival)
+        deliver(self.inlet, read.stream, values, answer.asked, answer.arrival)
         self._watches[name].see(values.reshape(1, -1))
 
     def _report_flags(self, values: Float) -> None:
@@ -174,7 +174,7 @@ class KinovaDriver(Driver[KinovaSettings]):
             self._flags[kind] = flags
             if before != flags:
                 text = f"{self.name}: {kind} flags 0x{before:08x} → 0x{flags:08x}"
-                self.outlet.event(kind, text, before=before, after=flags)
+                self.inlet.event(kind, text, before=before, after=flags)
 
 
 def _reads(settings: KinovaSettings) -> tuple[Read, ...]:

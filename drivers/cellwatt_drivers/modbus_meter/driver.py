@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, FilePath, model_validator
 
 from cellwatt.channel import Quality, Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
@@ -119,8 +119,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         "function 4 or 3 the voltages and the frequency of the other packaged maps",
     )
 
-    def __init__(self, name: str, settings: ModbusMeterSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: ModbusMeterSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         require(name, "driver modbus_meter", {"pymodbus": "the package pymodbus"}, "pip install 'cellwatt[modbus]'")
         self._map = _map(settings)
         self._names = _chosen(self._map, settings.read)
@@ -137,7 +137,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         window = settings.window or self._map.window
         channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
-        self._slots = Slots(settings.rate, outlet.account.lose)
+        self._slots = Slots(settings.rate, inlet.account.lose)
         self._heard = 0
         self._told = ""
         self._overloaded: frozenset[str] = frozenset()
@@ -155,7 +155,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     async def run(self) -> None:
         """See ``Driver.run``."""
         async with self._open() as bus:
-            self.outlet.connected(await self._greet(bus))
+            self.inlet.connected(await self._greet(bus))
             self._heard = time.monotonic_ns()
             async with self._slots as slots:
                 async for _ in slots:
@@ -173,7 +173,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         async with bus.turn:
             try:
                 raw = await self._reader.read(bus)
-                arrival = self.outlet.now()
+                arrival = self.inlet.now()
             except WrongDeviceError as error:
                 raise await likeness.wrong(bus, unit, meter, "it has none of its registers") from error
             except RefusedError as error:
@@ -192,21 +192,21 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         return Identity(meter.maker, meter.model, notes=notes)
 
     def _count(self, what: str) -> None:
-        account = self.outlet.account
+        account = self.inlet.account
         (account.count if what in _USUAL else account.anomaly)(what)
 
     def _left_out(self, name: str, error: RefusedError) -> None:
         self.left_out |= {name}
-        self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
+        self.inlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
 
     async def _serve(self, bus: Bus) -> None:
         try:
             async with bus.turn:
-                asked = self.outlet.now()
+                asked = self.inlet.now()
                 raw = await self._reader.read(bus)
-                arrival = self.outlet.now()
+                arrival = self.inlet.now()
         except SourceError as error:
-            self.outlet.account.lose(1, reason_of(error))
+            self.inlet.account.lose(1, reason_of(error))
             if isinstance(error, RefusedError | OtherNumberError):
                 self._tell("device_error", str(error))
             if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
@@ -216,7 +216,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             self._told = ""
             self._heard = time.monotonic_ns()
             values, quality = self._measured(raw, arrival)
-            deliver(self.outlet, self._stream, values, asked, arrival, quality)
+            deliver(self.inlet, self._stream, values, asked, arrival, quality)
 
     def _endure(self, error: SourceError) -> None:
         """Go on after a failed poll, unless there has been no good one for long."""
@@ -228,7 +228,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     def _tell(self, kind: str, text: str) -> None:
         if text != self._told:
             self._told = text
-            self.outlet.event(kind, f"{self.name}: {text}")
+            self.inlet.event(kind, f"{self.name}: {text}")
 
     def _measured(self, raw: NDArray[np.float64], arrival: int) -> tuple[NDArray[np.float64], Quality]:
         """Return the values in SI units and their quality from the numbers in the registers, read at ``arrival`` ns."""
@@ -238,7 +238,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             quality = Quality.MISSING
         if over.any():
             quality = Quality.CLIPPED
-            self.outlet.account.count("overloads")
+            self.inlet.account.count("overloads")
         self._note_overload(frozenset(n for n, o in zip(self._names, over, strict=True) if o))
         return row, quality
 
@@ -265,16 +265,16 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     def _note_counter(self, name: str, counted: Counted) -> None:
         if counted.misread:
-            self.outlet.account.count("counter misread", counted.misread)
+            self.inlet.account.count("counter misread", counted.misread)
         if counted.change:
-            self.outlet.event(
+            self.inlet.event(
                 f"counter_{counted.change}", f"{self.name}: {name} {_CHANGES[counted.change]}", channel=name
             )
 
     def _note_overload(self, names: frozenset[str]) -> None:
         if new := names - self._overloaded:
             told = ", ".join(sorted(new))
-            self.outlet.event("overload", f"{self.name}: {told} beyond what the meter can measure", channels=told)
+            self.inlet.event("overload", f"{self.name}: {told} beyond what the meter can measure", channels=told)
         self._overloaded = names
 
 

@@ -11,7 +11,7 @@ from pydantic import Field, FilePath, SecretStr, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.config.wording import did_you_mean
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, DeviceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
@@ -145,14 +145,14 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         "CreateMonitoredItems, Publish, CloseSession, CloseSecureChannel; never Write, Call or HistoryUpdate",
     )
 
-    def __init__(self, name: str, settings: OpcUaSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: OpcUaSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         require(name, "driver opc_ua", {"asyncua": "the package asyncua"}, "pip install 'cellwatt[opc-ua]'")
         self._map = _map(settings)
         self._tags = _chosen(self._map, settings.read)
         channels = tuple(tag.channel(channel) for channel, tag in self._tags.items())
         self._stream = Stream("tags", channels, settings.rate, "device")
-        self._intake = Intake(name, outlet, self._stream, _status_name)
+        self._intake = Intake(name, inlet, self._stream, _status_name)
         # The newest sample of a message is this old at most, and always so where sampling and sending beat together.
         vars(self)["least_delay"] = (0.0, min(settings.publish, 1 / settings.rate) + _WAY)
         self._dropped = 0
@@ -183,7 +183,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
             identity = await self._identity(session, sources, lacking)
             made = await subscribe(session, s.rate, s.publish, s.silence, s.queue_size, s.every_sample, sources)
             self._tell_revised(made)
-            self.outlet.connected(identity)
+            self.inlet.connected(identity)
             self._intake.resume(made.sampling, made.publishing)
             self._dropped = 0
             while True:
@@ -195,9 +195,9 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         except ConnectError as error:
             text = str(error)
             raise ConnectError(text if self.url in text else f"{self.url}: {text}") from error
-        arrival = self.outlet.now()
+        arrival = self.inlet.now()
         if session.feed.dropped > self._dropped:
-            self.outlet.account.anomaly("messages dropped", session.feed.dropped - self._dropped)
+            self.inlet.account.anomaly("messages dropped", session.feed.dropped - self._dropped)
             self._dropped = session.feed.dropped
         for result in published:
             message = messages.read(result, made.sources, self.settings.time == "server")
@@ -226,7 +226,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
             raise DeviceError(f"{self.url} has none of the tags: {', '.join(lacking)}")
         if lacking and frozenset(lacking) != self.left_out:
             told = ", ".join(lacking)
-            self.outlet.event("tags_missing", f"{self.name}: not there, and left out: {told}", channels=told)
+            self.inlet.event("tags_missing", f"{self.name}: not there, and left out: {told}", channels=told)
         self.left_out = frozenset(lacking)
         return sources, lacking
 
@@ -268,7 +268,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         if made.without_filter:
             told.append("cannot send every sample")
         if told:
-            self.outlet.event("revised", f"{self.name}: the server {', and '.join(told)}")
+            self.inlet.event("revised", f"{self.name}: the server {', and '.join(told)}")
 
 
 def _status_name(code: int) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.account import Losses
 from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 from cellwatt_drivers.opc_ua.messages import Item, Message
 
 _SECOND = 1_000_000_000
@@ -62,14 +62,14 @@ class Intake:
     clock carried on by the server's. ``status_name`` gives the name of a status code.
     """
 
-    def __init__(self, name: str, outlet: Outlet, stream: Stream, status_name: Callable[[int], str]) -> None:
+    def __init__(self, name: str, inlet: Inlet, stream: Stream, status_name: Callable[[int], str]) -> None:
         self.stream = stream
         self._name = name
-        self._outlet = outlet
+        self._inlet = inlet
         self._status_name = status_name
         self._period = round(_SECOND / stream.rate)
         self._publishing = self._period
-        self._losses = Losses(outlet.account)
+        self._losses = Losses(inlet.account)
         self._values = [float("nan")] * len(stream.channels)
         self._stamps = [0] * len(stream.channels)
         self._last: int | None = None
@@ -114,7 +114,7 @@ class Intake:
             self._sequence = message.sequence - 1 or 0xFFFF_FFFF  # a sign of life has the number of the next one
         if not 0 < missing < 1 << 31:
             return False
-        self._outlet.account.anomaly("lost messages", missing)
+        self._inlet.account.anomaly("lost messages", missing)
         return True
 
     def _begin(self, rows: _Rows, message: Message, arrival: int) -> None:
@@ -174,14 +174,14 @@ class Intake:
         """Take the values of one moment, after those of the moments before it that nobody told."""
         if self._last is not None and self._is_strange(time, arrival):
             self._hand_over(rows, arrival)
-            self._outlet.clock_reset(self.stream, f"its time stamps jumped by {(time - self._last) / 1e9:+.3f} s")
+            self._inlet.clock_reset(self.stream, f"its time stamps jumped by {(time - self._last) / 1e9:+.3f} s")
             self._last = None
             self._losses.resumed = False
         overflow = sum(i.overflow for i in items)
-        self._outlet.account.anomaly("overflows", overflow)
+        self._inlet.account.anomaly("overflows", overflow)
         if self._last is not None:
             if time <= self._last:
-                self._outlet.account.count("out of order")
+                self._inlet.account.count("out of order")
                 time = self._last + 1
             self._between(rows, time, "overflow" if overflow else reason)
         for item in items:
@@ -202,11 +202,11 @@ class Intake:
         if self._losses.resumed:
             self._losses.before_next(max(0, missing))
         elif missing > 0 and (reason or missing > _MOST_HELD):
-            self._outlet.account.lose(missing, reason or "gap")
+            self._inlet.account.lose(missing, reason or "gap")
         elif missing > 0:
             step = (time - self._last) / (missing + 1)
             start = self._last
-            self._outlet.account.count("unchanged", missing)
+            self._inlet.account.count("unchanged", missing)
             for k in range(1, missing + 1):
                 self._add(rows, start + round(k * step), Quality.GOOD)
 
@@ -233,12 +233,10 @@ class Intake:
 
     def _take_stale(self, rows: _Rows, items: Sequence[Item], message: Message, arrival: int) -> None:
         """Take values whose time stamps did not rise as of the time of their publication."""
-        self._outlet.account.anomaly("stale time stamps", len(items))
+        self._inlet.account.anomaly("stale time stamps", len(items))
         if not self._stale:
             names = ", ".join(sorted({self.stream.names[i.column] for i in items}))
-            self._outlet.event(
-                "stale_time", f"{self._name}: the time stamps of {names} do not rise; taken as published"
-            )
+            self._inlet.event("stale_time", f"{self._name}: the time stamps of {names} do not rise; taken as published")
         until = self._last if self._last is None or rows.times else self._until(message.published, arrival)
         if self._last is not None and until is not None and not rows.times:
             self._between(rows, until, "")
@@ -256,7 +254,7 @@ class Intake:
 
     def _tell(self, items: Sequence[Item]) -> None:
         """Count what the server says of its values, and report each change of what is bad."""
-        account = self._outlet.account
+        account = self._inlet.account
         account.anomaly("bad status", sum(i.bad for i in items))
         account.anomaly("malformed", sum(i.malformed for i in items))
         if uncertain := sum(i.uncertain for i in items):
@@ -270,13 +268,13 @@ class Intake:
                 self._bad.pop(item.column, None)
         if self._bad.keys() != before.keys():
             told = ", ".join(f"{self.stream.names[c]} {self._status_name(s)}" for c, s in sorted(self._bad.items()))
-            self._outlet.event("bad_status", f"{self._name}: {told or 'all values are good again'}", channels=told)
+            self._inlet.event("bad_status", f"{self._name}: {told or 'all values are good again'}", channels=told)
 
     def _hand_over(self, rows: _Rows, arrival: int) -> None:
         if not rows.times:
             return
-        self._outlet.account.expect(len(rows.times))
-        self._outlet.emit(
+        self._inlet.account.expect(len(rows.times))
+        self._inlet.emit(
             Reading(
                 self.stream,
                 np.array(rows.values),

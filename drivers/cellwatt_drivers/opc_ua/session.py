@@ -150,7 +150,7 @@ async def open_session(access: Access) -> AsyncIterator[Session]:
     """Open a session and close it at the end. Raises ``SourceError``."""
     from asyncua import Client
 
-    from cellwatt.sinks.opc_ua.arrays import bound_arrays
+    from cellwatt.outlets.opc_ua.arrays import bound_arrays
 
     bound_arrays()
     logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs what is raised here

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt import Channel, Outlet, Reading, Stream
+from cellwatt import Channel, Inlet, Reading, Stream
 from cellwatt_drivers.power_board.clock import BoardClock
 from cellwatt_drivers.power_board.payload import Packet, measured
 from cellwatt_drivers.power_board.resequencer import Placed, Resequencer
@@ -30,13 +30,13 @@ class Board:
     ``label`` names it in messages; ``window`` ns as in ``Resequencer``.
     """
 
-    def __init__(self, label: str, stream: Stream, phases: int, window: int, outlet: Outlet) -> None:
+    def __init__(self, label: str, stream: Stream, phases: int, window: int, inlet: Inlet) -> None:
         self.stream = stream
         self._label = label
         self._heard = 0
         self._silent = False
         self._phases = phases
-        self._outlet = outlet
+        self._inlet = inlet
         self._clock = BoardClock(stream.rate)
         self._order = Resequencer(window)
 
@@ -50,7 +50,7 @@ class Board:
         self._heard = arrival
         place = self._clock.place(packet, arrival)
         if place.verdict == "stale":
-            self._outlet.account.anomaly("late")
+            self._inlet.account.anomaly("late")
             return
         if place.verdict in {"jumped", "restarted"}:
             self.release(arrival, everything=True)
@@ -58,13 +58,13 @@ class Board:
                 self._order.restart()
             jumped = f"its clock jumped by {place.jump / 1e6:+.3f} s"
             text = jumped if place.verdict == "jumped" else "it restarted"
-            self._outlet.clock_reset(self.stream, text)
-            self._outlet.event(f"board {place.verdict}", f"{self._label}: {text}", jump_s=place.jump / 1e6)
+            self._inlet.clock_reset(self.stream, text)
+            self._inlet.event(f"board {place.verdict}", f"{self._label}: {text}", jump_s=place.jump / 1e6)
         outcome = self._order.put(Placed(packet, place.sequence, place.time, arrival))
         if outcome == "reordered":
-            self._outlet.account.count(outcome)
+            self._inlet.account.count(outcome)
         elif outcome:
-            self._outlet.account.anomaly(outcome)
+            self._inlet.account.anomaly(outcome)
 
     def watch(self, now: int, since: int, silence: int) -> None:
         """Report when nothing came for ``silence`` ns, at the earliest after ``since``, and when it comes back."""
@@ -72,14 +72,14 @@ class Board:
         if silent != self._silent:
             self._silent = silent
             what = "silent" if silent else "heard again"
-            self._outlet.event(f"board {what}", f"{self._label}: {what}")
+            self._inlet.event(f"board {what}", f"{self._label}: {what}")
 
     def release(self, now: int, *, everything: bool = False) -> None:
         """Emit what is in order, and with ``everything`` also what waits for overtaken packets.
 
         ``now`` is the cell's time, ns.
         """
-        account = self._outlet.account
+        account = self._inlet.account
         released = self._order.release(now, everything=everything)
         if not released:
             return
@@ -90,7 +90,7 @@ class Board:
         total = np.stack([values[..., 0].mean(axis=1), values[..., 1].sum(axis=1), values[..., 2].sum(axis=1)], axis=1)
         rows = np.concatenate([total, values.reshape(len(values), -1)], axis=1)
         times = [p.time + i * p.packet.step for _, p in released for i in range(p.packet.samples)]
-        self._outlet.emit(
+        self._inlet.emit(
             Reading(
                 self.stream,
                 rows,

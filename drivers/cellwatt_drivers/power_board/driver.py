@@ -12,7 +12,7 @@ from cellwatt import (
     ConnectError,
     Driver,
     Identity,
-    Outlet,
+    Inlet,
     ProtocolError,
     SourceError,
     SourceSettings,
@@ -86,8 +86,8 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
     writes: ClassVar[tuple[str, ...]] = ()
     least_delay: ClassVar[tuple[float, float]] = (0.0, 0.03)  # board → radio → receiver → USB: see the docs page
 
-    def __init__(self, name: str, settings: PowerBoardSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: PowerBoardSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         self._boards = {n: self._board(n, s) for n, s in zip(settings.boards or (), self.streams, strict=False)}
 
     @property
@@ -102,17 +102,17 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
         """See ``Driver.run``."""
         async with listening_port(self.settings.port, self.settings.baud) as port:
             listening = self._listening(port)
-            opened, connected = self.outlet.now(), False
+            opened, connected = self.inlet.now(), False
             try:
                 while True:
                     heard = await listening.packets(self._wait())
                     if heard and not connected:
                         connected = True
-                        self.outlet.connected(_identity(heard[0][0], port))
+                        self.inlet.connected(_identity(heard[0][0], port))
                     self._deliver(heard, opened)
             finally:
                 for board in self._boards.values():
-                    board.release(self.outlet.now(), everything=True)
+                    board.release(self.inlet.now(), everything=True)
 
     async def identify(self) -> Identity:
         """See ``Driver.identify``; a board says who it is with every packet."""
@@ -127,7 +127,7 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
             if packet.board not in self._boards:
                 self._boards[packet.board] = self._board(packet.board, self.streams[0])
             self._boards[packet.board].take(packet, arrival)
-        now = heard[-1][1] if heard else self.outlet.now()
+        now = heard[-1][1] if heard else self.inlet.now()
         for board in self._boards.values():
             board.release(now)
             if len(self._boards) > 1:  # a lone board's silence ends ``run``
@@ -139,16 +139,16 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
             stream,
             self.settings.phases,
             round(self.settings.reorder * 1e9),
-            self.outlet,
+            self.inlet,
         )
 
     def _listening(self, port: ListeningPort) -> Listening:
-        return Listening(port, self.settings, tuple(self._boards), self.outlet, self.gather)
+        return Listening(port, self.settings, tuple(self._boards), self.inlet, self.gather)
 
     def _wait(self) -> float:
         """Time in s until a board gives up a gap."""
         deadlines = [b.deadline for b in self._boards.values() if b.deadline is not None]
-        return max(0.0, (min(deadlines) - self.outlet.now()) / 1e9) if deadlines else self.settings.silence
+        return max(0.0, (min(deadlines) - self.inlet.now()) / 1e9) if deadlines else self.settings.silence
 
 
 def _identity(packet: Packet, port: ListeningPort) -> Identity:
@@ -172,14 +172,14 @@ class Listening:
         port: ListeningPort,
         settings: PowerBoardSettings,
         boards: tuple[int, ...],
-        outlet: Outlet,
+        inlet: Inlet,
         gather: Callable[[], float],
     ) -> None:
         self._port = port
         self._settings = settings
         self._wanted = boards
-        self._account = outlet.account
-        self._now = outlet.now
+        self._account = inlet.account
+        self._now = inlet.now
         self._gather = gather
         self._decoder = wire.decoder(settings.mode)
         self._heard = asyncio.get_running_loop().time()

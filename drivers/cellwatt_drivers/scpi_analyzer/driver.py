@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from cellwatt.batch import Float
 from cellwatt.channel import Quality, Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
@@ -106,8 +106,8 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         "(takes over the newest cycle's values for this connection and answers them)",
     )
 
-    def __init__(self, name: str, settings: ScpiAnalyzerSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: ScpiAnalyzerSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         self._dialect = DIALECTS[settings.model]
         self._items = self._dialect.items(settings.functions, settings.element)
         functions = [self._dialect.functions[f] for f in settings.functions]
@@ -115,7 +115,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         window = settings.window or self._dialect.window
         channels = (replace(f.channel, window=0.0 if f.channel.kind == "counter" else window) for f in functions)
         self._stream = Stream("measured", tuple(channels), settings.rate, "host")
-        self._slots = Slots(settings.rate, outlet.account.lose)
+        self._slots = Slots(settings.rate, inlet.account.lose)
         self._last_text = ""
         self._overloaded: set[str] = set()
         self._before: tuple[str, ...] = ()
@@ -137,9 +137,9 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
     def _open(self) -> AbstractAsyncContextManager[Line]:
         s = self.settings
         if s.serial is not None:
-            return open_serial(s.serial, s.baud, self.outlet.now)
+            return open_serial(s.serial, s.baud, self.inlet.now)
         assert s.host is not None
-        return open_tcp(s.host, s.port, s.timeout, self.outlet.now)
+        return open_tcp(s.host, s.port, s.timeout, self.inlet.now)
 
     def _analyzer(self, line: Line) -> Analyzer:
         return Analyzer(line, self._dialect, self.settings.timeout)
@@ -153,7 +153,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         try:
             await self._use_line()
         except (NoAnswerError, ProtocolError) as error:
-            self.outlet.account.anomaly("timeouts" if isinstance(error, NoAnswerError) else "malformed")
+            self.inlet.account.anomaly("timeouts" if isinstance(error, NoAnswerError) else "malformed")
             raise
 
     async def _use_line(self) -> None:
@@ -163,7 +163,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
             self._report(await analyzer.errors(), "left from before")
             try:
                 order = await self._set_up(analyzer)
-                self.outlet.connected(identity)
+                self.inlet.connected(identity)
                 await self._poll(analyzer, order)
             except asyncio.CancelledError:
                 # Only in order: on a connection that failed the analyzer might obey late, after the next set-up.
@@ -206,13 +206,13 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
             answer = await analyzer.read(order)
             values = parse_values(answer.text, len(order), self._dialect.separator)
         except SourceError as error:
-            self.outlet.account.lose(1, reason_of(error))
+            self.inlet.account.lose(1, reason_of(error))
             raise
         if answer.text == self._last_text:
-            self.outlet.account.count("repeats")
+            self.inlet.account.count("repeats")
         self._last_text = answer.text
         row, quality = self._measured([values[c] for c in columns])
-        deliver(self.outlet, self._stream, row, answer.asked, answer.arrival, quality)
+        deliver(self.inlet, self._stream, row, answer.asked, answer.arrival, quality)
 
     def _measured(self, values: list[Value]) -> tuple[Float, Quality]:
         """Return the values (functions,) in SI units and their quality."""
@@ -221,18 +221,18 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         quality = Quality.GOOD
         if overloaded:
             quality = Quality.CLIPPED
-            self.outlet.account.count("overloads")
+            self.inlet.account.count("overloads")
         elif np.isnan(row).all():
             quality = Quality.MISSING
         if overloaded - self._overloaded:
             names = ", ".join(f for f in self.settings.functions if f in overloaded)
-            self.outlet.event("overload", f"{self.name}: {names} overloaded: the range is too small", functions=names)
+            self.inlet.event("overload", f"{self.name}: {names} overloaded: the range is too small", functions=names)
         self._overloaded = overloaded
         return row, quality
 
     def _report(self, errors: list[tuple[int, str]], when: str) -> None:
         for code, text in errors:
-            self.outlet.account.count("instrument errors")
-            self.outlet.event(
+            self.inlet.account.count("instrument errors")
+            self.inlet.event(
                 "instrument_error", f"{self.name}: the analyzer's error queue, {when}: {code} {text}", code=float(code)
             )

@@ -9,7 +9,7 @@ import numpy as np
 
 from cellwatt.batch import Float, Reading
 from cellwatt.channel import Quality, Stream
-from cellwatt.driver import Driver, Outlet
+from cellwatt.driver import Driver, Inlet
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
 
 
@@ -30,12 +30,12 @@ def reason_of(error: SourceError) -> str:
 
 
 def deliver(
-    outlet: Outlet, stream: Stream, values: Float, asked: int, arrival: int, quality: Quality = Quality.GOOD
+    inlet: Inlet, stream: Stream, values: Float, asked: int, arrival: int, quality: Quality = Quality.GOOD
 ) -> None:
     """Count and hand over one sample (channels,), asked for and read at these times of the cell, ns."""
-    outlet.account.expect()
+    inlet.account.expect()
     flags = np.array([quality], dtype=np.uint8)
-    outlet.emit(Reading(stream, values.reshape(1, -1), arrival, asked=asked, quality=flags))
+    inlet.emit(Reading(stream, values.reshape(1, -1), arrival, asked=asked, quality=flags))
 
 
 async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[None]]) -> NoReturn:
@@ -43,7 +43,7 @@ async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[
 
     Raises the ``ConnectError`` or ``ProtocolError`` that ended a connection without a sample, and every other error.
     """
-    account = driver.outlet.account
+    account = driver.inlet.account
     while True:
         before = account.expected - account.missed.total()
         try:
@@ -52,4 +52,4 @@ async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[
             if account.expected - account.missed.total() == before:
                 raise
             account.count("reconnects")
-            driver.outlet.event("reopened", f"{driver.name}: {error}; the connection is opened anew")
+            driver.inlet.event("reopened", f"{driver.name}: {error}; the connection is opened anew")

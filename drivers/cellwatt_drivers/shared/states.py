@@ -9,7 +9,7 @@ import numpy as np
 
 from cellwatt.batch import Float
 from cellwatt.channel import Stream
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,8 @@ class State:
 class StateWatch:
     """Reports each change of the ``states`` (by channel) that a stream has."""
 
-    def __init__(self, outlet: Outlet, stream: Stream, states: Mapping[str, State]) -> None:
-        self._outlet = outlet
+    def __init__(self, inlet: Inlet, stream: Stream, states: Mapping[str, State]) -> None:
+        self._inlet = inlet
         self._states = [states[name] for name in stream.names if name in states]
         self._columns = np.array([i for i, name in enumerate(stream.names) if name in states], dtype=np.intp)
         self._before: Float | None = None
@@ -49,4 +49,4 @@ class StateWatch:
         for row, column in np.argwhere(changed):
             state = self._states[column]
             old, new = (state.name(value) for value in rows[row : row + 2, column])
-            self._outlet.event(state.kind, f"{state.title}: {old} → {new}", before=old, after=new)
+            self._inlet.event(state.kind, f"{state.title}: {old} → {new}", before=old, after=new)

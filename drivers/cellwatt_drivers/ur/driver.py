@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from cellwatt.account import Account
 from cellwatt.channel import Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.shared.requirements import require
@@ -101,14 +101,14 @@ class UrDriver(Driver[UrSettings]):
         "P: asks to stop sending, when leaving",
     )
 
-    def __init__(self, name: str, settings: UrSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: UrSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         if settings.client == "ur_rtde":
             how = "pip install 'cellwatt[ur-rtde]' (Python 3.11 or 3.12), or use client native"
             require(name, "client ur_rtde", {"rtde_receive": "the package ur-rtde"}, how)
         self._selection = Selection.of(settings.channels)
         self._stream = Stream("rtde", self._selection.channels, settings.rate, "device")
-        self._intake = Intake(outlet, self._stream, settings.gaps)
+        self._intake = Intake(inlet, self._stream, settings.gaps)
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -118,16 +118,16 @@ class UrDriver(Driver[UrSettings]):
     async def run(self) -> None:
         """See ``Driver.run``."""
         s = self.settings
-        async with self._connect(self.outlet.account) as (session, version):
+        async with self._connect(self.inlet.account) as (session, version):
             rate = self._open(version)
             if s.client == "native":
                 await self._read(session, version, rate)
         await library.stream(s.host, rate, self._selection, self._intake, s.timeout)
 
     async def _read(self, session: native.Session, version: ControllerVersion, rate: float) -> NoReturn:
-        s, outlet, fastest = self.settings, self.outlet, cycle_rate(version)
+        s, inlet, fastest = self.settings, self.inlet, cycle_rate(version)
         comparing = asyncio.create_task(
-            compare(s.host, s.port, fastest, s.timeout, outlet.now, outlet.account, self._intake)
+            compare(s.host, s.port, fastest, s.timeout, inlet.now, inlet.account, self._intake)
         )
         try:
             await native.stream(session, version, self._selection, rate, self._intake, s.timeout)
@@ -142,14 +142,14 @@ class UrDriver(Driver[UrSettings]):
 
     def _connect(self, account: Account) -> AbstractAsyncContextManager[tuple[native.Session, ControllerVersion]]:
         s = self.settings
-        return native.connect(s.host, s.port, s.timeout, self.outlet.now, account, self.gather)
+        return native.connect(s.host, s.port, s.timeout, self.inlet.now, account, self.gather)
 
     def _open(self, version: ControllerVersion) -> float:
         """Tell the intake who is there; returns the rate in Hz that such a controller gives."""
         loop, wanted = cycle_rate(version), self.settings.rate
         rate = loop / decimation(loop, wanted)
         if abs(rate / wanted - 1) > 1e-6:
-            self.outlet.event("rate", f"{wanted:g} Hz is wanted; PolyScope {version} sends {rate:g} Hz", rate=rate)
+            self.inlet.event("rate", f"{wanted:g} Hz is wanted; PolyScope {version} sends {rate:g} Hz", rate=rate)
         self._intake.opened(_identity(version), loop, rate)
         return rate
 

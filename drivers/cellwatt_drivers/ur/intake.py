@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cellwatt.account import Losses
 from cellwatt.batch import Float, Reading
 from cellwatt.channel import Stream
-from cellwatt.driver import Identity, Outlet
+from cellwatt.driver import Identity, Inlet
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.shared.states import State, StateWatch
 from cellwatt_drivers.ur.continuity import Grid, Policy, TimeBase
@@ -38,19 +38,19 @@ class Intake:
     there is no grid. A package with the timestamp of the one before is dropped.
     """
 
-    def __init__(self, outlet: Outlet, stream: Stream, gaps: Policy) -> None:
-        self._outlet = outlet
+    def __init__(self, inlet: Inlet, stream: Stream, gaps: Policy) -> None:
+        self._inlet = inlet
         self._stream = stream
         self._rate = stream.rate
         self._cycle = 0  # of the controller's loop, ns
         self._grid = Grid(gaps)
         self._base = TimeBase()
         self._last: int | None = None  # controller time of the last package taken, ns
-        self._losses = Losses(outlet.account)
+        self._losses = Losses(inlet.account)
         self._identity: Identity | None = None
         self._heard = 0.0  # monotonic, s
         self._quiet = False
-        self._states = StateWatch(outlet, stream, _STATES)
+        self._states = StateWatch(inlet, stream, _STATES)
         self.resets = 0
         """Count of the controller's new time bases."""
 
@@ -74,7 +74,7 @@ class Intake:
         take a cycle of the controller. ``arrival`` of the last one, cell's time, ns; by default now. Raises
         ``ProtocolError`` where a time cannot be one.
         """
-        arrival = self._outlet.now() if arrival is None else arrival
+        arrival = self._inlet.now() if arrival is None else arrival
         if len(time) == 1 and not_before is None and self._next(time.item(), values, arrival):
             return
         if not (time.min() >= 0 and time.max() < LATEST):
@@ -102,7 +102,7 @@ class Intake:
         if not self._grid.keeps(device - self._last) or not self._base.arrived(device, arrival):
             return False
         self._speak()
-        self._outlet.account.expect()
+        self._inlet.account.expect()
         self._deliver(np.array([device]), values, arrival)
         return True
 
@@ -115,40 +115,40 @@ class Intake:
         """The controller says something."""
         level = _LEVELS[message.level] if message.level < len(_LEVELS) else str(message.level)
         text = f"controller {level} from {message.source or 'itself'}: {message.text}"
-        self._outlet.event("message", text, level=level, source=message.source)
+        self._inlet.event("message", text, level=level, source=message.source)
 
     def watch(self, timeout: float) -> bool:
         """Report a stream that stopped; true when nothing has come for timeout s."""
         silence = clock.monotonic() - self._heard
         if not self._quiet and silence > max(QUIET, 10 / self._rate):
             self._quiet = True
-            self._outlet.event("stream stopped", f"no package for {silence:.2f} s, still connected", seconds=silence)
+            self._inlet.event("stream stopped", f"no package for {silence:.2f} s, still connected", seconds=silence)
         return silence > timeout
 
     def _speak(self) -> None:
         """Say what the arrival of a package tells."""
         if self._identity is not None:
-            self._outlet.connected(self._identity)
+            self._inlet.connected(self._identity)
             self._identity = None
         now = clock.monotonic()
         if self._quiet:
             self._quiet = False
             silence = now - self._heard
-            self._outlet.event("stream resumed", f"packages again after {silence:.2f} s", seconds=silence)
+            self._inlet.event("stream resumed", f"packages again after {silence:.2f} s", seconds=silence)
         self._heard = now
 
     def _bracket(self, device: int, not_before: int) -> None:
         if not self._base.made_after(device, not_before):
             self._reset(device)
             self._base.made_after(device, not_before)
-        self._outlet.bracket(self._stream, device, not_before)
+        self._inlet.bracket(self._stream, device, not_before)
 
     def _untangle(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
         """Take a block in which time stands still, goes back, or jumps ahead of what has arrived."""
         fresh = steps != 0
         repeated = len(steps) - int(np.count_nonzero(fresh))
-        self._outlet.account.expect(repeated)
-        self._outlet.account.drop(repeated, "repeated timestamp")
+        self._inlet.account.expect(repeated)
+        self._inlet.account.drop(repeated, "repeated timestamp")
         device, values, steps = device[fresh], values[fresh], steps[fresh]
         if not len(device):
             return
@@ -173,18 +173,18 @@ class Intake:
         self._base.forget()
         self._last = None
         self._losses.resumed = False
-        self._outlet.clock_reset(self._stream, reason)
+        self._inlet.clock_reset(self._stream, reason)
 
     def _emit(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
         steps = steps[1:] if self._last is None else steps
         if len(steps):
             self._count(steps)
-        self._outlet.account.expect(len(device))
+        self._inlet.account.expect(len(device))
         self._deliver(device, values, arrival)
 
     def _deliver(self, device: NDArray[np.int64], values: Float, arrival: int) -> None:
         self._last = int(device[-1])
-        self._outlet.emit(Reading(self._stream, values, arrival, device))
+        self._inlet.emit(Reading(self._stream, values, arrival, device))
         self._states.see(values)
 
     def _count(self, steps: NDArray[np.int64]) -> None:
@@ -202,7 +202,7 @@ class Intake:
         """Say when packages do not come on the grid that was asked for."""
         step = self._grid.step
         if step is None:
-            self._outlet.event("uneven timestamps", "packages keep no grid any more: losses cannot be counted")
+            self._inlet.event("uneven timestamps", "packages keep no grid any more: losses cannot be counted")
         elif abs(step * self._rate / 1e9 - 1) > 0.02:
             text = f"asked for {self._rate:g} Hz, packages are made at {1e9 / step:g} Hz"
-            self._outlet.event("rate", text, rate=1e9 / step)
+            self._inlet.event("rate", text, rate=1e9 / step)

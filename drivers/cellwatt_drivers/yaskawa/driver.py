@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 
 from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
-from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 from cellwatt.host import Host
 from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
@@ -120,15 +120,15 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         "torque 0x77, alarm 0x70, system information 0x89",
     )
 
-    def __init__(self, name: str, settings: YaskawaSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: YaskawaSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         self._polls = _polls(settings)
         self._rate = settings.rate if self._polls else settings.status_rate
         self._every = max(1, round(self._rate / settings.status_rate))
         self._state = _state_stream(settings.read, self._rate / self._every)
         self._period = round(1e9 / self._rate)
-        self._alarms = AlarmWatch(name, outlet)
-        self._torques = TorqueWatch(name, outlet, settings.torque_count)
+        self._alarms = AlarmWatch(name, inlet)
+        self._torques = TorqueWatch(name, inlet, settings.torque_count)
         self._slot = 0
         self._slots = Slots(self._rate, self._miss_slots)
         self._heard = 0
@@ -149,7 +149,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
     async def run(self) -> None:
         """See ``Driver.run``."""
         async with self._open() as link:
-            self.outlet.connected(await self._greet(link))
+            self.inlet.connected(await self._greet(link))
             self._heard = time.monotonic_ns()
             async with self._slots as slots:
                 async for beat in slots:
@@ -157,7 +157,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
                     self._check_silence(link)
 
     def _open(self) -> AbstractAsyncContextManager[Link]:
-        return open_link(self.settings.host, self.settings.port, self.settings.timeout, self.outlet)
+        return open_link(self.settings.host, self.settings.port, self.settings.timeout, self.inlet)
 
     async def _greet(self, link: Link) -> Identity:
         reads = {p.stream.name: p.request for p in self._polls}
@@ -170,7 +170,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         if self._state:
             due += (self._slot + slots) // self._every - self._slot // self._every
         self._slot += slots
-        self.outlet.account.lose(due, reason)
+        self.inlet.account.lose(due, reason)
 
     async def _serve_slot(self, link: Link, deadline: int) -> None:
         until = deadline + self._period
@@ -241,7 +241,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
     def _emit(self, stream: Stream, exchange: Exchange, values: Float) -> None:
         self._newest[stream.name] = exchange.asked + exchange.arrival
-        deliver(self.outlet, stream, values, exchange.asked, exchange.arrival)
+        deliver(self.inlet, stream, values, exchange.asked, exchange.arrival)
 
     def _is_newest(self, stream: Stream, exchange: Exchange) -> bool:
         """True if nothing newer has been given: what is older would turn the stream's time back."""
@@ -256,19 +256,19 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             return
         self._heard = time.monotonic_ns()
         self._newest[poll.stream.name] = exchange.asked + exchange.arrival
-        self.outlet.account.late(1, "timeout")
+        self.inlet.account.late(1, "timeout")
         quality = np.array([Quality.LATE], np.uint8)
-        self.outlet.emit(
+        self.inlet.emit(
             Reading(poll.stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked, quality=quality)
         )
 
     def _miss(self, failure: NoAnswerError) -> None:
-        self.outlet.account.lose(1, failure.reason)
+        self.inlet.account.lose(1, failure.reason)
         self._note(failure)
 
     def _note(self, failure: NoAnswerError) -> None:
         if failure.reason == "device error" and str(failure) != str(self._failure):
-            self.outlet.event("device_error", f"{self.name}: the controller refuses a read: {failure}")
+            self.inlet.event("device_error", f"{self.name}: the controller refuses a read: {failure}")
         self._failure = failure
 
     def _check_silence(self, link: Link) -> None:

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 from cellwatt.errors import ConnectError, ProtocolError
 from cellwatt.receipt import receive, stamp_receipts
 from cellwatt_drivers.yaskawa import wire
@@ -61,7 +61,7 @@ class _Unanswered:
 
 
 @asynccontextmanager
-async def open_link(host: str, port: int, timeout: float, outlet: Outlet) -> AsyncIterator[Link]:
+async def open_link(host: str, port: int, timeout: float, inlet: Inlet) -> AsyncIterator[Link]:
     """A link to the controller at ``host``; raises ``ConnectError`` where the name or the network is unknown."""
     loop = asyncio.get_running_loop()
     try:
@@ -78,7 +78,7 @@ async def open_link(host: str, port: int, timeout: float, outlet: Outlet) -> Asy
             connection.connect(address)
         except OSError as error:
             raise ConnectError(f"{host}:{port} cannot be reached: {error.strerror or error}") from error
-        link = Link(connection, f"{host}:{port}", timeout, outlet)
+        link = Link(connection, f"{host}:{port}", timeout, inlet)
         loop.add_reader(connection, link.readable)
         try:
             yield link
@@ -87,17 +87,17 @@ async def open_link(host: str, port: int, timeout: float, outlet: Outlet) -> Asy
 
 
 class Link:
-    """Asks over a connected, non-blocking UDP ``connection``; counts in the outlet's account what is not an answer.
+    """Asks over a connected, non-blocking UDP ``connection``; counts in the inlet's account what is not an answer.
 
     ``timeout`` in s for each answer. ``malformed`` counts datagrams that are not the protocol.
     """
 
-    def __init__(self, connection: socket.socket, place: str, timeout: float, outlet: Outlet) -> None:
+    def __init__(self, connection: socket.socket, place: str, timeout: float, inlet: Inlet) -> None:
         self.place = place
         self.malformed = 0
         self._connection = connection
         self._timeout = timeout
-        self._outlet = outlet
+        self._inlet = inlet
         self._loop = asyncio.get_running_loop()
         self._number = 0
         self._service = 0
@@ -126,7 +126,7 @@ class Link:
                     await asyncio.sleep(_BUSY_PAUSE)
                 if until is not None and time.monotonic_ns() >= until:
                     raise
-                self._outlet.account.count("retries")
+                self._inlet.account.count("retries")
         raise AssertionError("unreachable")
 
     async def _ask_once(self, request: wire.Request, late: TakeLate | None) -> Exchange:
@@ -134,7 +134,7 @@ class Link:
         self._service = request.service | wire.ANSWER
         waiting = self._waiting = self._loop.create_future()
         timer = self._loop.call_later(self._timeout, self._expire)
-        asked = self._outlet.now()
+        asked = self._inlet.now()
         try:
             self._send(wire.encode_request(request, number))
             answer, arrival = await waiting
@@ -146,7 +146,7 @@ class Link:
             self._waiting = None
         self._answered[number] = answer
         if answer.status:
-            self._outlet.account.count("busy answers" if answer.busy else "device errors")
+            self._inlet.account.count("busy answers" if answer.busy else "device errors")
             raise NoAnswerError("busy" if answer.busy else "device error", answer.text)
         return Exchange(answer, asked, max(asked, arrival))
 
@@ -159,7 +159,7 @@ class Link:
         except OSError as error:
             self._fail_socket(error)
             return
-        arrival = self._outlet.now() - waited
+        arrival = self._inlet.now() - waited
         try:
             answer = wire.decode_answer(datagram)
         except ProtocolError:
@@ -203,16 +203,16 @@ class Link:
         given_up = self._unanswered.pop(answer.number, None)
         if given_up is not None:
             self._answered[answer.number] = answer
-            self._outlet.account.anomaly("late answers")
+            self._inlet.account.anomaly("late answers")
             if given_up.take is not None and not answer.status and answer.service == given_up.service:
                 given_up.take(Exchange(answer, given_up.asked, max(given_up.asked, arrival)))
         elif (before := self._accepted(answer.number)) is None:
-            self._outlet.account.anomaly("unasked answers")
+            self._inlet.account.anomaly("unasked answers")
         elif before == answer:
-            self._outlet.account.anomaly("duplicates")
+            self._inlet.account.anomaly("duplicates")
         else:
             # One of the two was somebody else's, and nobody can say which.
-            self._outlet.account.forgery("contradicting answers")
+            self._inlet.account.forgery("contradicting answers")
 
     def _accepted(self, number: int) -> wire.Answer | None:
         """The answer that was taken for the newest request of a number."""
@@ -224,15 +224,15 @@ class Link:
     def count_malformed(self) -> None:
         """Somebody sent what is not the protocol, or not the answer asked for."""
         self.malformed += 1
-        self._outlet.account.anomaly("malformed")
+        self._inlet.account.anomaly("malformed")
 
     def _expire(self) -> None:
-        self._outlet.account.count("timeouts")
+        self._inlet.account.count("timeouts")
         self._fail(NoAnswerError("timeout", f"no answer within {self._timeout * 1e3:g} ms"))
 
     def _fail_socket(self, error: OSError) -> None:
         reason: Reason = "refused" if isinstance(error, ConnectionRefusedError) else "unreachable"
-        self._outlet.account.count(reason)
+        self._inlet.account.count(reason)
         self._fail(NoAnswerError(reason, error.strerror or str(error)))
 
     def _fail(self, failure: NoAnswerError) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.channel import Channel
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 from cellwatt_drivers.yaskawa.payload import Alarm, Mode, State, Status
 
 ALARM_CODE = Channel("robot.alarm_code", "1", "discrete")
@@ -52,9 +52,9 @@ def status_row(status: Status) -> NDArray[np.float64]:
 class AlarmWatch:
     """Reports each alarm once when it appears, and once when none is left."""
 
-    def __init__(self, source: str, outlet: Outlet) -> None:
+    def __init__(self, source: str, inlet: Inlet) -> None:
         self._source = source
-        self._outlet = outlet
+        self._inlet = inlet
         self._code = 0
 
     def see(self, alarm: Alarm) -> None:
@@ -65,6 +65,6 @@ class AlarmWatch:
         if alarm.code:
             detail = f"sub-data {alarm.data}, controller time {alarm.time or 'unknown'}"
             text = f"{self._source}: controller alarm {alarm.code} {alarm.name!r} ({detail})"
-            self._outlet.event("controller_alarm", text, code=float(alarm.code), name=alarm.name)
+            self._inlet.event("controller_alarm", text, code=float(alarm.code), name=alarm.name)
         else:
-            self._outlet.event("controller_alarm_cleared", f"{self._source}: the controller's alarm is gone")
+            self._inlet.event("controller_alarm_cleared", f"{self._source}: the controller's alarm is gone")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 
-from cellwatt.driver import Outlet
+from cellwatt.driver import Inlet
 from cellwatt_drivers.yaskawa import payload
 
 LARGEST_SHARE = 10.0
@@ -19,9 +19,9 @@ class TorqueWatch:
     float read as a whole number is beyond everything: 10.0 is 1,092,616,192.
     """
 
-    def __init__(self, source: str, outlet: Outlet, count: float) -> None:
+    def __init__(self, source: str, inlet: Inlet, count: float) -> None:
         self._source = source
-        self._outlet = outlet
+        self._inlet = inlet
         self._count = count
         self._told = False
 
@@ -33,7 +33,7 @@ class TorqueWatch:
             self._told = False
         elif not self._told:
             self._told = True
-            self._outlet.event("implausible_torque", self._text(data, counts, strange[0]))
+            self._inlet.event("implausible_torque", self._text(data, counts, strange[0]))
 
     def _text(self, data: bytes, counts: tuple[int, ...], axis: int) -> str:
         text = (

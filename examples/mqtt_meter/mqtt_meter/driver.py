@@ -10,7 +10,7 @@ import aiomqtt
 import numpy as np
 from pydantic import Field, SecretStr
 
-from cellwatt import ConnectError, Driver, Identity, Outlet, ProtocolError, Reading, SourceSettings, Stream
+from cellwatt import ConnectError, Driver, Identity, Inlet, ProtocolError, Reading, SourceSettings, Stream
 from cellwatt.quantity import Hertz, Seconds
 from mqtt_meter import payload
 
@@ -49,8 +49,8 @@ class MqttMeterDriver(Driver[MqttMeterSettings]):
     emulator = "mqtt_meter.emulator:MqttMeterEmulator"
     writes = ("to the broker: CONNECT, SUBSCRIBE, PINGREQ, DISCONNECT; nothing is ever published",)
 
-    def __init__(self, name: str, settings: MqttMeterSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: MqttMeterSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         channels = tuple(payload.CHANNELS[f] for f in settings.fields)
         self._stream = Stream("measured", channels, settings.rate, "host")
         self._heard: int | None = None
@@ -72,32 +72,32 @@ class MqttMeterDriver(Driver[MqttMeterSettings]):
     async def run(self) -> None:
         """See ``Driver.run``."""
         async with self._subscribed() as client:
-            self.outlet.connected(self._identity())
+            self.inlet.connected(self._identity())
             while True:
                 self._take(await self._next(client))
 
     def _take(self, message: aiomqtt.Message) -> None:
-        arrival = self.outlet.now()
+        arrival = self.inlet.now()
         if message.retain:
-            self.outlet.account.count("retained")
+            self.inlet.account.count("retained")
             return
         self._count_gap(arrival)
-        self.outlet.account.expect()
+        self.inlet.account.expect()
         try:
             values = payload.parse(_bytes(message), self.settings.fields)
         except ProtocolError as error:
-            self.outlet.account.drop(1, "malformed")
-            self.outlet.event("malformed", f"{self.name}: {error}")
+            self.inlet.account.drop(1, "malformed")
+            self.inlet.event("malformed", f"{self.name}: {error}")
             return
-        self.outlet.emit(Reading(self._stream, np.array([values]), arrival))
+        self.inlet.emit(Reading(self._stream, np.array([values]), arrival))
 
     def _count_gap(self, arrival: int) -> None:
         """Miss the messages that should have come since the last one."""
         periods = 1 if self._heard is None else round((arrival - self._heard) * self.settings.rate / 1e9)
         self._heard = arrival
         if periods > 1:
-            self.outlet.account.expect(periods - 1)
-            self.outlet.account.miss(periods - 1, "gap")
+            self.inlet.account.expect(periods - 1)
+            self.inlet.account.miss(periods - 1, "gap")
 
     async def _next(self, client: aiomqtt.Client) -> aiomqtt.Message:
         """The next message. Raises ``ConnectError`` when there is none for long, or the broker is gone."""

@@ -40,7 +40,7 @@ class _Disaggregate(click.Command):
             ) from error
 
 
-@click.command(cls=_Disaggregate)
+@click.command(cls=_Disaggregate, short_help="Split a robot's energy by consumer.")
 @click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option(
     "--controller",

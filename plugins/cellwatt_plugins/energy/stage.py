@@ -97,7 +97,8 @@ class EnergyStage(Stage[EnergySettings]):
         Where the arm gives no torques, its currents times ``torque_constant`` are, as in a campaign.
         """
         columns: list[int] = []
-        joints = {c.short.rsplit(".", 1)[1] for c in layout.channels if c.short.startswith("joint_")}
+        own = [c for c in layout.channels if self.settings.arm in (None, c.source) and c.short.startswith("joint_")]
+        joints = {c.short.rsplit(".", 1)[1] for c in own}
         by_current = "torque" not in joints and "current" in joints
         self._gain = self._arm.column("torque_constant") if by_current else np.ones(self._arm.joints)
         for quantity in ("position", "velocity", "current" if by_current else "torque"):

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from cellwatt.config import read_settings
-from cellwatt.errors import ConfigError, ModelError, RecordingError
+from cellwatt.errors import ModelError, RecordingError
 from cellwatt.files import Place, Places, paths_of
 from cellwatt.frames import Frames
 from cellwatt.progress import stage
@@ -124,8 +124,7 @@ def faults(
     recordings: Places,
     *,
     reference: Place,
-    robot: Place | None = None,
-    network: Place | None = None,
+    robot: Place,
     meter: Places = (),
     arm: str | None = None,
     power: str | None = None,
@@ -133,27 +132,19 @@ def faults(
 ) -> Judged:
     """Judge every cycle of ``recordings`` against healthy ones: what is harmless, which joint or encoder is faulty.
 
-    ``reference`` is a file that ``Learned.save`` or ``cellwatt reference`` wrote. Cycles are judged by ``robot``
-    (robot.yaml or its folder, as given to ``reference``), or by ``network`` (of a motion, or the folder of several).
+    ``reference`` is a file that ``Learned.save`` or ``cellwatt reference`` wrote, ``robot`` robot.yaml or its folder.
     ``meter``, ``arm`` and ``power`` as for ``reference``, whose own are taken where left out. ``false_alarms`` is the
     share of healthy intervals in which a false alarm is accepted. Raises ``RecordingError``, ``ConfigError`` and
     ``ModelError``.
     """
-    if (robot is None) == (network is None):
-        raise ConfigError("give one of --robot and --network: what cycles are judged by")
     file = Path(reference)
     learnt = load(file)
     recording = recording_of(list(frames_of_files(paths_of(recordings), paths_of(meter))), arm, power or learnt.power)
     if recording.joints != learnt.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     evidence: list[Evidence] = []
-    if robot is not None:
-        found = _judged(recording, learnt, file, Path(robot), false_alarms, evidence)
-    else:
-        assert network is not None
-        found = _judged_by_network(recording, learnt, file, Path(network))
-    judged_by = [Path(given) for given in (robot, network) if given is not None]
-    inputs = (*paths_of(recordings), *paths_of(meter), file, *judged_by)
+    found = _judged(recording, learnt, file, Path(robot), false_alarms, evidence)
+    inputs = (*paths_of(recordings), *paths_of(meter), file, Path(robot))
     return Judged(tuple(found), recording, tuple(evidence), inputs)
 
 
@@ -170,19 +161,6 @@ def _judged(
     from cellwatt_plugins.faults.cycles.watch import known_of
 
     return judge_recording(recording, known_of(reference, file, robot, false_alarms), evidence.append)
-
-
-def _judged_by_network(recording: Recording, reference: Reference, file: Path, network: Path) -> list[CycleFinding]:
-    """Findings by the networks of motions, as live. Raises ``CellwattError``."""
-    from cellwatt_plugins.faults.cycles.live import CycleWatch
-    from cellwatt_plugins.faults.paper.networks import networks_of
-
-    judge = networks_of(network, reference, file).motions
-    if judge is None:
-        raise ModelError(f"--network {network}: has codes only; whole cycles need the network of a motion")
-    watch = CycleWatch(judge, recording.step)
-    told = [*watch.feed(recording.time, recording.position, recording.power), *watch.close()]
-    return [each.finding for each in told if each.over]
 
 
 def _learned_with_cycles(blocks: Sequence[Frames], robot: Path, arm: str | None, power: str) -> Learned:

@@ -30,7 +30,7 @@ JUDGE = "judge"
 METER = "Power (t, power) that a meter logged on its own clock, one a table."
 
 
-@click.command()
+@click.command(short_help="Learn how healthy cycles look.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Reference file to write.")
 @click.option(
@@ -81,7 +81,7 @@ class _Faults(click.Group):
         return super().parse_args(ctx, args)
 
 
-@click.group(cls=_Faults)
+@click.group(cls=_Faults, short_help="Judge recorded cycles against healthy ones.")
 def faults() -> None:
     """Judge cycles (`cellwatt faults RECORDING... --reference FILE`), or train networks that do (`faults train`)."""
 
@@ -89,10 +89,7 @@ def faults() -> None:
 @faults.command(JUDGE)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--reference", "file", required=True, type=INPUT, help="File made by `cellwatt reference`.")
-@click.option("--robot", type=INPUT, help="The robot's YAML description, or the folder that holds it.")
-@click.option(
-    "--network", type=INPUT, help="Network of a motion, or the folder of several: it judges in place of --robot."
-)
+@click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
 @click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
@@ -111,8 +108,7 @@ def faults() -> None:
 def judge(
     recordings: tuple[Path, ...],
     file: Path,
-    robot: Path | None,
-    network: Path | None,
+    robot: Path,
     out: Path | None,
     meters: tuple[Path, ...],
     arm: str | None,
@@ -129,7 +125,6 @@ def judge(
         recordings,
         reference=file,
         robot=robot,
-        network=network,
         meter=meters,
         arm=arm,
         power=power,

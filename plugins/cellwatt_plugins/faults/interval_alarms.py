@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -133,9 +133,14 @@ class IntervalAlarms:
     def _raise(
         self, joint: int, kind: str, finding: Finding, alternatives: tuple[int, ...], score: float | None = None
     ) -> list[Alarm]:
-        """Raise an alarm, or update it once an interval has given new figures."""
+        """Raise an alarm, or update its evidence once an interval has given new figures.
+
+        Its sentence stays as it was raised: a spring draws more in one interval and less in the next.
+        """
         alarm = self._alarm(joint, kind, finding, alternatives, score)
         before = self._book[alarm.id].alarm if alarm.id in self._book else None
+        if before is not None and before.alternatives == alternatives:
+            alarm = replace(alarm, statement=before.statement)
         known = before is not None and (before.interval, before.alternatives) == (alarm.interval, alternatives)
         return self._book.raise_(alarm, update=not known)
 

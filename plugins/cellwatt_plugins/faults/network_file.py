@@ -1,7 +1,4 @@
-"""Networks of faults as ONNX files, written from trained layers.
-
-What a network is for stands in the file as JSON, under one key of its ``metadata_props`` for each kind of network.
-"""
+"""Networks of faults as ONNX files, written from trained layers."""
 
 from __future__ import annotations
 
@@ -22,8 +19,6 @@ Layers = Sequence[tuple[Float, Float]]
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for every onnxruntime that cellwatt takes."""
-MOTION = "cellwatt_fault_pattern"
-"""Metadata of a network of residuals over a motion."""
 MADE_BY = ("cellwatt", "scikit-learn", "onnx")
 """Packages whose versions stand in a file."""
 

@@ -17,8 +17,6 @@ from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.errors import ConfigError, ModelError, why
-from cellwatt.onnx_file import OnnxFile
-from cellwatt.progress import steps
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
@@ -29,14 +27,9 @@ from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.faults.ann.training import Trained
-    from cellwatt_plugins.faults.cycles.identify import FittedArm
     from cellwatt_plugins.faults.cycles.known import Known
-    from cellwatt_plugins.faults.cycles.pattern import Pattern
 
 Codes = NDArray[np.int8]
-
-KINDS = ("codes", "motion")
 
 
 @click.command("train")
@@ -46,7 +39,6 @@ KINDS = ("codes", "motion")
 @click.option("--fault", "faulty", multiple=True, metavar="JOINT=RECORDING", help="A fault of a joint, recorded.")
 @click.option("--robot", type=INPUT, help="The robot's description: faults are simulated where none were recorded.")
 @click.option("--emulated", is_flag=True, help="Springs on the arm of `cellwatt emulate`, where none were recorded.")
-@click.option("--kind", type=click.Choice(KINDS), multiple=True, help="Networks to train; all that can be if left out.")
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")
@@ -60,7 +52,6 @@ def train(
     faulty: tuple[str, ...],
     robot: Path | None,
     emulated: bool,
-    kind: tuple[str, ...],
     arm: str | None,
     power: str | None,
     seed: int,
@@ -68,36 +59,23 @@ def train(
 ) -> None:
     """Train networks that name the faulty joint, one file for each task and speed of the reference.
 
-    `codes` is the network of the paper: from the code of each interval (power above, within or below its tolerance) to
-    the joint, after a table that is learnt from cycles with a fault of each joint: recorded ones (--fault, once or more
-    for a joint), else springs on the emulated arm, else springs on the arm as --robot describes it.
-
-    `motion` is given the residual of power over the whole motion, and learns from faults in the arm as --robot
-    describes it and as the reference has it: the reference must have been made with --robot, too.
+    The network of the paper: from the code of each interval (power above, within or below its tolerance) to the joint,
+    after a table that is learnt from cycles with a fault of each joint: recorded ones (--fault, once or more for a
+    joint), else springs on the emulated arm, else springs on the arm as --robot describes it.
 
     On RECORDINGs of healthy running, alarms in vain are counted.
     """
     reference = load(file)
     known = None if robot is None else _known(reference, robot)
-    kinds = kind or (KINDS if known is not None and known.patterns else KINDS[:1])
     wanted = _Wanted(reference, out, recordings, arm, power or reference.power, seed)
-    report: list[dict[str, Any]] = []
     _make(out)
-    if "codes" in kinds:
-        report += _train_codes(wanted, faulty, known, emulated)
-    if "motion" in kinds:
-        if known is None or not known.patterns:
-            raise ModelError(
-                f"reference {file}: the network of a motion needs whole cycles: learn the reference with --robot, and "
-                "give the same --robot here"
-            )
-        report += _train_motions(wanted, known)
+    report = list(_train_codes(wanted, faulty, known, emulated))
     click.echo(json.dumps({"networks": report}) if as_json else _in_words(report))
 
 
 @dataclass(frozen=True)
 class _Wanted:
-    """Task that both kinds of networks are trained for, and healthy ``recordings`` to try them on."""
+    """Tasks that networks are trained for, and healthy ``recordings`` to try them on."""
 
     reference: Reference
     out: Path
@@ -113,7 +91,7 @@ def _train_codes(
     """Networks of the paper, written one by one."""
     courses, tolerance = courses_of(wanted.reference), Tolerance()
     if not courses:
-        raise ModelError("the reference has whole cycles only, no intervals to make a table of: choose --kind motion")
+        raise ModelError("the reference has whole cycles only, no intervals to make a table of")
     files = _by_joint(faulty, wanted.reference.joints)
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
@@ -130,7 +108,6 @@ def _train_codes(
         name = f"{course.task}-{course.speed:.2f}-codes.onnx"
         yield {
             "file": None if trained.content is None else str(_write(wanted.out, name, trained.content)),
-            "kind": "codes",
             "task": course.task,
             "speed": course.speed,
             "table": trained.table.tolist(),
@@ -151,51 +128,6 @@ def _calm_codes(trained: CodeNetwork, cycles: Sequence[Codes]) -> dict[str, Any]
         "healthy_cycles_with_codes": sum(bool(codes.any()) for codes in cycles),
         "named_in_vain": sum(network is not None and bool(network.joints(codes)) for codes in cycles),
     }
-
-
-def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
-    """Networks of residuals over a motion, written one by one."""
-    from cellwatt_plugins.faults.ann.exported import exported
-    from cellwatt_plugins.faults.ann.judging import NetworkJudge
-    from cellwatt_plugins.faults.ann.network import PatternNetwork
-    from cellwatt_plugins.faults.cycles.match import find_cycles
-    from cellwatt_plugins.faults.cycles.recording import recording_of
-    from cellwatt_plugins.faults.cycles.runs import find_runs
-
-    if known.meter is not None:
-        raise ModelError("the reference is of a slow meter: the network of a motion needs samples of the power")
-    networks: list[PatternNetwork] = []
-    reports: list[dict[str, Any]] = []
-    made = spread(_motion_of, known.patterns, "networks of motions", shared=(known.arm, wanted.seed))
-    for pattern, trained in zip(known.patterns, made, strict=True):
-        content = exported(trained, pattern, {"seed": wanted.seed})
-        path = _write(wanted.out, f"{pattern.task}-{pattern.speed:.2f}-motion.onnx", content)
-        networks.append(PatternNetwork(OnnxFile(content)))
-        reports.append(
-            {
-                "file": str(path),
-                "kind": "motion",
-                "task": pattern.task,
-                "speed": pattern.speed,
-                "limit": round(trained.limit, 3),
-                "held_out_log_loss": round(trained.loss, 4),
-                "healthy_cycles": 0,
-                "named_in_vain": 0,
-            }
-        )
-    if wanted.recordings:
-        recording = recording_of(list(frames_of_files(wanted.recordings)), wanted.arm, wanted.power)
-        judge = NetworkJudge(known.patterns, tuple(networks))
-        for match in steps(find_cycles(recording, find_runs(recording), known.patterns), "judging healthy cycle"):
-            reports[match.pattern]["healthy_cycles"] += 1
-            reports[match.pattern]["named_in_vain"] += bool(judge.whole(recording, match).faults)
-    yield from reports
-
-
-def _motion_of(pattern: Pattern, given: tuple[FittedArm, int]) -> Trained:
-    from cellwatt_plugins.faults.ann.training import train as train_motion
-
-    return train_motion(given[0], pattern, given[1])
 
 
 def _known(reference: Reference, robot: Path) -> Known:
@@ -251,18 +183,13 @@ def _lines(network: Mapping[str, Any]) -> Iterator[str]:
     """Describe one network."""
     where = network["file"] or "no network of codes, as no fault moves the power beyond its tolerance"
     yield f"{where}: {network['task']} at speed {network['speed']:.2f}"
-    if network["kind"] == "codes":
-        rows = zip(*network["table"], strict=True)
-        for joint, (column, codes) in enumerate(zip(network["columns"], rows, strict=True), start=1):
-            shown = " ".join(f"{code:+d}" if code else " 0" for code in codes)
-            count = column["cycles"]
-            origin = (
-                "at rest" if column["origin"] == "at rest" else f"{count} {column['origin']} cycle{'s' * (count > 1)}"
-            )
-            yield f"  joint {joint}: {shown}   {origin}"
-        for group in network["named_together"]:
-            yield f"  joints {', '.join(map(str, group))} have the same codes and are named together"
-    else:
-        yield f"  a fault of power is told from a probability of {network['limit']:.2f} on"
+    rows = zip(*network["table"], strict=True)
+    for joint, (column, codes) in enumerate(zip(network["columns"], rows, strict=True), start=1):
+        shown = " ".join(f"{code:+d}" if code else " 0" for code in codes)
+        count = column["cycles"]
+        origin = "at rest" if column["origin"] == "at rest" else f"{count} {column['origin']} cycle{'s' * (count > 1)}"
+        yield f"  joint {joint}: {shown}   {origin}"
+    for group in network["named_together"]:
+        yield f"  joints {', '.join(map(str, group))} have the same codes and are named together"
     if network["healthy_cycles"]:
         yield f"  {network['named_in_vain']} of {network['healthy_cycles']} healthy cycles give a name in vain"

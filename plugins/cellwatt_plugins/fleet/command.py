@@ -18,7 +18,7 @@ from cellwatt.errors import RecordingError, why
 from cellwatt.progress import stage
 
 
-@click.command()
+@click.command(short_help="Find cells that drift and joints that wear.")
 @click.argument("lake", type=INPUT)
 @click.option(
     "--robot",

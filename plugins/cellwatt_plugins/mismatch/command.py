@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -17,16 +16,12 @@ from cellwatt.progress import stage
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
-from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.input.sources import simulator_file
 from cellwatt_plugins.mismatch.model import Prediction, save_model
+from cellwatt_plugins.mismatch.report.terminal import in_words
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
-from cellwatt_plugins.mismatch.verdict.findings import Findings, Step
 
-WRITTEN = ("findings.json", "model.yaml", "report.html")
-BAR = 30
-"""Characters of the longest bar."""
 METER = "Power (t, power) that a meter logged on its own clock, one a recording."
 
 
@@ -45,7 +40,7 @@ class _Explain(click.Command):
         return super().parse_args(ctx, spread)
 
 
-@click.command(cls=_Explain)
+@click.command(cls=_Explain, short_help="Name the physics that a simulation leaves out.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option(
     "--simulation", "simulations", multiple=True, type=INPUT, help="What the simulation says, one a recording."
@@ -124,7 +119,7 @@ def explain(
         click.echo(suggestion_in_words(suggestion, experiment), err=as_json)
 
 
-@click.command()
+@click.command(short_help="Predict torque and power by the model of explain.")
 @click.option("--model", required=True, type=INPUT, help="model.yaml of `cellwatt explain`, or its folder.")
 @click.option("--motion", required=True, type=INPUT, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
 @click.option("--simulation", type=INPUT, help="What the user's simulation says of that motion; the model adds to it.")
@@ -148,59 +143,3 @@ def write_prediction(predicted: Prediction, path: Path) -> None:
     columns = {"t": predicted.time}
     columns |= {f"tau_{i + 1}": predicted.torque[:, i] for i in range(predicted.torque.shape[1])}
     write_table(path, {**columns, "power": predicted.power})
-
-
-def in_words(found: Explained, out: Path) -> str:
-    """The findings as a person reads them at the terminal."""
-    findings = found.findings
-    lines = [_headline(findings), *_cascade(findings)]
-    for finding in findings.findings:
-        gain = finding.improvement
-        lines.append(f"  • {finding.statement}")
-        curved = " with the curves below" if finding.effect == "unknown" and gain.after < gain.before else ""
-        lines.append(
-            f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
-            f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
-        )
-        lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
-    lines += [f"  ? {left.statement}" for left in findings.without_finding]
-    lines += [f"  = {moved.statement}" for moved in findings.retuned]
-    lines += [f"  ~ {curve.statement}" for curve in findings.curves]
-    lines += [f"  note: {note}" for note in findings.notes]
-    written = ", ".join(name for name in WRITTEN if (out / name).exists())
-    return "\n".join([*lines, f"written to {out}: {written}"])
-
-
-def _cascade(findings: Findings) -> list[str]:
-    """The steps from the user's simulation to the model as bars that fall to the noise."""
-    steps, units = findings.cascade, {f.channel: f.unit.replace("*", "") for f in findings.fit}
-    if not steps:
-        return []
-    top, wide = max(step.error for step in steps), max(len(step.label) for step in steps) + 2
-    lines = ["  error of a typical channel in units of its noise, on data left out of the fit (1: noise alone):"]
-    for before, step in zip((None, *steps), steps, strict=False):
-        label = step.label if before is None else f"+ {step.label}"
-        drawn = "█" * max(1, round(BAR * step.error / top))
-        gone = "" if before is None else _fallen(before, step, units)
-        lines.append(f"    {label:<{wide}} {step.error:6.1f}  {drawn:<{BAR}}  {gone}".rstrip())
-    return lines
-
-
-def _fallen(before: Step, after: Step, units: Mapping[str, str]) -> str:
-    """The channel of which a step takes the greatest share, with its error."""
-    channel = min(after.channels, key=lambda c: after.channels[c] / max(before.channels[c], 1e-12))
-    return f"{channel} {before.channels[channel]:.3g} → {after.channels[channel]:.3g} {units.get(channel, '')}"
-
-
-def _headline(findings: Findings) -> str:
-    if findings.verdict != "explained" and any(not left.looked_at for left in findings.unexplained):
-        named = "Partly explained" if findings.verdict == "partly_explained" else "Unexplained"
-        return f"{named}: the time was up before all joints were looked at."
-    if findings.verdict == "no_mismatch" and findings.retuned:
-        return "No physics is missing: numbers of the simulation are off, and these explain the difference."
-    return {
-        "no_mismatch": "No mismatch: recordings and simulation agree within noise and tolerances.",
-        "explained": "Explained: this is what the simulation leaves out.",
-        "partly_explained": "Partly explained: some of the difference is in no known effect.",
-        "unexplained": "Unexplained: the recordings differ, and no known effect fits.",
-    }[findings.verdict]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
-from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
+from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
@@ -30,7 +30,7 @@ from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Retuned, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
-from cellwatt_plugins.mismatch.verdict.mounting import as_mounted
+from cellwatt_plugins.mismatch.verdict.mounting import as_mounted, errors
 from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of, unknown_findings
 from cellwatt_plugins.mismatch.verdict.retuned import retuned_of
 from cellwatt_plugins.robot import RobotDescription
@@ -48,7 +48,7 @@ EXCESS = 0.35
 """Mean square residual beyond noise from which a channel is unexplained."""
 WITHOUT_PLAN = 2.0
 """Mean square residual beyond noise that is unexplained where accelerations come from encoders alone."""
-FAR = 3.0
+FAR = 2.0
 """Held-out error in units of the noise from which a channel is not explained in full."""
 SUPPLY_SHARE = 0.2
 """Share of the time that is kept for the supply."""
@@ -117,7 +117,7 @@ def explain(
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
     with stage("looking how the arm is mounted"):
-        upright = _errors(runs, states)
+        upright = errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
     body = base.arm.body
     torques = Torques(runs, states)
@@ -145,7 +145,11 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
     poor = chi2 > POORLY
     unexplained = problem.floor * np.where(poor, 1.0, np.sqrt(np.maximum(chi2 - 1.0, 0.0)))
     variance = problem.every_sample(np.concatenate(problem.variance))
-    doubt = [np.sqrt(unexplained**2 + np.maximum(v - problem.floor**2, 0.0)) for v in variance]
+    doubt = []
+    for v, states in zip(variance, problem.states, strict=True):
+        # A torque that nobody read is as uncertain as it is large, and no more.
+        beyond = np.where(v < UNTOLD * problem.floor**2, v - problem.floor**2, states.torque**2)
+        doubt.append(np.sqrt(unexplained**2 + np.maximum(beyond, 0.0)))
     out = []
     for run, states, after in zip(runs, problem.states, _measurement_errors(torque), strict=True):
         best = states.torque.copy()
@@ -224,13 +228,6 @@ def _looked_at(solution: Solution, left: LackOfFit) -> bool:
     return solution.problem.side == "supply" or left.channel not in solution.unlooked
 
 
-def _errors(runs: Sequence[Run], states: Sequence[States]) -> Float:
-    """Rms (n,) Nm of what was measured less what the simulation says; 0 where no torque was read."""
-    off = np.concatenate([run.torque - s.nominal for run, s in zip(runs, states, strict=True)])
-    read = np.isfinite(off)
-    return np.asarray(np.sqrt(np.sum(np.where(read, off, 0.0) ** 2, axis=0) / np.maximum(np.sum(read, axis=0), 1)))
-
-
 def _with_noise(mounted: Finding, problem: Problem) -> Finding:
     floor = float(problem.floor[int(mounted.improvement.channel.removeprefix("tau_")) - 1])
     return replace(mounted, improvement=replace(mounted.improvement, noise_floor=floor))
@@ -250,7 +247,7 @@ def _nominal_chi2(problem: Problem) -> Float:
 def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelFit]:
     """Held-out error of each channel: as simulated (C,), retuned, with the model."""
     problem = solution.problem
-    refit, model = rms(held.residual([])), rms(held.residual(solution.terms))
+    refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [
         ChannelFit(*_named(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
         for c in (problem.told if problem.side == "torque" else [0])

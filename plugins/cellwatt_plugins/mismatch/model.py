@@ -87,6 +87,8 @@ class Model:
     """(3,) m/s² in the base's frame where the simulation has another mount than the URDF."""
     mount: Float | None = None
     """The same of the arm, where the simulation has another one than the arm."""
+    lead: float | None = None
+    """s by which friction of the arm turns over early, where the simulation's does otherwise."""
 
     def arm(self) -> Arm:
         """The arm as the simulation has it. Raises ``ConfigError``."""
@@ -97,14 +99,13 @@ class Model:
     @property
     def baseline(self) -> Baseline:
         """The law of the simulation that it adds to. Raises ``ConfigError``."""
-        return Baseline(self.arm(), self.mount)
+        return Baseline(self.arm(), self.mount, self.lead)
 
 
 def predict(model: Model, motion: Motion) -> Prediction:
     """Torque and power of a motion that is known exactly; hidden states start cold and at rest."""
     moved = exact(motion.position, motion.velocity, motion.acceleration)
-    arm = model.arm() if model.mount is None else model.arm().with_gravity(model.mount)
-    return predict_states(model, States("motion", -1, motion.time, moved, arm, motion.temperature))
+    return predict_states(model, States("motion", -1, motion.time, moved, model.baseline.recorded, motion.temperature))
 
 
 def predict_states(model: Model, states: States) -> Prediction:
@@ -176,6 +177,7 @@ def save_model(model: Model, path: Path) -> None:
     ]
     arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount}
     known = {name: values.tolist() for name, values in arrays.items() if values is not None}
+    known |= {} if model.lead is None else {"lead": model.lead}
     content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
     path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
 
@@ -211,6 +213,7 @@ class _File(BaseModel):
     links: tuple[float, ...] | None = None
     gravity: tuple[float, float, float] | None = None
     mount: tuple[float, float, float] | None = None
+    lead: float | None = None
     retuned: _Retuned
     effects: tuple[_Effect, ...]
 
@@ -232,11 +235,15 @@ def load_model(path: Path) -> Model:
         )
         for each in found.effects
     ]
+    links, gravity, mount = (None if one is None else _array(one) for one in (found.links, found.gravity, found.mount))
     return Model(
         found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf}),
         Retuned(inertial, coulomb, viscous, rotor, given.standby_power, resistance),
         tuple(terms),
-        *(None if each is None else _array(each) for each in (found.links, found.gravity, found.mount)),
+        links,
+        gravity,
+        mount,
+        found.lead,
     )
 
 

@@ -116,11 +116,13 @@ class MismatchStage(Stage[MismatchSettings]):
         places, new = self._intake.places, stretch.new
         simulated = self._said(stretch)[new]
         measured = stretch.values[new, : self._width]
-        whole = np.isfinite(measured[:, places[self._intake.measured]]).all(axis=1) & ~stretch.bridged[new]
-        whole &= np.isfinite(simulated).all(axis=1)
-        self._history.add(stretch.time[new][whole], np.column_stack([measured, simulated])[whole])
-        self.counts["compared"] += int(whole.sum())
-        self.counts["torque missing"] += int(np.sum(~whole & ~stretch.bridged[new]))
+        read = np.isfinite(measured[:, places[self._intake.measured]])
+        there = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
+        # One sensor that died does not take the other joints out of sight.
+        kept = there & read.any(axis=1)
+        self._history.add(stretch.time[new][kept], np.column_stack([measured, simulated])[kept])
+        self.counts["compared"] += int(kept.sum())
+        self.counts["torque missing"] += int(np.sum(~(there & read.all(axis=1)) & ~stretch.bridged[new]))
         simulated[stretch.bridged[new]] = np.nan
         judged = self._intake.judged
         return Prediction(

@@ -46,12 +46,12 @@ class _Kinds(click.Group):
             ) from error
 
 
-@click.group(cls=_Kinds)
+@click.group(cls=_Kinds, short_help="Train a model of a robot from recordings.")
 def train() -> None:
     """Make a model of a robot from recordings: its energy at rest, its power in motion, or that of a task."""
 
 
-@click.command()
+@click.command(short_help="Run a trained model on a table.")
 @click.argument("tables", nargs=-1, required=True, metavar="TABLE...", type=INPUT)
 @click.option("--model", required=True, type=Input(dir_okay=False, path_type=Path), help="model.onnx of a training.")
 @click.option(

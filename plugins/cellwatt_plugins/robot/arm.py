@@ -123,12 +123,18 @@ class Arm:
         """The same arm where gravity is ``field`` (3,) m/s² in the base's frame."""
         return replace(self, body=self.body.with_gravity(field))
 
+    def with_friction_lead(self, lead: float) -> Arm:
+        """The same arm where Coulomb friction turns over ``lead`` s before the velocity does."""
+        return replace(self, description=self.description.model_copy(update={"friction_lead": lead}))
+
     def torque(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Motor torques (N, n) Nm that a motion needs: links, rotors, Coulomb and viscous friction.
 
-        Links by recursive Newton–Euler (``Body.inverse_dynamics``); friction F_c tanh(qd / 0.004) + F_v qd.
+        Links by recursive Newton–Euler (``Body.inverse_dynamics``); friction F_c tanh(qd / 0.004) + F_v qd, the first
+        by the velocity ``friction_lead`` s later.
         """
-        friction = self.column("coulomb_friction") * direction(qd) + self.column("viscous_friction") * qd
+        coulomb = self.column("coulomb_friction") * direction(qd + self.description.friction_lead * qdd)
+        friction = coulomb + self.column("viscous_friction") * qd
         return np.asarray(self.body.inverse_dynamics(q, qd, qdd) + self.column("rotor_inertia") * qdd + friction)
 
     def power(self, q: Float, qd: Float, qdd: Float) -> Float:

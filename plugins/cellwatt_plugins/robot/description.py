@@ -107,6 +107,8 @@ class RobotDescription(_Keys):
     """The joints that move, from the base."""
     gravity: Point = (0.0, 0.0, -9.81)
     """m/s² in the base's frame: of an arm on a wall or a ceiling, or mounted sideways, it does not point down."""
+    friction_lead: NonNegative = 0.0
+    """s by which Coulomb friction turns over before the velocity does: MuJoCo's soft friction may do so."""
     sample_rate: PositiveFloat | None = None
     """Hz of its recordings; found in the recording where absent."""
     standby_power: NonNegative = 0.0

@@ -26,31 +26,50 @@ FAST = 24.0
 """Samples a second that it takes to see what is quick in a drive."""
 ORDER = 3
 """The smoother penalises third differences (jerk)."""
-ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0)
+ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Hz up to which the tracking error, recorded minus planned motion, is told from noise; of the last octave only how
-much there is."""
+much there is. An arm that sticks at a reversal leaves its plan for some ms."""
 OWN_OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """The same of a motion whose plan is not known; the first is kept as it is."""
 QUICK_OCTAVES = (10.0, 20.0)
 """The same for who cannot wait: what is slow enough to be told from noise takes seconds before and after."""
 FASTEST_BAND = 0.35
 """Bandwidth times step of the fastest octave that the sampling has."""
-SURE = 2.0
-"""Times its noise by which an octave's power must exceed 0 to be kept at all."""
-TURNS = 0.0004
-"""rad/s to which it is known where friction turns over: at rest it is not as simple as the law."""
-CLEAR = 1.0
-"""Times its noise from which an octave that is not kept is doubt."""
 OWN_BANDWIDTH = 10.0
 """Hz kept where derivatives are taken from encoders alone, and no doubt of them is asked for."""
-SHORTEST_WINDOW, PERIODS = 0.4, 1.0
-"""s, and periods of an octave, over which it is judged to be there or to be encoder noise."""
+SOFT = 0.15
+"""Share of such a lead within which friction that turns over early does so."""
+HURRIED = 8.0
+"""Hz above which nothing is told from noise at the ends of a recording, where half of the neighbours lack."""
+JERK = 0.5
+"""Power of accelerations from one octave to the next: where friction jumps, so does the acceleration."""
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
 _WHOLE = float(np.cumsum(_NODE_WEIGHTS)[-1])
+HARDLY = 0.005
+"""Noise as a share of what is there that needs no smoothing."""
 SURE_SIGN = 22.0
 """From here on tanh is 1 to the last bit."""
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """How an octave is told from encoder noise."""
+
+    shortest: float
+    """s over which its power is averaged at least."""
+    periods: float
+    """Periods of the octave over which it is averaged."""
+    sure: float
+    """Times its noise that the power must exceed to be kept at all."""
+    clear: float
+    """Times its noise from which an octave that is not kept is doubt."""
+
+
+BESIDE_PLAN = _Judge(shortest=0.06, periods=2.0, sure=4.0, clear=4.0)
+"""An error that comes and goes within some ms; without it the plan stands."""
+ALONE = _Judge(shortest=0.4, periods=1.0, sure=2.0, clear=1.0)
 
 
 @dataclass(frozen=True)
@@ -63,6 +82,18 @@ class Plan:
     """rad/s."""
     acceleration: Float
     """rad/s²."""
+
+
+@dataclass(frozen=True)
+class Turning:
+    """The sign by which friction goes, (N, n) each."""
+
+    sign: Float
+    """As expected."""
+    spread: Float
+    """Its standard deviation, from what the encoders leave open."""
+    held: Float
+    """From 0 to 1, how far it is turning over: an arm may stick then, and friction is whatever holds it."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +112,19 @@ class Moved:
     velocity_spread: Float
     """Standard deviation of the velocity, rad/s."""
     acceleration_spread: Float
-    """Standard deviation of the acceleration, rad/s², where it had to be differentiated from encoders alone."""
+    """Standard deviation of the acceleration, rad/s²."""
+    planned: bool = True
+    """False where the motion had to be differentiated from encoders alone."""
+
+    def turning(self, lead: float = 0.0) -> Turning:
+        """How friction goes with the motion, where it turns over ``lead`` s before the velocity does."""
+        velocity, spread, sign, doubt = self.velocity, self.velocity_spread, self.sign, self.sign_spread
+        if lead:
+            velocity = velocity + lead * self.acceleration
+            ahead = np.square(self.acceleration_spread) + np.square(SOFT * self.acceleration)
+            spread = np.sqrt(np.square(spread) + lead**2 * ahead)
+            sign, doubt = expected_sign(velocity, spread)
+        return Turning(sign, doubt, np.exp(-0.5 * np.square(velocity) / (SIGN_WIDTH**2 + np.square(spread))))
 
 
 def about_plan(position: Float, plan: Plan, step: float) -> Moved:
@@ -92,11 +135,11 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
     """
     error = position - plan.position
     noise = encoder_noise(error)
-    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES))
+    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
     position, velocity = plan.position + kept.position, plan.velocity + kept.velocity
     acceleration = plan.acceleration + kept.acceleration
     sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
-    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, np.zeros_like(velocity))
+    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, kept.acceleration_spread)
 
 
 def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
@@ -107,11 +150,11 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
     noise = encoder_noise(encoders)
     octaves = _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
-    kept = _in_octaves(encoders, noise, step, octaves, base)
+    kept = _in_octaves(encoders, noise, step, octaves, ALONE, base)
     speed, gain = differentiate(base, step)
     position, velocity, acceleration = base + kept.position, speed + kept.velocity, gain + kept.acceleration
     sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
-    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, kept.acceleration_spread)
+    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, kept.acceleration_spread, False)
 
 
 def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
@@ -169,6 +212,16 @@ def rates(position: Float, step: float, bandwidth: float = OWN_BANDWIDTH) -> tup
     return kept, *differentiate(kept, step)
 
 
+def slope(values: Float, step: float) -> Float:
+    """Return the derivative (N, n) of ``values`` (N, n) every ``step`` s: all of it where they have hardly any noise.
+
+    Others keep what is below ``OWN_BANDWIDTH``.
+    """
+    plain = np.gradient(values, step, axis=0)
+    clean = encoder_noise(values) / (np.sqrt(2) * step) < HARDLY * np.std(plain, axis=0)
+    return np.where(clean, plain, rates(values, step)[1])
+
+
 def smooth(values: Float, step: float, bandwidth: float) -> Float:
     """Return ``values`` (N, n), N > 3, every ``step`` s, without what is above ``bandwidth`` Hz.
 
@@ -196,8 +249,7 @@ def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> t
     Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
     """
     wide = np.sqrt(np.square(spread) + _within_sample(acceleration, step))
-    doubt = expected_sign(velocity, np.hypot(wide, TURNS))[1]
-    return expected_sign(velocity, spread)[0], doubt, wide
+    return expected_sign(velocity, spread)[0], expected_sign(velocity, wide)[1], wide
 
 
 @dataclass(frozen=True)
@@ -211,15 +263,16 @@ class _Kept:
     acceleration_spread: Float
 
 
-def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[float], base: Float | None = None) -> _Kept:
+def _in_octaves(
+    values: Float, noise: Float, step: float, octaves: Sequence[float], judge: _Judge, base: Float | None = None
+) -> _Kept:
     """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
 
     Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
     last octave leaves out is none of the motion and counts as doubt. ``base``: what the first octave keeps of the
-    values, where that is taken as it is.
+    values, where that is taken as it is. What is seen of an octave, less of it may hide in the noise of the next.
     """
-    parts = [np.zeros_like(values) for _ in range(3)]
-    squares = [np.zeros_like(values) for _ in range(3)]
+    parts, squares, expected = ([np.zeros_like(values) for _ in range(3)] for _ in range(3))
     lower = np.zeros_like(values) if base is None else base
     for i, bandwidth in enumerate(octaves):
         if i == 0 and base is not None:
@@ -227,13 +280,18 @@ def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[floa
         upper = smooth(values, step, bandwidth)
         band = (upper - lower, *differentiate(upper - lower, step))
         gains = _band_gains(step, octaves[i - 1] if i else None, bandwidth)
-        width = _samples(max(SHORTEST_WINDOW, PERIODS / bandwidth), step)
+        width = _samples(max(judge.shortest, judge.periods / bandwidth), step)
+        edge = _samples(1 / bandwidth, step) if bandwidth > HURRIED else 0
+        inner = slice(edge, len(values) - edge)
         for order, (part, gain) in enumerate(zip(band, gains, strict=True)):
             own, power = np.square(gain * noise), _average(part**2, width)
-            last = i == len(octaves) - 1
-            share = np.zeros_like(part) if last else np.clip(1 - SURE * own / np.maximum(power, 1e-300), 0.0, 1.0)
+            share = np.zeros_like(part)
+            if i < len(octaves) - 1:
+                share[inner] = np.clip(1 - judge.sure * own / np.maximum(power[inner], 1e-300), 0.0, 1.0)
+            hidden = np.minimum(expected[order], (judge.clear - 1) * own)
             parts[order] += share * part
-            squares[order] += share * own + np.square(1 - share) * np.maximum(power - CLEAR * own, 0.0)
+            squares[order] += share * own + np.square(1 - share) * np.maximum(power - judge.clear * own, hidden)
+            expected[order] = JERK * 4.0 ** (order - 2) * np.where(share > 0, power - own, expected[order])
         lower = upper
     return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
 

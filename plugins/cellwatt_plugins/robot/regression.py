@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import lsq_linear
 
@@ -43,12 +43,11 @@ class Prior:
     @classmethod
     def joined(cls, *parts: Prior) -> Prior:
         """Return the prior of all coefficients of independent ``parts``, one after the other."""
-        none = np.empty((0, 0))
         whole = cls(
             np.concatenate([np.empty(0), *(part.mean for part in parts)]),
-            np.asarray(block_diag(*(part.covariance for part in parts)) if parts else none),
+            _diagonal([part.covariance for part in parts]),
         )
-        whole.__dict__["precision"] = block_diag(*(part.precision for part in parts)) if parts else none
+        whole.__dict__["precision"] = _diagonal([part.precision for part in parts])
         return whole
 
     @cached_property
@@ -257,6 +256,16 @@ class Whitener:
         scaled = (_means(columns, self.group).T / self.noise).T
         along = self.axes.T @ scaled
         return np.asarray(scaled - self.axes @ (self.shrink * along.T).T)
+
+
+def _diagonal(blocks: Sequence[Float]) -> Float:
+    """Square ``blocks`` along the diagonal of one matrix; a search joins priors too often for scipy's own."""
+    size, at = sum(len(block) for block in blocks), 0
+    out = np.zeros((size, size))
+    for block in blocks:
+        out[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return out
 
 
 def _means(rows: Float, group: int) -> Float:

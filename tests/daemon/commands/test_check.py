@@ -32,7 +32,7 @@ def test_a_right_file(cell_file):
     ]
     assert lines[5].split() == ["stage", "kind", "needs"]
     assert sorted(line.split() for line in lines[6:9]) == [["cut", "cut"], ["power", "net"], ["watch", "watch", "cut"]]
-    assert lines[-1] == f"record: {cell_file.parent / 'recordings'}; sinks: zenoh"
+    assert lines[-1] == f"record: {cell_file.parent / 'recordings'}; outlets: zenoh"
     assert not any(line != line.rstrip() for line in lines)
 
 
@@ -103,7 +103,7 @@ def test_a_record_section_without_a_folder_has_that_of_the_user(cell_file, tmp_p
     cell_file.write_text(VALID.replace("folder: recordings, ", ""))
     result = run(cell_file)
     assert result.exit_code == 0, result.output
-    assert f"record: {tmp_path / 'state'}; sinks" in result.output
+    assert f"record: {tmp_path / 'state'}; outlets" in result.output
     assert not (tmp_path / "state").exists()
 
 

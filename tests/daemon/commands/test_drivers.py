@@ -24,8 +24,8 @@ def test_list():
         ["stage", "cut"],
         ["stage", "net"],
         ["stage", "watch"],
-        ["sink", "log"],
-        ["sink", "zenoh"],
+        ["outlet", "log"],
+        ["outlet", "zenoh"],
     ]
     assert "cannot be loaded: driver 'absent'" in rows[1][2]
     assert rows[2][2].endswith("Arm of the tests")
@@ -36,7 +36,7 @@ def test_list_as_json():
     by_name = {(p["kind"], p["name"]): p for p in parts}
     assert by_name["driver", "arm"]["loads"] is True
     assert by_name["driver", "absent"]["loads"] is False
-    assert by_name["sink", "zenoh"]["title"] == "Bus of the tests"
+    assert by_name["outlet", "zenoh"]["title"] == "Bus of the tests"
 
 
 def test_installed_parts_name_their_package(monkeypatch):
@@ -102,7 +102,7 @@ def test_markdown():
 def test_unknown_name():
     result = run("amr")
     assert result.exit_code == 2
-    assert "no driver, stage or sink named 'amr'; did you mean 'arm'?" in result.output
+    assert "no driver, stage or outlet named 'amr'; did you mean 'arm'?" in result.output
 
 
 def test_part_that_does_not_load():

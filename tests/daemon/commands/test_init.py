@@ -58,6 +58,12 @@ def test_what_is_missing_is_one_line(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_nothing_is_asked_at_a_terminal_where_the_options_suffice(run, tmp_path):
+    ended = run(*ALL, "--source", "arm=ur:192.0.2.10", "--source", "supply=scpi_analyzer:192.0.2.11", answers="mine")
+    assert ended.exit_code == 0, ended.output
+    assert load(tmp_path / "cell.yaml").record is not None
+
+
 def test_a_file_is_replaced_only_by_force(run, tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text("mine")

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from cellwatt import CellwattError
 from cellwatt.commands.inputs import INPUT
-from tests.daemon.sinks.historian.bucket import Bucket, bucket
+from tests.daemon.outlets.historian.bucket import Bucket, bucket
 
 KEY = "plant/runs/run-1.mcap"
 

@@ -80,7 +80,7 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("replay",), USAGE, "Missing argument 'RECORDING...'"),
         (("export", "recordings"), USAGE, "Missing option '--out'"),
         (("emulate", "skeletn"), USAGE, "no driver named 'skeletn'; did you mean 'skeleton'?"),
-        (("drivers", "skeletn"), USAGE, "no driver, stage or sink named 'skeletn'; did you mean 'skeleton'?"),
+        (("drivers", "skeletn"), USAGE, "no driver, stage or outlet named 'skeletn'; did you mean 'skeleton'?"),
         # places that are not there
         (("replay", "absent"), USAGE, "'absent' does not exist"),
         (("export", "absent", "--out", "out"), USAGE, "'absent' does not exist"),
@@ -212,8 +212,16 @@ def test_a_command_whose_package_is_missing(lacking: Call, arguments: tuple[str,
 def test_the_help_of_all_commands_although_one_lacks_its_package(lacking: Call) -> None:
     ended = lacking("--help")
     assert (ended.code, ended.err) == (0, "")
-    assert "Check settings files without connecting to anything." in ended.out
-    assert "gone " in ended.out
+    assert "Check settings files; connects to nothing." in ended.out
+    assert "gone " in ended.out.partition("Others:")[2]
+
+
+def test_each_command_stands_in_the_help_with_a_summary_that_fits_a_line(call: Call) -> None:
+    lines = call("--help").out.splitlines()
+    for name in registry.available("cellwatt.commands"):
+        [line] = [line for line in lines if line.startswith(f"  {name} ")]
+        assert line.endswith(".") and not line.endswith("...") and len(line) <= 80, line
+    assert "Others:" not in lines
 
 
 def test_a_full_disk(call: Call, place: Path, tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ from click.testing import CliRunner, Result
 
 from cellwatt import ConfigError
 from cellwatt.commands import view
-from cellwatt.sinks.page.passwords import parse
-from tests.daemon.publish.fake_cell import CELL, SITE
-from tests.daemon.publish.processes import Child, free_port
-from tests.daemon.sinks.page.cell import HASH
+from cellwatt.outlets.page.passwords import parse
+from tests.daemon.outlets.page.cell import HASH
+from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE
+from tests.daemon.outlets.zenoh.processes import Child, free_port
 from tests.patience import PATIENCE, wait_until
 
 WHERE = ("--connect", "tcp/127.0.0.1:7447", "--site", SITE)
@@ -74,7 +74,7 @@ def test_without_a_cell_it_is_the_plant(live: str) -> None:
 
 
 def test_a_password_becomes_its_hash(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.sinks.page.passwords.P", 1)
+    monkeypatch.setattr("cellwatt.outlets.page.passwords.P", 1)
     ended = run("--hash-password", input="correct horse\ncorrect horse\n")
     assert ended.exit_code == 0
     assert "correct" not in ended.output
@@ -159,7 +159,7 @@ def test_a_file_gives_the_cell(cell_file: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_foxglove_gets_the_same_cell(monkeypatch: pytest.MonkeyPatch) -> None:
     served: list[Any] = []
-    monkeypatch.setattr("cellwatt.foxglove.serve", lambda *told, **more: served.append((told, more)))
+    monkeypatch.setattr("cellwatt.outlets.foxglove.serve", lambda *told, **more: served.append((told, more)))
     assert run(*WHERE, "--cell", CELL, "--foxglove", "--listen", "127.0.0.1:9", "--seconds", "2").exit_code == 0
     ((told, more),) = served
     assert told[1:] == (SITE, CELL)

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from tests.daemon.commands.calling import Call, call
-from tests.daemon.publish.fake_cell import CELL, SITE
-from tests.daemon.publish.processes import Child, free_port
-from tests.daemon.publish.test_link import certificates
+from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE
+from tests.daemon.outlets.zenoh.processes import Child, free_port
+from tests.daemon.outlets.zenoh.test_link import certificates
 
 __all__ = ["call", "certificates"]
 
@@ -26,7 +26,7 @@ QUICKLY = ("--patience", "0.5")
 
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.publish.link._ATTEMPTS", (0.2, 0.2))
+    monkeypatch.setattr("cellwatt.outlets.zenoh.link._ATTEMPTS", (0.2, 0.2))
 
 
 @pytest.mark.parametrize("how", [(), ("--json",), ("--seconds", "0.5")])
@@ -73,6 +73,9 @@ def test_without_a_terminal_it_prints_lines(call: Call, live: tuple[Child, str])
     assert (ended.code, ended.err) == (0, "")
     assert "error: Joint 7 needs more power than it should." in ended.out
     assert f"{SITE}/{CELL} is green: 0 of 0 sources ok" in ended.out
+    only = call("watch", "--connect", live[1], "--site", SITE, "--cell", CELL, "--topic", "alarm", "--seconds", "1")
+    assert "error: Joint 7 needs" in only.out
+    assert "is green" not in only.out
 
 
 def test_it_waits_for_a_cell_as_long_as_it_takes(live: tuple[Child, str]) -> None:

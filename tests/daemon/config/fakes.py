@@ -1,4 +1,4 @@
-"""Drivers, stages and sinks that exist only for these tests, found through entry points like any other."""
+"""Drivers, stages and outlets that exist only for these tests, found through entry points like any other."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cellwatt import (
     Identity,
     Layout,
     ModelError,
-    Sink,
-    SinkSettings,
+    Outlet,
+    OutletSettings,
     SourceSettings,
     Stage,
     StageSettings,
@@ -184,7 +184,7 @@ class NetStage(CutStage):
         layout.index(settings.input)
 
 
-class BusSettings(SinkSettings):
+class BusSettings(OutletSettings):
     """A bus."""
 
     connect: list[str] = Field([])
@@ -192,7 +192,7 @@ class BusSettings(SinkSettings):
     mode: Literal["peer", "client"] = "peer"
 
 
-class BusSink(Sink[BusSettings]):
+class BusOutlet(Outlet[BusSettings]):
     """The bus of the tests."""
 
     Settings = BusSettings
@@ -217,8 +217,8 @@ POINTS = [
         ("stages", "cut", "CutStage"),
         ("stages", "watch", "WatchStage"),
         ("stages", "net", "NetStage"),
-        ("sinks", "zenoh", "BusSink"),
-        ("sinks", "log", "BusSink"),
+        ("outlets", "zenoh", "BusOutlet"),
+        ("outlets", "log", "BusOutlet"),
     )
 ] + [EntryPoint("absent", "no_such_package_anywhere:Driver", "cellwatt.drivers")]
 

@@ -28,8 +28,8 @@ def test_valid_file(cell_file):
     assert config.stages["power"].place == f"{cell_file}:12:3"
     assert config.record is not None
     assert config.record.keep == 20e9
-    assert list(config.sinks) == ["zenoh"]
-    assert config.sinks["zenoh"].settings == BusSettings(connect=["tcp/127.0.0.1:7447"])
+    assert list(config.outlets) == ["zenoh"]
+    assert config.outlets["zenoh"].settings == BusSettings(connect=["tcp/127.0.0.1:7447"])
 
 
 def test_defaults(load_text):
@@ -38,16 +38,16 @@ def test_defaults(load_text):
     assert config.frames == FrameSettings()
     assert config.stages == {}
     assert config.record is None
-    assert {n: s.settings for n, s in config.sinks.items()} == {"zenoh": BusSettings()}
+    assert {n: s.settings for n, s in config.outlets.items()} == {"zenoh": BusSettings()}
 
 
 @pytest.mark.parametrize("line", ["zenoh: off", "zenoh: false", "zenoh: 'off'"])
 def test_zenoh_can_be_switched_off(load_text, line):
-    assert load_text(f"{SMALL}{line}\n").sinks == {}
+    assert load_text(f"{SMALL}{line}\n").outlets == {}
 
 
-def test_another_sink_is_on_when_its_key_is_there(load_text):
-    assert list(load_text(f"{SMALL}log:\n").sinks) == ["log", "zenoh"]
+def test_another_outlet_is_on_when_its_key_is_there(load_text):
+    assert list(load_text(f"{SMALL}log:\n").outlets) == ["log", "zenoh"]
 
 
 def test_relative_paths_start_at_the_file(cell_file):

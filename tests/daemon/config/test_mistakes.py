@@ -139,7 +139,7 @@ MISTAKES = {
     "variable without a name": (arm("note: a${}b"), "7:11", "'${}' names no variable"),
     "bad variable name": (arm("note: ${1st}"), "7:11", "'${1st}' names no variable"),
     "value from a variable": (arm("port: ${PORT}"), "7:11", "found the value of ${PORT}, expected a whole number"),
-    # frames, stages, record, sinks
+    # frames, stages, record, outlets
     "frames too fast": (f"{SMALL}frames: {{rate: 2 kHz}}\n", "7:16", "found '2 kHz': expected at most 1000 Hz"),
     "latency too short": (
         f"{SMALL}frames: {{latency: 5 ms}}\n",
@@ -174,9 +174,9 @@ MISTAKES = {
         "7:27",
         "found 20: expected a number with its",
     ),
-    "sink value": (f"{SMALL}zenoh: {{connect: tcp/x:1}}\n", "7:18", "found 'tcp/x:1', expected a list"),
-    "sink key": (f"{SMALL}zenoh: {{conect: []}}\n", "7:9", "unknown key 'conect'; did you mean 'connect'?"),
-    "sink as a text": (f"{SMALL}zenoh: yes\n", "7:8", "found 'yes', expected settings (key: value)"),
+    "outlet value": (f"{SMALL}zenoh: {{connect: tcp/x:1}}\n", "7:18", "found 'tcp/x:1', expected a list"),
+    "outlet key": (f"{SMALL}zenoh: {{conect: []}}\n", "7:9", "unknown key 'conect'; did you mean 'connect'?"),
+    "outlet as a text": (f"{SMALL}zenoh: yes\n", "7:8", "found 'yes', expected settings (key: value)"),
 }
 
 

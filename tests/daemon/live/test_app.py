@@ -73,7 +73,7 @@ async def test_pages_and_the_keys_at_the_foot(size: tuple[int, int]) -> None:
         }.items():
             lines = await seen(app, pilot, page)
             assert len(lines) == size[1]
-            assert lines[0].startswith("plant-1/weld-3 ● green  22:13:20 UTC")
+            assert lines[0].startswith("plant-1/weld-3 ● red  22:13:20 UTC")
             assert " 3 alarms (1) " in lines[1]
             assert all(any(word in line for line in lines) for word in words), (page, lines)
             assert "c channels s 10/60 s u UTC/local space pause ? help q quit" in lines[-1]
@@ -168,7 +168,7 @@ async def test_without_colours_every_state_is_still_told(monkeypatch: pytest.Mon
     monkeypatch.setenv("NO_COLOR", "1")
     async with running() as (app, pilot):
         lines = await seen(app, pilot, "3")
-        assert "● green" in lines[0]
+        assert "● red" in lines[0]
         assert any("error" in line for line in lines)
         styles = [
             part.style

@@ -68,7 +68,7 @@ def test_it_says_now_and_then_how_the_cell_stands() -> None:
     said(bulletin, health(sources={"arm": source(lost=2), "board": source("retrying", "gone")}), alarm("a"))
     now = bulletin.cell.heard
     (line,) = bulletin.stands(now)
-    assert line.endswith("plant-1/weld-3 is green: 1 of 2 sources ok, 1998 samples received, 2 lost, 1 alarm")
+    assert line.endswith("plant-1/weld-3 is red: 1 of 2 sources ok, 1998 samples received, 2 lost, 1 alarm")
     assert not list(bulletin.stands(now + EVERY / 2 - 1))
 
 

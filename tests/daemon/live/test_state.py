@@ -1,3 +1,5 @@
+from dataclasses import asdict
+
 from cellwatt.live import state
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Health, Message
@@ -70,3 +72,14 @@ def test_tasks_energies_gaps_frames_and_predictions_are_kept() -> None:
     assert cell.lost == 30
     assert cell.frames.of("mains.supply.power").tolist() == [301.0, 302.0]
     assert cell.predicted["model"].of("power")[1] == 3.0
+
+
+def test_the_state_is_the_worse_of_the_daemons_and_that_of_the_alarms_as_on_the_page() -> None:
+    raised = alarm("a").content
+    known = {**asdict(raised), "acknowledged": {"by": "anna"}}
+    assert told(health()).state == "green"
+    assert told(health(), alarm("a")).state == "red"
+    assert told(health(alarms=[known]), alarm("a")).state == "amber"
+    assert told(health(shelved=[{"id": raised.id}]), alarm("a")).state == "green"
+    assert told(health(state="amber")).state == "amber"
+    assert told(health(), alarm("a"), alarm("a", active=False)).state == "green"

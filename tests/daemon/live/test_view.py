@@ -149,5 +149,5 @@ def test_everything_on_one_page_waits_for_the_first_health() -> None:
     assert view.whole(LiveCell(), WIDE).plain == view.WAITING
     page = view.whole(told(health(), alarm("a")), WIDE, "recording ")
     assert isinstance(page, Text)
-    assert page.plain.startswith("recording plant-1/weld-3 ● green  22:13:20 UTC")
+    assert page.plain.startswith("recording plant-1/weld-3 ● red  22:13:20 UTC")
     assert page.plain.splitlines()[-1].endswith("a is wrong.")

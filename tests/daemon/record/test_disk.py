@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import os
+import shutil
 import subprocess
 from dataclasses import replace
 from io import FileIO
@@ -241,3 +242,58 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
     assert "cannot be repaired now: No space left on device" in str(report)
     assert part.read_bytes() == before
     assert recover(part).messages == 5
+
+
+@pytest.mark.parametrize("how", ["removed", "moved", "folder removed", "folder moved"])
+async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(tmp_path, how):
+    folder = tmp_path / "record"
+    settings = RecordSettings(folder=folder, sync=0.02, flush=0.01)
+    recorder = Recorder(settings, HEADER)
+    recorder.start()
+    await record(recorder, range(3))
+    (part,) = folder.glob(f"*{PART}")
+    away = tmp_path / "away"
+    match how:
+        case "removed":
+            part.unlink()
+        case "moved":
+            part.rename(away)
+        case "folder removed":
+            shutil.rmtree(folder)
+        case "folder moved":
+            folder.rename(away)
+
+    async def noticed():
+        await record(recorder, [7])
+        return recorder.stats()["displaced"]["files"]
+
+    await eventually(noticed)
+    await record(recorder, [8, 9])
+    await recorder.close()
+    stats = recorder.stats()
+    assert stats["state"] == "ok"
+    assert ("removed while" if "removed" in how else "moved away") in stats["displaced"]["reason"]
+    kept = len(Recording.open(folder).batches("arm", "rtde"))
+    (topic,) = stats["samples"]
+    assert stats["samples"][topic] == kept
+    assert stats["drops"][topic] == stats["displaced"]["messages"]
+    assert stats["samples"][topic] + stats["drops"][topic] == 10 * recorder.progress()[0]
+    if how == "moved":
+        moved = away.rename(tmp_path / name_of())
+        assert len(Recording.open(moved).batches("arm", "rtde")) == stats["drops"][topic]
+
+
+async def test_recordings_that_had_to_go_before_their_time_are_told(tmp_path, monkeypatch):
+    for n in range(3):
+        write_chunks(tmp_path, [[batch_of(10 * n, 10)]], number=n + 1)
+    disk = Disk(0)
+    monkeypatch.setattr(openfile, "create", disk.open)
+    recorder = Recorder(RecordSettings(folder=tmp_path, keep=1e9), HEADER)
+    recorder.start()
+    recorder.batch(batch_of(0, 10))
+    await eventually(lambda: recorder.stats()["short"].get("files", 0) >= 3)
+    disk.room = 1 << 20
+    await asyncio.to_thread(recorder.flush, PATIENCE)
+    await recorder.close()
+    assert recorder.stats()["state"] == "ok"
+    assert recorder.stats()["short"]["keep"] == 1e9

@@ -15,7 +15,7 @@ from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Prediction, Task
 from tests.patience import PATIENCE, eventually
 
-from ..publish.fake_cell import alarm
+from ..outlets.zenoh.fake_cell import alarm
 from .making import HEADER, SESSION, batch_of, bits, frames_of, name_of, same_batch, stream_of, write_chunks
 
 SUPPLY = stream_of(2, "meter")

@@ -121,7 +121,7 @@ def test_what_a_slow_reader_missed_is_told(ring):
     assert numbers == list(range(3000 - len(numbers), 3000))
 
 
-def test_what_several_sinks_put_into_a_journal_has_one_number():
+def test_what_several_outlets_put_into_a_journal_has_one_number():
     rings = Ring(1 << 16, 1), Ring(1 << 16, 1)
     journal = RingJournal(*rings)
     first, second = alarm("a"), alarm("a")

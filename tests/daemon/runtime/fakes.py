@@ -22,15 +22,15 @@ from cellwatt import (
     Frames,
     Identity,
     Layout,
+    Outlet,
+    OutletSettings,
     Reading,
-    Sink,
-    SinkSettings,
     SourceSettings,
     Stage,
     StageSettings,
     Stream,
 )
-from cellwatt.config import CellConfig, FrameSettings, SinkConfig, SourceConfig, StageConfig
+from cellwatt.config import CellConfig, FrameSettings, OutletConfig, SourceConfig, StageConfig
 from cellwatt.record import RecordSettings
 from cellwatt.results import Prediction, Result
 from tests.daemon.runtime.one_process import Cell
@@ -128,7 +128,7 @@ class FakeDriver(Driver[FakeSettings]):
 
 
 async def answer(driver: FakeDriver) -> None:
-    driver.outlet.connected(WHO)
+    driver.inlet.connected(WHO)
 
 
 def give(n: int) -> Order:
@@ -136,11 +136,11 @@ def give(n: int) -> Order:
 
     async def order(driver: FakeDriver) -> None:
         device = DEVICES[driver.settings.host]
-        device.time = device.time or driver.outlet.now()
+        device.time = device.time or driver.inlet.now()
         for _ in range(n):
             device.time += STEP
-            driver.outlet.account.expect()
-            driver.outlet.emit(Reading(STREAM, np.array([[float(device.made), 1.0]]), device.time))
+            driver.inlet.account.expect()
+            driver.inlet.emit(Reading(STREAM, np.array([[float(device.made), 1.0]]), device.time))
             device.made += 1
             if not device.made % 20:
                 await asyncio.sleep(0)  # as a device does, which sends few at once
@@ -150,16 +150,16 @@ def give(n: int) -> Order:
 
 def miss(n: int, why: str) -> Order:
     async def order(driver: FakeDriver) -> None:
-        driver.outlet.account.expect(n)
-        driver.outlet.account.miss(n, why)
+        driver.inlet.account.expect(n)
+        driver.inlet.account.miss(n, why)
 
     return order
 
 
 def drop(n: int, where: str) -> Order:
     async def order(driver: FakeDriver) -> None:
-        driver.outlet.account.expect(n)
-        driver.outlet.account.drop(n, where)
+        driver.inlet.account.expect(n)
+        driver.inlet.account.drop(n, where)
 
     return order
 
@@ -258,7 +258,7 @@ def frames_of(first: int, n: int = 1, second: float | None = None) -> Frames:
 
 
 class Receiver(Obeying):
-    """Where a sink puts what it gets; ``refuse`` is raised for what is offered, ``refuse_health`` for health."""
+    """Where an outlet puts what it gets; ``refuse`` is raised for what is offered, ``refuse_health`` for health."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -291,11 +291,11 @@ class Receiver(Obeying):
 RECEIVERS: dict[str, Receiver] = defaultdict(Receiver)
 
 
-class ReceiverSettings(SinkSettings):
+class ReceiverSettings(OutletSettings):
     note: str = ""
 
 
-class FakeSink(Sink[ReceiverSettings]):
+class FakeOutlet(Outlet[ReceiverSettings]):
     Settings = ReceiverSettings
     title = "Receiver of the tests"
 
@@ -323,9 +323,9 @@ POINTS = [
         ("drivers", "fake", "FakeDriver"),
         ("stages", "judge", "FakeStage"),
         ("stages", "after", "AfterStage"),
-        ("sinks", "bus", "FakeSink"),
-        ("sinks", "zenoh", "FakeSink"),
-        ("sinks", "other", "FakeSink"),
+        ("outlets", "bus", "FakeOutlet"),
+        ("outlets", "zenoh", "FakeOutlet"),
+        ("outlets", "other", "FakeOutlet"),
     )
 ]
 
@@ -343,12 +343,12 @@ def stages(*names: str, **notes: str) -> dict[str, StageConfig]:
     return {n: StageConfig(n, "judge", JudgeSettings(note=notes.get(n, ""))) for n in names}
 
 
-def sinks(*names: str, **notes: str) -> dict[str, SinkConfig]:
-    return {n: SinkConfig(n, ReceiverSettings(note=notes.get(n, ""))) for n in names}
+def outlets(*names: str, **notes: str) -> dict[str, OutletConfig]:
+    return {n: OutletConfig(n, ReceiverSettings(note=notes.get(n, ""))) for n in names}
 
 
 def config_of(**parts: Any) -> CellConfig:
-    """A cell of one source ``arm`` and one sink ``bus``, unless said otherwise."""
+    """A cell of one source ``arm`` and one outlet ``bus``, unless said otherwise."""
     usual: dict[str, Any] = {
         "path": Path("/cells/weld.yaml"),
         "text": "",
@@ -359,7 +359,7 @@ def config_of(**parts: Any) -> CellConfig:
         "frames": FrameSettings(),
         "stages": {},
         "record": None,
-        "sinks": sinks("bus"),
+        "outlets": outlets("bus"),
     }
     if isinstance(parts.get("record"), Path):
         parts["record"] = RecordSettings(folder=parts["record"])

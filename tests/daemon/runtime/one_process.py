@@ -126,12 +126,12 @@ class Cell(cell.Cell):
 
     async def _apply(self, change: Change, config: CellConfig, prepared: Prepared) -> None:
         await self._collector.stop(self._tasks, change.sources)
-        await self.view.stop(self._tasks, change.sinks)
+        await self.view.stop(self._tasks, change.outlets)
         if change.frames:
             await self._end_frames()
         self._config = config
         self._collector.change(self._tasks, config, change.sources)
-        self.view.change(self._tasks, config, change.sinks)
+        self.view.change(self._tasks, config, change.outlets)
         if change.frames:
             self._begin_frames(prepared)
             self.view.redeclare(prepared.streams, prepared.layout)

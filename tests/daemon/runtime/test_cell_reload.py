@@ -22,14 +22,14 @@ from tests.daemon.runtime.fakes import (
     fail,
     give,
     look,
+    outlets,
     running,
-    sinks,
     sources,
     stages,
     until,
 )
 
-TWO = config_of(sources=sources("arm", "board"), sinks=sinks("bus", "other"))
+TWO = config_of(sources=sources("arm", "board"), outlets=outlets("bus", "other"))
 
 
 def numbers(source):
@@ -106,15 +106,17 @@ def test_a_source_that_was_away_runs_with_its_new_address_at_once(at_once):
     at_once(main())
 
 
-def test_a_sink_that_changed_is_made_anew_and_the_data_go_on(at_once):
-    config = config_of(sinks=sinks("bus", "other"))
+def test_a_outlet_that_changed_is_made_anew_and_the_data_go_on(at_once):
+    config = config_of(outlets=outlets("bus", "other"))
 
     async def main():
         DEVICES["arm"].tell(answer, give(3))
         async with running(config) as cell:
             await DEVICES["arm"].done()
             frames = len(RECEIVERS["other"].frames)
-            assert await cell.reload(replace(config, sinks=sinks("bus", "other", bus="new"))) == "reloaded: sink bus"
+            assert (
+                await cell.reload(replace(config, outlets=outlets("bus", "other", bus="new"))) == "reloaded: outlet bus"
+            )
             DEVICES["arm"].tell(give(3))
             await DEVICES["arm"].done()
             assert (len(RECEIVERS["bus"].runs), RECEIVERS["bus"].most_open) == (2, 1)
@@ -126,10 +128,10 @@ def test_a_sink_that_changed_is_made_anew_and_the_data_go_on(at_once):
     at_once(main())
 
 
-def test_a_sink_that_was_removed_gets_nothing_more(at_once):
+def test_a_outlet_that_was_removed_gets_nothing_more(at_once):
     async def main():
         async with running(TWO) as cell:
-            await cell.reload(replace(TWO, sinks=sinks("other")))
+            await cell.reload(replace(TWO, outlets=outlets("other")))
             DEVICES["arm"].tell(answer, give(3))
             await DEVICES["arm"].done()
             assert (RECEIVERS["bus"].open, RECEIVERS["bus"].values) == (0, [])

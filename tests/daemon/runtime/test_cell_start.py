@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from cellwatt import Alarm, ConfigError, ConnectError, Event, RecordingError, SinkError
+from cellwatt import Alarm, ConfigError, ConnectError, Event, OutletError, RecordingError
 from cellwatt.alarms import Patience
 from cellwatt.record import Recording
 from cellwatt.runtime import watch
@@ -14,7 +14,7 @@ from tests.daemon.runtime.fakes import (
     DEVICES,
     JUDGES,
     RECEIVERS,
-    FakeSink,
+    FakeOutlet,
     alarm,
     answer,
     config_of,
@@ -101,7 +101,7 @@ def test_health_tells_the_account_of_a_source(at_once):
 
 def test_samples_nobody_accounts_for_are_an_alarm(at_once):
     async def forgets(driver):
-        driver.outlet.account.expect(3)
+        driver.inlet.account.expect(3)
 
     async def main():
         DEVICES["arm"].tell(answer, give(4), forgets)
@@ -115,7 +115,7 @@ def test_samples_nobody_accounts_for_are_an_alarm(at_once):
     at_once(main())
 
 
-async def test_an_alarm_of_a_stage_reaches_sinks_record_and_health(tmp_path):
+async def test_an_alarm_of_a_stage_reaches_outlets_record_and_health(tmp_path):
     raised, cleared = alarm("heat", stage="judge"), alarm("heat", active=False, stage="judge")
     told = {2: raised, 4: raised, 6: cleared}
     JUDGES["judge"].give = lambda frames, _: [  # in whatever blocks they come
@@ -209,12 +209,12 @@ async def test_a_stage_that_cannot_be_made_is_told_with_its_place():
     assert not DEVICES["arm"].runs
 
 
-async def test_a_sink_that_cannot_be_made_is_told(monkeypatch):
+async def test_a_outlet_that_cannot_be_made_is_told(monkeypatch):
     def refuses(self, *_):
-        raise SinkError("no certificate at plant.pem")
+        raise OutletError("no certificate at plant.pem")
 
-    monkeypatch.setattr(FakeSink, "__init__", refuses)
-    with pytest.raises(SinkError, match=r"no certificate at plant\.pem"):
+    monkeypatch.setattr(FakeOutlet, "__init__", refuses)
+    with pytest.raises(OutletError, match=r"no certificate at plant\.pem"):
         await start(config_of())
 
 
@@ -222,7 +222,7 @@ async def test_a_mistake_of_ours_stays_a_traceback(monkeypatch):
     def breaks(self, *_):
         raise AttributeError("colour")
 
-    monkeypatch.setattr(FakeSink, "__init__", breaks)
+    monkeypatch.setattr(FakeOutlet, "__init__", breaks)
     with pytest.raises(ExceptionGroup) as caught:
         await start(config_of())
     assert caught.group_contains(AttributeError, match="colour")

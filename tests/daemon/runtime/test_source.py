@@ -37,7 +37,7 @@ class Cellar:
         self.events: list[Event] = []
         self.source = Source(
             "arm",
-            lambda outlet: FakeDriver("arm", FakeSettings(host="arm"), outlet),
+            lambda inlet: FakeDriver("arm", FakeSettings(host="arm"), inlet),
             lambda: 1_000_000_000,
             self.batches.append,
             self.events.append,
@@ -100,6 +100,30 @@ def test_a_source_is_well_with_its_first_number(at_once):
             source.emit(Reading(STREAM, np.array([[230.0, np.nan]]), 3))
             assert source.status()["streams"]["supply"]["blank"] == []
             source.account.expect(4)
+
+    at_once(main())
+
+
+def test_a_channel_that_gives_no_number_any_more_is_named(at_once, monkeypatch):
+    monkeypatch.setattr("cellwatt.runtime.source.LOOK", 0.0)
+
+    async def main():
+        async with running(answer, give(1)) as cellar:
+            source = cellar.source
+            await DEVICES["arm"].done()
+
+            def looked_at(voltage):
+                for _ in range(5):
+                    source.emit(Reading(STREAM, np.array([[voltage, 1.0]]), 1))
+                    source.account.expect(1)
+                source.settle()
+                return source.status()["streams"]["supply"]["blank"]
+
+            assert looked_at(230.0) == []
+            assert looked_at(np.nan) == ["bus.voltage"]
+            source.emit(Reading(STREAM, np.array([[230.0, 1.0]]), 3))
+            source.account.expect(1)
+            assert source.status()["streams"]["supply"]["blank"] == []
 
     at_once(main())
 
@@ -270,7 +294,7 @@ def test_what_was_expected_is_received_missed_or_dropped(at_once):
 
 def test_what_is_not_accounted_for_is_seen(at_once):
     async def forgets(driver):
-        driver.outlet.account.expect(2)
+        driver.inlet.account.expect(2)
 
     async def main():
         async with running(answer, give(1), forgets) as cellar:

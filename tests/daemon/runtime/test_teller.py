@@ -1,4 +1,4 @@
-"""Alarms on their way to the sinks: those of stages that are gone, those that flap, those on the shelf."""
+"""Alarms on their way to the outlets: those of stages that are gone, those that flap, those on the shelf."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from cellwatt import Alarm, Event, Task
 from cellwatt.config import CellConfig
 from cellwatt.ring import Ring, RingJournal
 from cellwatt.runtime.teller import Teller
-from tests.daemon.publish.fake_cell import task
-from tests.daemon.runtime.fakes import alarm, config_of, sinks, stages
+from tests.daemon.outlets.zenoh.fake_cell import task
+from tests.daemon.runtime.fakes import alarm, config_of, outlets, stages
 
 SECOND = 10**9
-CONFIG = config_of(sources={}, sinks={}, stages=stages("heat", "noise"))
+CONFIG = config_of(sources={}, outlets={}, stages=stages("heat", "noise"))
 
 
 class Told(Teller):
-    """Teller that keeps what its sinks and its record would get; ``time`` is the cell's clock."""
+    """Teller that keeps what its outlets and its record would get; ``time`` is the cell's clock."""
 
     def __init__(self, config: CellConfig = CONFIG, journal: Any = None) -> None:
         self.time = 0
@@ -109,7 +109,7 @@ def test_an_alarm_on_the_shelf_is_recorded_and_not_published_before_its_time() -
 
 @pytest.mark.parametrize("active", [True, False])
 def test_only_news_is_logged(caplog: pytest.LogCaptureFixture, active: bool) -> None:
-    teller = Told(replace(CONFIG, sinks=sinks()))
+    teller = Told(replace(CONFIG, outlets=outlets()))
     teller.take(alarm("a"))
     teller.take(replace(alarm("a", active=active), time=9))
     assert len(caplog.records) == 1 + (not active)
@@ -125,7 +125,7 @@ def test_a_result_is_recorded_under_the_number_that_it_is_told_with() -> None:
     assert [(n, item) for n, item in journal.past() if isinstance(item, Task)] == [(0, task(0)), (1, task(1))]
 
 
-def test_an_alarm_is_in_the_journal_though_no_sink_puts_it_there() -> None:
+def test_an_alarm_is_in_the_journal_though_no_outlet_puts_it_there() -> None:
     journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
     Teller(CONFIG, 1, lambda: 0, journal).take(alarm("a"))
     assert Told(journal=journal).looked_at() == ["a"]

@@ -95,7 +95,7 @@ def test_other_parts() -> None:
         "recorder": {"state": "disk full", "problem": "no space left", "drops": {"/raw/arm/rtde": 7}},
     }
     kinds = [a.kind for now in range(PATIENCE) for a in watch.look(sick, now)]
-    assert sorted(kinds) == ["recorder", "sink_down", "stage_broken"], "a sink that still starts is no trouble"
+    assert sorted(kinds) == ["recorder", "sink_down", "stage_broken"], "an outlet that still starts is no trouble"
 
 
 def test_a_source_that_gives_less_than_it_declares_is_told_with_what_it_missed() -> None:
@@ -206,7 +206,7 @@ def test_channels_without_any_number_are_named_until_there_is_one() -> None:
 
     said = looked_at(Watch(), 30, source)
     assert [(a.kind, a.active) for a in said] == [("source_blank", True), ("source_blank", False)]
-    assert "never gave a number for arm.joint_1.torque" in said[0].statement
+    assert "gives no number for arm.joint_1.torque" in said[0].statement
 
 
 def test_what_is_sent_on_change_or_seldom_may_not_have_come_yet() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import sys
 import time
@@ -15,7 +14,7 @@ from threadpoolctl import threadpool_info
 
 from cellwatt import ConfigError
 from cellwatt.scheduler import scheduled, spread
-from cellwatt.scheduler.ambient import cluster
+from cellwatt.scheduler.spread import workers
 from tests.patience import wait_until
 
 
@@ -64,20 +63,12 @@ def odd(number: int) -> int:
 
 
 def nested(number: int) -> tuple[bool, list[int]]:
-    return cluster() is None, spread(abs, [-number, number], "inside")
+    return workers() is None, spread(abs, [-number, number], "inside")
 
 
 def threads(number: int) -> int:
     np.ones((2, 2)) @ np.ones((2, 2))
     return max(library["num_threads"] for library in threadpool_info())
-
-
-def pages(arrays: int) -> float:
-    """Pages fetched from the system for some arrays of 800 kB, as a share of those that they have."""
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    for _ in range(arrays):
-        np.ones(100_000)
-    return (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) / (arrays * 8e5 / resource.getpagesize())
 
 
 def dies_once(item: Item) -> int:

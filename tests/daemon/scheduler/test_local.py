@@ -11,8 +11,9 @@ import pytest
 from cellwatt import CellwattError, ConfigError
 from cellwatt.progress import Stage
 from cellwatt.scheduler import scheduled, spread
-from cellwatt.scheduler.ambient import cluster
+from cellwatt.scheduler.spread import workers
 from tests.daemon.scheduler import parts
+from tests.daemon.scheduler.parts import Item
 
 
 @pytest.fixture(scope="module")
@@ -65,12 +66,26 @@ class TestOnWorkers:
 
     def test_progress_is_told(self) -> None:
         told = Stage("where", 6)
-        workers = cluster()
-        assert workers is not None
-        workers.run(parts.where, range(6), None, told)
+        pool = workers()
+        assert pool is not None
+        pool.run(parts.where, range(6), None, told)
         assert (told.done, told.name) == (6, "where")
 
     def test_a_path_means_the_same_as_here(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (tmp_path / "a").write_bytes(b"1")
         monkeypatch.chdir(tmp_path)
         assert spread(parts.content, [Path("a"), tmp_path / "a"], "files") == [("a", b"1"), (str(tmp_path / "a"), b"1")]
+
+    def test_a_worker_that_dies_changes_nothing(self, tmp_path: Path) -> None:
+        assert spread(parts.dies_once, _items(tmp_path), "numbers") == list(range(8))
+        assert (tmp_path / "died").exists()
+
+    def test_an_item_that_kills_its_worker_is_named(self, tmp_path: Path) -> None:
+        with pytest.raises(CellwattError, match="kills the process that takes it: is there enough memory") as told:
+            spread(parts.dies, _items(tmp_path), "numbers")
+        assert str(told.value).startswith(f"numbers: item 4 of 8 ({Item(3, tmp_path)!r}"[:60])
+        assert spread(abs, [-1, -2], "after it") == [1, 2]
+
+
+def _items(folder: Path) -> list[Item]:
+    return [Item(number, folder) for number in range(8)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -12,7 +11,7 @@ from threading import Thread
 import pytest
 
 from cellwatt import CellwattError, Event
-from cellwatt.scheduler import scheduled, spread, workers
+from cellwatt.scheduler import hosts, scheduled, spread
 from tests.daemon.commands.calling import Call, call
 from tests.daemon.record.making import SESSION, batch_of, frames_of, stream_of, write_chunks
 from tests.daemon.record.test_roundtrip import RESULTS
@@ -66,20 +65,10 @@ def test_results_are_those_of_serial_work(own: Scheduler) -> None:
     assert found == [parts.spectrum(seed) for seed in range(20)]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="glibc alone fetches memory anew for each array")
-def test_a_worker_keeps_the_memory_that_an_array_has_freed(own: Scheduler) -> None:
-    with scheduled(own.address):
-        assert max(spread(parts.pages, [400, 400], "arrays")) < 0.3
-
-
-def test_a_worker_that_dies_changes_nothing(
-    own: Scheduler, tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_worker_that_dies_changes_nothing(own: Scheduler, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with scheduled(own.address):
         assert spread(parts.dies_once, items(tmp_path), "numbers") == list(range(8))
     assert (tmp_path / "died").exists()
-    told = [record.getMessage() for record in caplog.records if record.name.startswith("cellwatt")]
-    assert told == ["numbers: 1 worker went away in the middle; others did their part"]
     assert capfd.readouterr() == ("", "")
 
 
@@ -89,9 +78,8 @@ def test_an_item_that_kills_its_workers_is_named(own: Scheduler, tmp_path: Path)
         with pytest.raises(CellwattError) as told:
             spread(parts.dies, items(tmp_path), "numbers")
         assert spread(abs, [-1, -2], "after it") == [1, 2]
-    name = f"item 4 of 8 ({Item(3, tmp_path)!r}"[:60]
-    assert str(told.value).startswith(f"numbers: {name}")
-    assert str(told.value).endswith("kills each worker that takes it: have they enough memory?")
+    assert str(told.value).startswith("numbers: item ")
+    assert str(told.value).endswith("of it or of one beside it: have they enough memory?")
     assert (tmp_path / "calls").read_text().split().count("3") == 2
 
 
@@ -128,8 +116,9 @@ def test_a_ctrl_c_ends_the_work_and_leaves_the_workers(own: Scheduler, tmp_path:
         assert spread(abs, [-1, -2], "after it") == [1, 2]
 
 
+@pytest.mark.leaves_behind  # the thread of dask's client, which ends with the command
 def test_nobody_answers(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.scheduler.cluster.CONNECT", 0.3)
+    monkeypatch.setattr("cellwatt.scheduler.hosts.CONNECT", 0.3)
     expected = "^the scheduler at tcp://127.0.0.1:9 does not answer; start it with: dask scheduler --port 9$"
     with pytest.raises(CellwattError, match=expected), scheduled("tcp://127.0.0.1:9"):
         raise AssertionError
@@ -141,7 +130,7 @@ def test_a_scheduler_without_workers_is_told_and_then_one_of_another_version(
     another: Scheduler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(workers, "WORKERLESS", 0.2)
+        patch.setattr(hosts, "WORKERLESS", 0.2)
         expected = f"{another.address} has had no worker for .*; start one with: dask worker {another.address}"
         with scheduled(another.address), pytest.raises(CellwattError, match=expected):
             spread(abs, [1, 2], "numbers")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import Future
 from pathlib import Path
 
 import click
@@ -13,9 +12,8 @@ from click.testing import CliRunner
 from cellwatt import CellwattError, ConfigError
 from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.scheduler import scheduled, spread
-from cellwatt.scheduler.handed import Handed
+from cellwatt.scheduler.hosts import PACKAGES, check_versions
 from cellwatt.scheduler.place import Place, parse_place
-from cellwatt.scheduler.versions import PACKAGES, check_versions
 
 
 @pytest.mark.parametrize(
@@ -71,12 +69,12 @@ def test_without_one_the_work_is_serial() -> None:
 
 
 def test_a_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith("cellwatt.scheduler.cluster")]:
+    for name in [name for name in sys.modules if name.startswith("cellwatt.scheduler.hosts")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "dask.config", None)
     monkeypatch.setitem(sys.modules, "dask", None)
     expected = r"needs the package dask.*: pip install 'cellwatt\[scale\]'"
-    with pytest.raises(ConfigError, match=expected), scheduled("local"):
+    with pytest.raises(ConfigError, match=expected), scheduled("tcp://127.0.0.1:9"):
         raise AssertionError
 
 
@@ -114,34 +112,14 @@ def _versions(told: dict[str, str | None]) -> dict[str, object]:
 )
 def test_other_versions_are_refused(scheduler: dict[str, str | None], worker: dict[str, str | None], text: str) -> None:
     with pytest.raises(CellwattError) as told:
-        check_versions(Told(scheduler, worker), Place("tcp://s:1"))
+        check_versions(Told(scheduler, worker), "tcp://s:1")
     assert text in str(told.value)
 
 
 def test_the_same_versions_are_welcome() -> None:
-    check_versions(Told({}, {"python": "3.11.9.final.0"}), Place("tcp://s:1"))
+    check_versions(Told({}, {"python": "3.11.9.final.0"}), "tcp://s:1")
 
 
 def test_relative_paths_stay_relative_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert spread(str, [Path("a"), Path("b")], "paths") == ["a", "b"]
-
-
-class Refusing:
-    """A client whose workers never get what is shared."""
-
-    def submit(self, function: object, *_: object, **__: object) -> Future[None]:
-        failed: Future[None] = Failed()
-        failed.set_exception(MemoryError("too large"))
-        return failed
-
-
-class Failed(Future[None]):
-    status = "error"
-
-
-def test_what_is_shared_is_not_sent_for_ever() -> None:
-    handed = Handed(Refusing(), "value", 1)
-    with pytest.raises(CellwattError, match="what all items share does not come to the workers: too large"):
-        for _ in range(100):
-            handed.give("tcp://a:1")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt.publish.link import LinkSettings, TlsSettings
+from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
 from cellwatt.secure.certificates import Pair, issue, new_authority
 from cellwatt.secure.validity import warnings
 

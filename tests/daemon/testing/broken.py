@@ -108,7 +108,7 @@ class DoesNotIdentify(SkeletonDriver):
 class Returns(SkeletonDriver):
     async def run(self) -> None:
         async with self._connected() as meter:
-            self.outlet.connected(await self._greet(meter))
+            self.inlet.connected(await self._greet(meter))
 
 
 class NeverSaysConnected(SkeletonDriver):
@@ -123,7 +123,7 @@ class SaysConnectedTooLate(SkeletonDriver):
     async def run(self) -> None:
         async with self._connected() as meter:
             await self._poll(meter)
-            self.outlet.connected(await self._greet(meter))
+            self.inlet.connected(await self._greet(meter))
             while True:
                 await self._poll(meter)
                 await asyncio.sleep(0.02)
@@ -131,7 +131,7 @@ class SaysConnectedTooLate(SkeletonDriver):
 
 class LeavesItsPollsOpen(SkeletonDriver):
     async def _poll(self, meter: Meter) -> None:
-        self.outlet.account.expect()
+        self.inlet.account.expect()
         with contextlib.suppress(SourceError):
             await super()._poll(meter)
 
@@ -140,7 +140,7 @@ class CountsNothing(SkeletonDriver):
     async def _poll(self, meter: Meter) -> None:
         sample = wire.parse_sample(await meter.ask(wire.READ))
         values = np.array([[sample.voltage, sample.current, sample.power]])
-        self.outlet.emit(Reading(self._stream, values, self.outlet.now()))
+        self.inlet.emit(Reading(self._stream, values, self.inlet.now()))
 
 
 class GoesOnAfterTheEnd(SkeletonDriver):
@@ -212,10 +212,10 @@ class DoesNotSayWhere(SkeletonDriver):
 class Restamps(SkeletonDriver):
     """Hands on readings of the skeleton, changed by ``stamped``."""
 
-    def __init__(self, name, settings, outlet):
-        super().__init__(name, settings, outlet)
-        emit = outlet.emit
-        outlet.emit = lambda reading: emit(self.stamped(reading))
+    def __init__(self, name, settings, inlet):
+        super().__init__(name, settings, inlet)
+        emit = inlet.emit
+        inlet.emit = lambda reading: emit(self.stamped(reading))
 
     def stamped(self, reading: Reading) -> Reading:
         raise NotImplementedError
@@ -237,8 +237,8 @@ class StampsFromOneProcessStart(Restamps):
 
 
 class OnDeviceTime(Restamps):
-    def __init__(self, name, settings, outlet):
-        super().__init__(name, settings, outlet)
+    def __init__(self, name, settings, inlet):
+        super().__init__(name, settings, inlet)
         self._stream = replace(self._stream, clock="device")
 
 
@@ -256,8 +256,8 @@ class StandsStill(OnDeviceTime):
 
 
 class PollsTooSlowly(SkeletonDriver):
-    def __init__(self, name, settings, outlet):
-        super().__init__(name, settings.model_copy(update={"rate": settings.rate / 2}), outlet)
+    def __init__(self, name, settings, inlet):
+        super().__init__(name, settings.model_copy(update={"rate": settings.rate / 2}), inlet)
         self._stream = replace(self._stream, rate=settings.rate)
 
 
@@ -297,9 +297,9 @@ class MapsNothing(SkeletonDriver):
 
     async def _poll(self, meter: Meter) -> None:
         voltage, current, milliwatt = (float(x) for x in (await meter.ask(wire.READ)).split())
-        self.outlet.account.expect()
+        self.inlet.account.expect()
         values = np.array([[voltage, current, milliwatt / 1000.0]])
-        self.outlet.emit(Reading(self._stream, values, self.outlet.now()))
+        self.inlet.emit(Reading(self._stream, values, self.inlet.now()))
 
 
 class SwallowsLoss(SkeletonDriver):
@@ -307,13 +307,13 @@ class SwallowsLoss(SkeletonDriver):
 
     async def run(self) -> None:
         async with self._connected() as meter:
-            self.outlet.connected(await self._greet(meter))
+            self.inlet.connected(await self._greet(meter))
             while True:
                 with contextlib.suppress(SourceError):
                     sample = wire.parse_sample(await meter.ask(wire.READ))
-                    self.outlet.account.expect()
+                    self.inlet.account.expect()
                     values = np.array([[sample.voltage, sample.current, sample.power]])
-                    self.outlet.emit(Reading(self._stream, values, self.outlet.now()))
+                    self.inlet.emit(Reading(self._stream, values, self.inlet.now()))
                 await asyncio.sleep(0.02)
 
 

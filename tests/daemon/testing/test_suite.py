@@ -37,8 +37,8 @@ MISTAKES = [
     ("starts_and_stops", broken.NamesAStreamBadly, "'Measured!': expected small letters"),
     ("starts_and_stops", broken.DoesNotIdentify, "name the model"),
     ("starts_and_stops", broken.Returns, r"run\(\) returned"),
-    ("starts_and_stops", broken.NeverSaysConnected, r"outlet.connected\(identity\) was never called"),
-    ("starts_and_stops", broken.SaysConnectedTooLate, r"readings came before outlet.connected"),
+    ("starts_and_stops", broken.NeverSaysConnected, r"inlet.connected\(identity\) was never called"),
+    ("starts_and_stops", broken.SaysConnectedTooLate, r"readings came before inlet.connected"),
     ("starts_and_stops", broken.LeavesItsPollsOpen, r"expected = received \+ missed \+ dropped does not hold whenever"),
     ("starts_and_stops", broken.CountsNothing, r"expected = received \+ missed \+ dropped does not hold whenever"),
     pytest.param(
@@ -110,7 +110,7 @@ def test_the_page_names_every_check():
         assert f"| `{check.__name__}` |" in page
 
 
-@pytest.mark.parametrize("module", ["cellwatt.testing", "cellwatt.testing.checks", "cellwatt.commands.new_driver"])
+@pytest.mark.parametrize("module", ["cellwatt.testing", "cellwatt.testing.checks", "cellwatt.commands.new_package"])
 def test_only_the_suite_needs_pytest(module):
     script = f"import sys, {module}; sys.exit('pytest' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0

@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.abb.emulator import AbbEmulator
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from ..running import Steady, going, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0)
@@ -40,13 +40,13 @@ async def emulated(**options: str) -> AsyncIterator[tuple[AbbEmulator, dict[str,
 
 
 @asynccontextmanager
-async def running(settings: dict[str, object]) -> AsyncIterator[tuple[CollectingOutlet, asyncio.Task[None]]]:
+async def running(settings: dict[str, object]) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed."""
-    outlet = CollectingOutlet()
-    async with going(AbbDriver("arm", AbbSettings.model_validate(settings), outlet).run()) as task:
-        yield outlet, task
-    assert outlet.account.residue == 0
+    inlet = CollectingInlet()
+    async with going(AbbDriver("arm", AbbSettings.model_validate(settings), inlet).run()) as task:
+        yield inlet, task
+    assert inlet.account.residue == 0
 
 
-def of(outlet: CollectingOutlet, stream: str) -> list:
-    return [r for r in outlet.readings if r.stream.name == stream]
+def of(inlet: CollectingInlet, stream: str) -> list:
+    return [r for r in inlet.readings if r.stream.name == stream]

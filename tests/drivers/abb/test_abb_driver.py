@@ -13,13 +13,13 @@ from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.abb.controller import Controller, state_stream
 from tests.patience import PATIENCE
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import ANGLES, emulated, of, running
 
 
-def assert_only_late(outlet):
+def assert_only_late(inlet):
     """Nothing of the stream is lost; pages that fell due while a busy machine still read the last ones are told."""
-    account = outlet.account
+    account = inlet.account
     assert set(+account.missed) <= {"slow answers"}, account.missed
     assert account.expected == account.received + account.missed.total()
 
@@ -28,25 +28,25 @@ def assert_only_late(outlet):
 async def test_motion_states_and_energy(robotware):
     groups = ("joints", "planned", "state", "force")
     async with emulated(robotware=str(robotware)) as (emulator, place):
-        async with running(place | {"robotware": robotware, "egm": groups, "web_rate": "10 Hz"}) as (outlet, _):
-            await outlet.until(lambda o: len(of(o, "egm")) > 100 and len(of(o, "energy")) > 1)
+        async with running(place | {"robotware": robotware, "egm": groups, "web_rate": "10 Hz"}) as (inlet, _):
+            await inlet.until(lambda o: len(of(o, "egm")) > 100 and len(of(o, "energy")) > 1)
         assert not emulator.pages.sessions  # logged out
         asked = emulator.pages.asked
-    egm = np.concatenate([r.values for r in of(outlet, "egm")])
+    egm = np.concatenate([r.values for r in of(inlet, "egm")])
     np.testing.assert_allclose(egm[:, :6], np.tile(ANGLES, (len(egm), 1)), atol=1e-12)
-    columns = of(outlet, "egm")[0].stream.names
+    columns = of(inlet, "egm")[0].stream.names
     assert (egm[:, columns.index("tool.force_x")] == 1.5).all()
     assert (egm[:, columns.index("tool.torque_z")] == -0.25).all()
     assert ("robot.move_index" in columns) == (robotware == 7)
     assert not np.isnan(egm[:, columns.index("robot.motors_on") :]).any()
-    states = np.concatenate([r.values for r in of(outlet, "controller")])
+    states = np.concatenate([r.values for r in of(inlet, "controller")])
     assert (states == [1, 1, 1, 0, 1]).all()
-    energy = of(outlet, "energy")[-1]
+    energy = of(inlet, "energy")[-1]
     assert energy.values[0, 1:4].tolist() == pytest.approx([200.0, 1.0, 0.0])
     assert energy.values[0, 4] == pytest.approx(5.0)
     assert energy.asked < energy.arrival
-    assert_only_late(outlet)
-    assert outlet.identities[-1].firmware.startswith(f"RobotWare {robotware}")
+    assert_only_late(inlet)
+    assert inlet.identities[-1].firmware.startswith(f"RobotWare {robotware}")
     assert {k.split()[0] for k in asked} == {"GET"}
     assert emulator.counts["heard"] == 0
 
@@ -57,74 +57,74 @@ async def test_pages_that_are_cut_short_by_the_stop_are_not_missed():
             asked.set()
             await asyncio.Event().wait()
 
-    asked, outlet = asyncio.Event(), CollectingOutlet()
-    controller = Controller(outlet, 10.0, state_stream(10.0), None, 7, "ROB_1", 1.0)
+    asked, inlet = asyncio.Event(), CollectingInlet()
+    controller = Controller(inlet, 10.0, state_stream(10.0), None, 7, "ROB_1", 1.0)
     polling = asyncio.create_task(controller.poll(Silent()))
     await asked.wait()
     polling.cancel()
     await asyncio.gather(polling, return_exceptions=True)
-    assert outlet.account.expected == outlet.account.missed.total() == 0
+    assert inlet.account.expected == inlet.account.missed.total() == 0
 
 
 async def test_what_the_emulator_made_is_what_came():
-    async with emulated() as (emulator, place), running(place | {"web": []}) as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 50)
+    async with emulated() as (emulator, place), running(place | {"web": []}) as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 50)
         for kind in ("loss", "duplicate", "reorder", "half_frame", "garbage"):
             emulator.inject(Fault(kind, probability=0.05))
-        await outlet.until(lambda o: emulator.counts["made"] > 500)
+        await inlet.until(lambda o: emulator.counts["made"] > 500)
         for kind in ("loss", "duplicate", "reorder", "half_frame", "garbage"):
             emulator.inject(Fault(kind, probability=0))
-        calm = outlet.account.received
-        await outlet.until(lambda o: o.account.received > calm + 20)
-        counts, account = emulator.counts, outlet.account
+        calm = inlet.account.received
+        await inlet.until(lambda o: o.account.received > calm + 20)
+        counts, account = emulator.counts, inlet.account
     gone = counts["loss"] + counts["half_frame"] + counts["reorder"]
     assert min(counts[k] for k in ("loss", "duplicate", "reorder", "half_frame", "garbage")) > 0
     assert account.missed == {"gap": gone}
     assert account.counters["malformed"] == counts["half_frame"] + counts["garbage"]
     assert account.counters["late packets"] + account.counters["duplicates"] == counts["reorder"] + counts["duplicate"]
-    assert outlet.resets == []
+    assert inlet.resets == []
 
 
 async def test_a_stall_loses_nothing_and_a_set_clock_is_noticed():
-    async with emulated() as (emulator, place), running(place | {"web": []}) as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 20)
+    async with emulated() as (emulator, place), running(place | {"web": []}) as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 20)
         emulator.inject(Fault("stall", seconds=0.3))
-        await outlet.until(lambda o: emulator.counts.get("stall", 0) == 1)
-        seen = outlet.account.received
-        await outlet.until(lambda o: o.account.received > seen + 100)
-        assert outlet.account.missed.total() == 0
-        assert outlet.resets == []
+        await inlet.until(lambda o: emulator.counts.get("stall", 0) == 1)
+        seen = inlet.account.received
+        await inlet.until(lambda o: o.account.received > seen + 100)
+        assert inlet.account.missed.total() == 0
+        assert inlet.resets == []
         emulator.inject(Fault("clock_jump", seconds=3600.0))
-        await outlet.until(lambda o: len(o.resets) == 1)
+        await inlet.until(lambda o: len(o.resets) == 1)
 
 
 async def test_states_that_change_are_reported():
-    async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (outlet, _):
-        await outlet.until(lambda o: len(of(o, "controller")) > 1)
+    async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "controller")) > 1)
         emulator.disturb({"motors": "off"})
-        await outlet.until(lambda o: "controller_state" in o.kinds())
+        await inlet.until(lambda o: "controller_state" in o.kinds())
         emulator.disturb({"program": "off"})
-        await outlet.until(lambda o: "program_state" in o.kinds())
-    assert ("controller_state", "controller: motoron → motoroff") in [(k, t) for k, t, _ in outlet.events]
+        await inlet.until(lambda o: "program_state" in o.kinds())
+    assert ("controller_state", "controller: motoron → motoroff") in [(k, t) for k, t, _ in inlet.events]
 
 
 async def test_pages_that_fail_leave_the_stream_alone_and_are_tried_again():
-    async with emulated() as (_, place), running(place | {"password": "wrong"}) as (outlet, task):
-        await outlet.until(lambda o: o.account.received > 50 and o.account.counters["web failures"] > 0)
+    async with emulated() as (_, place), running(place | {"password": "wrong"}) as (inlet, task):
+        await inlet.until(lambda o: o.account.received > 50 and o.account.counters["web failures"] > 0)
         assert not task.done()
-    assert any("user 'Default User' or the password is refused" in text for _, text, _ in outlet.events)
+    assert any("user 'Default User' or the password is refused" in text for _, text, _ in inlet.events)
 
 
 async def test_a_controller_without_energy_keeps_its_states():
     async with emulated(energy="no") as (_, place):
-        async with running(place | {"egm": [], "web_rate": "10 Hz"}) as (outlet, _):
-            await outlet.until(lambda o: len(of(o, "controller")) > 5)
-        alone = AbbDriver("arm", AbbSettings.model_validate(place | {"egm": [], "web": ["energy"]}), CollectingOutlet())
+        async with running(place | {"egm": [], "web_rate": "10 Hz"}) as (inlet, _):
+            await inlet.until(lambda o: len(of(o, "controller")) > 5)
+        alone = AbbDriver("arm", AbbSettings.model_validate(place | {"egm": [], "web": ["energy"]}), CollectingInlet())
         with pytest.raises(WrongDeviceError, match="HTTP 404"):
             await alone.run()
-    assert outlet.kinds() == ["energy_failed"]
-    assert "the controller has no page of its energy (/rw/system/energy)" in outlet.events[0][1]
-    assert_only_late(outlet)
+    assert inlet.kinds() == ["energy_failed"]
+    assert "the controller has no page of its energy (/rw/system/energy)" in inlet.events[0][1]
+    assert_only_late(inlet)
 
 
 async def is_taken(port: int) -> None:
@@ -140,63 +140,63 @@ async def is_taken(port: int) -> None:
 
 async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
     async with emulated() as (emulator, place):
-        outlet = CollectingOutlet()
-        driver = AbbDriver("arm", AbbSettings.model_validate(place | {"web": [], "timeout": "500 ms"}), outlet)
+        inlet = CollectingInlet()
+        driver = AbbDriver("arm", AbbSettings.model_validate(place | {"web": [], "timeout": "500 ms"}), inlet)
         first = asyncio.create_task(driver.run())
-        await outlet.until(lambda o: o.account.received > 10)
+        await inlet.until(lambda o: o.account.received > 10)
         emulator.inject(Fault("loss"))
         with pytest.raises(ConnectError, match=r"no EGM packet .* EGMStreamStart"):
             await asyncio.wait_for(first, PATIENCE)
-        seen = outlet.account.received
+        seen = inlet.account.received
         second = asyncio.create_task(driver.run())
         await is_taken(int(str(place["egm_port"])))  # else packets that find no socket are lost, too
         emulator.inject(Fault("loss", probability=0))
-        await outlet.until(lambda o: o.account.received > seen)
+        await inlet.until(lambda o: o.account.received > seen)
         second.cancel()
         await asyncio.gather(second, return_exceptions=True)
-    assert outlet.account.missed["outage"] == emulator.counts["loss"] > 50
-    assert outlet.account.residue == 0
-    assert len(outlet.identities) == 2
-    assert outlet.resets == []
+    assert inlet.account.missed["outage"] == emulator.counts["loss"] > 50
+    assert inlet.account.residue == 0
+    assert len(inlet.identities) == 2
+    assert inlet.resets == []
 
 
 async def test_only_the_robots_own_packets_are_taken():
     changes = {"web": [], "host": "127.0.0.9", "timeout": "1 s"}
     async with emulated() as (_, place):
-        outlet = CollectingOutlet()
+        inlet = CollectingInlet()
         with pytest.raises(ConnectError, match=r"no EGM packet from 127\.0\.0\.9"):
-            await AbbDriver("arm", AbbSettings.model_validate(place | changes), outlet).run()
-    assert outlet.account.counters["strangers"] > 0
-    assert outlet.account.received == 0
+            await AbbDriver("arm", AbbSettings.model_validate(place | changes), inlet).run()
+    assert inlet.account.counters["strangers"] > 0
+    assert inlet.account.received == 0
 
 
 async def test_a_port_that_is_taken_says_so():
-    async with emulated() as (_, place), running(place | {"web": []}) as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 1)
-        other = AbbDriver("other", AbbSettings.model_validate(place | {"web": []}), CollectingOutlet())
+    async with emulated() as (_, place), running(place | {"web": []}) as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 1)
+        other = AbbDriver("other", AbbSettings.model_validate(place | {"web": []}), CollectingInlet())
         with pytest.raises(ConnectError, match="egm_port of its own"):
             await other.run()
 
 
 async def test_who_is_there():
     async with emulated() as (_, place):
-        both = AbbDriver("arm", AbbSettings.model_validate(place), CollectingOutlet())
+        both = AbbDriver("arm", AbbSettings.model_validate(place), CollectingInlet())
         found = await both.identify()
         assert (found.maker, found.model, found.firmware) == ("ABB", "OmniCore", "RobotWare 7.15.0")
-        silent = AbbDriver("arm", AbbSettings.model_validate(place | {"web": []}), CollectingOutlet())
+        silent = AbbDriver("arm", AbbSettings.model_validate(place | {"web": []}), CollectingInlet())
         assert (await silent.identify()).model == "EGM stream"
-        refused = AbbDriver("arm", AbbSettings.model_validate(place | {"password": "no"}), CollectingOutlet())
+        refused = AbbDriver("arm", AbbSettings.model_validate(place | {"password": "no"}), CollectingInlet())
         with pytest.raises(DeviceError, match="refused"):
             await refused.identify()
-        nobody = AbbDriver("arm", AbbSettings.model_validate(place | {"port": 1}), CollectingOutlet())
+        nobody = AbbDriver("arm", AbbSettings.model_validate(place | {"port": 1}), CollectingInlet())
         with pytest.raises(ConnectError, match="cannot be read"):
             await nobody.identify()
 
 
 async def test_the_other_robotware_is_another_device():
-    async with emulated(robotware="6") as (_, place), running(place | {"robotware": 6, "egm": []}) as (outlet, _):
-        await outlet.until(lambda o: len(of(o, "controller")) > 0)
-        seven = AbbDriver("arm", AbbSettings.model_validate(place | {"robotware": 7}), CollectingOutlet())
+    async with emulated(robotware="6") as (_, place), running(place | {"robotware": 6, "egm": []}) as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "controller")) > 0)
+        seven = AbbDriver("arm", AbbSettings.model_validate(place | {"robotware": 7}), CollectingInlet())
         with pytest.raises((DeviceError, WrongDeviceError)):
             await seven.identify()
 
@@ -215,5 +215,5 @@ async def test_pages_over_https(tmp_path):
     async with emulated(certificate=str(pem)) as (_, place):
         for certificate in (None, str(tmp_path / "cert")):
             changes = {"tls": None, "certificate": certificate}
-            arm = AbbDriver("arm", AbbSettings.model_validate(place | changes), CollectingOutlet())
+            arm = AbbDriver("arm", AbbSettings.model_validate(place | changes), CollectingInlet())
             assert (await arm.identify()).model == "OmniCore"

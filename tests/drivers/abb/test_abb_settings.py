@@ -7,11 +7,11 @@ from cellwatt.errors import ConfigError
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.shared import requirements
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 
 def streams(**changes):
-    made = AbbDriver("arm", AbbSettings.model_validate({"host": "192.0.2.1"} | changes), CollectingOutlet())
+    made = AbbDriver("arm", AbbSettings.model_validate({"host": "192.0.2.1"} | changes), CollectingInlet())
     return {s.name: s for s in made.streams}
 
 

@@ -9,7 +9,7 @@ from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Stamp
 from cellwatt_drivers.abb.intake import Intake
 from cellwatt_drivers.abb.wire import columns
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import STILL
 
 START = 1_700_000_000.0
@@ -17,9 +17,9 @@ START = 1_700_000_000.0
 
 class Rig:
     def __init__(self):
-        self.outlet = CollectingOutlet()
+        self.inlet = CollectingInlet()
         found = columns(("joints",), 6, ())
-        self.intake = Intake(self.outlet, Stream("egm", found.channels, 250.0, "device"), found, lambda: None)
+        self.intake = Intake(self.inlet, Stream("egm", found.channels, 250.0, "device"), found, lambda: None)
         self.robot = EmulatedRobot(STILL, 7, 6, 0.004)
 
     def packet(self, number, at=None, clocked=True, start=START):
@@ -30,7 +30,7 @@ class Rig:
 
     @property
     def count(self):
-        account = self.outlet.account
+        account = self.inlet.account
         assert account.residue == 0
         return account.expected, account.received, dict(account.missed), dict(account.counters)
 
@@ -40,15 +40,15 @@ def test_one_after_the_other():
     rig.take(1, 2, 3)
     rig.take(4)
     assert rig.count == (4, 4, {}, {})
-    np.testing.assert_array_equal(np.diff(rig.outlet.device_time), 4_000_000)
-    assert rig.outlet.device_time[0] == 1_700_000_000_004_000_000
+    np.testing.assert_array_equal(np.diff(rig.inlet.device_time), 4_000_000)
+    assert rig.inlet.device_time[0] == 1_700_000_000_004_000_000
 
 
 def test_gaps_duplicates_and_late_ones():
     rig = Rig()
     rig.take(1, 2, 5, 5, 4, 6)
     assert rig.count == (6, 4, {"gap": 2}, {"duplicates": 1, "late packets": 1})
-    assert rig.outlet.resets == []
+    assert rig.inlet.resets == []
 
 
 def test_two_packets_of_one_number_that_differ_are_told_as_forged():
@@ -57,8 +57,8 @@ def test_two_packets_of_one_number_that_differ_are_told_as_forged():
     rig.take(2, at=1.5)
     rig.take(2)
     assert rig.count == (2, 2, {}, {"contradicting packets": 1, "duplicates": 1})
-    assert rig.outlet.account.forgeries == {"contradicting packets"}
-    assert rig.outlet.account.anomalies == {"duplicates"}
+    assert rig.inlet.account.forgeries == {"contradicting packets"}
+    assert rig.inlet.account.anomalies == {"duplicates"}
 
 
 def test_a_number_that_the_time_cannot_have_brought_invents_no_loss():
@@ -67,7 +67,7 @@ def test_a_number_that_the_time_cannot_have_brought_invents_no_loss():
     rig.take(900_000, at=3)
     rig.take(4, 5)
     assert rig.count == (5, 5, {}, {"sessions": 2})
-    assert rig.outlet.account.anomalies == {"sessions"}
+    assert rig.inlet.account.anomalies == {"sessions"}
 
 
 def test_a_gap_over_a_lost_connection_is_an_outage():
@@ -84,7 +84,7 @@ def test_numbering_begins_anew_with_a_new_session():
     rig.take(1, at=502)
     rig.take(2, at=503)
     assert rig.count == (4, 4, {}, {"sessions": 1})
-    assert rig.outlet.resets == []
+    assert rig.inlet.resets == []
 
 
 def test_a_controller_that_restarts_has_another_clock():
@@ -92,16 +92,16 @@ def test_a_controller_that_restarts_has_another_clock():
     rig.take(5000, 5001)
     rig.take(1, 2, start=START - 1e6)
     assert rig.count == (4, 4, {}, {"sessions": 1})
-    assert rig.outlet.resets == ["the controller's time went back"]
+    assert rig.inlet.resets == ["the controller's time went back"]
 
 
 def test_a_clock_that_is_set_is_noticed_and_a_gap_is_not_taken_for_it():
     rig = Rig()
     rig.take(1, 2)
     rig.take(1000)
-    assert rig.outlet.resets == []
+    assert rig.inlet.resets == []
     rig.take(1001, at=2001)
-    assert rig.outlet.resets == ["the controller's time jumped"]
+    assert rig.inlet.resets == ["the controller's time jumped"]
 
 
 def test_without_a_clock_the_header_counts_and_wraps():
@@ -109,9 +109,9 @@ def test_without_a_clock_the_header_counts_and_wraps():
     wrap = 2**32 / 1000
     rig.take(1, 2, 3, clocked=False, start=wrap - 0.010)
     assert rig.count == (3, 3, {}, {})
-    np.testing.assert_array_equal(np.diff(rig.outlet.device_time), 4_000_000)
+    np.testing.assert_array_equal(np.diff(rig.inlet.device_time), 4_000_000)
     rig.take(4)
-    assert rig.outlet.resets == ["the controller's clock came or went"]
+    assert rig.inlet.resets == ["the controller's clock came or went"]
 
 
 def test_garbage_is_counted():

@@ -13,7 +13,7 @@ from cellwatt.errors import SourceError
 from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from ..running import Steady, served, supervised
 
 FAST = {"cycles": "current=10,voltage_1=20"}
@@ -55,19 +55,19 @@ def settings(place: str, **changes: object) -> CanSensorSettings:
 @dataclass
 class Run:
     driver: CanSensorDriver
-    outlet: CollectingOutlet
+    inlet: CollectingInlet
     failures: list[SourceError]
 
     def stream(self, name: str) -> np.ndarray:
         """All samples of a stream."""
-        return np.concatenate([r.values for r in self.outlet.readings if r.stream.name == name])
+        return np.concatenate([r.values for r in self.inlet.readings if r.stream.name == name])
 
 
 @asynccontextmanager
 async def running(wanted: CanSensorSettings) -> AsyncIterator[Run]:
     """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    outlet = CollectingOutlet()
-    run = Run(CanSensorDriver("battery", wanted, outlet), outlet, [])
+    inlet = CollectingInlet()
+    run = Run(CanSensorDriver("battery", wanted, inlet), inlet, [])
 
-    async with supervised(run.driver, outlet) as run.failures:
+    async with supervised(run.driver, inlet) as run.failures:
         yield run

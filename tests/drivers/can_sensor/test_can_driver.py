@@ -14,7 +14,7 @@ from cellwatt_drivers.can_sensor import CanSensorDriver
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 from tests.patience import PATIENCE
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import STILL, emulated, running, settings, virtual
 
 GROUP = "udp_multicast:239.74.163.2:43917"
@@ -33,29 +33,29 @@ async def test_samples_in_si_units_on_the_bus_time(address):
     if address == GROUP:
         await asyncio.to_thread(multicast_or_skip)
     async with emulated(address) as (_, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: o.account.received >= 30)
+        await run.inlet.until(lambda o: o.account.received >= 30)
     assert run.stream("current")[:, 0] == pytest.approx(-2.5)
     assert run.stream("voltage_1")[:, 0] == pytest.approx(48.0)
     for name in ("current", "voltage_1"):
-        times = np.concatenate([r.device_time for r in run.outlet.readings if r.stream.name == name])
+        times = np.concatenate([r.device_time for r in run.inlet.readings if r.stream.name == name])
         assert np.all(np.diff(times) > 0)
-    assert all(r.device_time[-1] <= r.arrival <= r.device_time[-1] + PATIENCE * 1e9 for r in run.outlet.readings)
-    assert len(run.outlet.brackets) >= 2
-    assert run.outlet.account.missed == {}
-    assert run.outlet.identities[0].model == "IVT-S"
+    assert all(r.device_time[-1] <= r.arrival <= r.device_time[-1] + PATIENCE * 1e9 for r in run.inlet.readings)
+    assert len(run.inlet.brackets) >= 2
+    assert run.inlet.account.missed == {}
+    assert run.inlet.identities[0].model == "IVT-S"
     assert not run.failures
 
 
 async def test_the_clock_is_known_from_the_first_second_on():
     async with emulated() as (_, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: o.account.received >= 100)
+        await run.inlet.until(lambda o: o.account.received >= 100)
     model = ClockModel(CanSensorDriver.least_delay)
-    device_time, not_before = run.outlet.brackets[0]
+    device_time, not_before = run.inlet.brackets[0]
     model.bracket(device_time, not_before)
-    found = [model.stamp(r.device_time, r.arrival) for r in run.outlet.readings if r.stream.name == "current"]
+    found = [model.stamp(r.device_time, r.arrival) for r in run.inlet.readings if r.stream.name == "current"]
     assert model.resets == 0
     times, bounds = (np.concatenate(x) for x in zip(*found, strict=True))
-    truth = np.concatenate([r.device_time for r in run.outlet.readings if r.stream.name == "current"])
+    truth = np.concatenate([r.device_time for r in run.inlet.readings if r.stream.name == "current"])
     # This PC's clock stamps the frames, so the truth is known.
     assert np.all(np.abs(times - truth) <= bounds)
     assert bounds[-1] < 100_000_000
@@ -71,94 +71,94 @@ async def test_frames_that_come_together_are_one_reading():
                 bus.send(can.Message(arbitration_id=0x521, data=[0, number % 16, 0, 0, 0, 1], is_extended_id=False))
                 if number % 100 == 0:
                     await asyncio.sleep(0.02)  # lets the driver listen from the first frame on
-            await run.outlet.until(lambda o: o.account.received + o.account.missed.total() >= 300)
+            await run.inlet.until(lambda o: o.account.received + o.account.missed.total() >= 300)
         finally:
             bus.shutdown()
-    assert len(run.outlet.readings) < 50
+    assert len(run.inlet.readings) < 50
     assert run.stream("current")[-1, 0] == pytest.approx(0.001)
 
 
 async def test_lost_frames_are_counted_to_the_last():
     async with emulated() as (emulator, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: o.account.received >= 10)
+        await run.inlet.until(lambda o: o.account.received >= 10)
         emulator.inject(Fault("loss", probability=0.3))
-        await run.outlet.until(lambda o: emulator.counts.get("loss", 0) >= 20)
+        await run.inlet.until(lambda o: emulator.counts.get("loss", 0) >= 20)
         emulator.inject(Fault("loss", probability=0.0))
-        seen = run.outlet.account.received
-        await run.outlet.until(lambda o: o.account.received >= seen + 10)
-    assert run.outlet.account.missed == {"gap": emulator.counts["loss"]}
+        seen = run.inlet.account.received
+        await run.inlet.until(lambda o: o.account.received >= seen + 10)
+    assert run.inlet.account.missed == {"gap": emulator.counts["loss"]}
 
 
 async def test_duplicates_cut_and_foreign_frames():
     async with emulated() as (emulator, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: o.account.received >= 10)
+        await run.inlet.until(lambda o: o.account.received >= 10)
         emulator.inject(Fault("duplicate", probability=0.3))
         emulator.inject(Fault("half_frame", probability=0.2))
-        await run.outlet.until(lambda o: o.account.counters["malformed"] >= 5 and o.account.counters["duplicates"] >= 5)
+        await run.inlet.until(lambda o: o.account.counters["malformed"] >= 5 and o.account.counters["duplicates"] >= 5)
         for kind in ("duplicate", "half_frame"):
             emulator.inject(Fault(kind, probability=0.0))
         with can.Bus(interface="virtual", channel=place.partition(":")[2]) as bus:
             bus.send(can.Message(arbitration_id=0x7FF, data=b"", is_extended_id=False))
             bus.send(can.Message(arbitration_id=0x521, data=b"", is_extended_id=True))
-        seen = run.outlet.account.received
-        await run.outlet.until(lambda o: o.account.received >= seen + 10)
-    account = run.outlet.account
+        seen = run.inlet.account.received
+        await run.inlet.until(lambda o: o.account.received >= seen + 10)
+    account = run.inlet.account
     assert account.missed["gap"] == emulator.counts["half_frame"] == account.counters["malformed"]
     assert account.counters["duplicates"] == emulator.counts["duplicate"]
     assert account.counters["other frames"] == 2
-    assert run.outlet.kinds().count("malformed_frame") == 1
+    assert run.inlet.kinds().count("malformed_frame") == 1
 
 
 @pytest.mark.parametrize("address", [None, "pty"])
 async def test_frames_that_come_late_in_a_burst_are_not_lost(address):
     async with emulated(address) as (emulator, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: o.account.received >= 30)
+        await run.inlet.until(lambda o: o.account.received >= 30)
         emulator.inject(Fault("stall", seconds=0.4))
-        await run.outlet.until(lambda o: emulator.counts.get("stall", 0) == 1)
-        seen = run.outlet.account.received
-        await run.outlet.until(lambda o: o.account.received >= seen + 150)
-    assert run.outlet.account.missed == {}
+        await run.inlet.until(lambda o: emulator.counts.get("stall", 0) == 1)
+        seen = run.inlet.account.received
+        await run.inlet.until(lambda o: o.account.received >= seen + 150)
+    assert run.inlet.account.missed == {}
 
 
 async def test_garbage_from_an_adapter_never_becomes_a_value():
     async with emulated("pty") as (emulator, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: o.account.received >= 10)
+        await run.inlet.until(lambda o: o.account.received >= 10)
         emulator.inject(Fault("garbage", probability=0.3))
-        await run.outlet.until(lambda o: emulator.counts.get("garbage", 0) >= 10)
+        await run.inlet.until(lambda o: emulator.counts.get("garbage", 0) >= 10)
         emulator.inject(Fault("garbage", probability=0.0))
-        seen = run.outlet.account.received
-        await run.outlet.until(lambda o: o.account.received >= seen + 10)
+        seen = run.inlet.account.received
+        await run.inlet.until(lambda o: o.account.received >= seen + 10)
     assert run.stream("current")[:, 0] == pytest.approx(-2.5)
 
 
 async def test_error_frames_and_bus_off_are_told():
     async with emulated() as (emulator, place), running(settings(place, silence="10 s")) as run:
-        await run.outlet.until(lambda o: o.account.received >= 10)
+        await run.inlet.until(lambda o: o.account.received >= 10)
         emulator.inject(Fault("garbage", probability=1.0))
-        await run.outlet.until(lambda o: o.account.counters["error frames"] >= 3)
+        await run.inlet.until(lambda o: o.account.counters["error frames"] >= 3)
         emulator.inject(Fault("garbage", probability=0.0))
         emulator.inject(Fault("disconnect", seconds=0.3))
-        await run.outlet.until(lambda o: "bus_off" in o.kinds())
-        await run.outlet.until(lambda o: "bus_active" in o.kinds())
-        seen = run.outlet.account.received
-        await run.outlet.until(lambda o: o.account.received >= seen + 80)
-    account = run.outlet.account
+        await run.inlet.until(lambda o: "bus_off" in o.kinds())
+        await run.inlet.until(lambda o: "bus_active" in o.kinds())
+        seen = run.inlet.account.received
+        await run.inlet.until(lambda o: o.account.received >= seen + 80)
+    account = run.inlet.account
     assert account.counters["error frames: bus off"] == account.counters["error frames: restarted"] == 1
     assert account.counters["error frames: protocol"] == emulator.counts["garbage"]
     assert account.missed == {"gap": emulator.counts["disconnected"]}
-    assert [k for k in run.outlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
+    assert [k for k in run.inlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
     assert not run.failures
 
 
 async def test_a_silent_sensor_is_given_up_and_what_was_lost_is_counted():
     async with emulated() as (emulator, place), running(settings(place, silence="200 ms")) as run:
-        await run.outlet.until(lambda o: o.account.received >= 10)
+        await run.inlet.until(lambda o: o.account.received >= 10)
         emulator.inject(Fault("disconnect", seconds=0.6))
-        await run.outlet.until(lambda o: len(o.identities) == 2)
-        seen = run.outlet.account.received
-        await run.outlet.until(lambda o: o.account.received >= seen + 10)
+        await run.inlet.until(lambda o: len(o.identities) == 2)
+        seen = run.inlet.account.received
+        await run.inlet.until(lambda o: o.account.received >= seen + 10)
     assert "bus-off" in str(run.failures[0])
-    missed, unheard = run.outlet.account.missed, emulator.counts["sent"] - run.outlet.account.received
+    missed, unheard = run.inlet.account.missed, emulator.counts["sent"] - run.inlet.account.received
     # What was sent while the driver opened the bus anew is lost, too.
     assert 0 <= missed.total() - emulator.counts["disconnected"] <= unheard
     assert missed["disconnected"] > 0
@@ -166,20 +166,20 @@ async def test_a_silent_sensor_is_given_up_and_what_was_lost_is_counted():
 
 async def test_flags_of_the_sensor():
     async with emulated() as (emulator, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: o.account.received >= 6)
+        await run.inlet.until(lambda o: o.account.received >= 6)
         emulator.status = 0x1
-        await run.outlet.until(lambda o: o.account.counters["flag I_Overcurrent"] >= 3)
-        clipped = run.outlet.readings[-1]
+        await run.inlet.until(lambda o: o.account.counters["flag I_Overcurrent"] >= 3)
+        clipped = run.inlet.readings[-1]
         emulator.status = 0x2
-        await run.outlet.until(lambda o: o.account.counters["flag I_Channel_Error"] >= 3)
-        missing = run.outlet.readings[-1]
+        await run.inlet.until(lambda o: o.account.counters["flag I_Channel_Error"] >= 3)
+        missing = run.inlet.readings[-1]
         emulator.status = 0x0
-        await run.outlet.until(lambda o: sum("no flag any more" in text for _, text, _ in o.events) == 2)
+        await run.inlet.until(lambda o: sum("no flag any more" in text for _, text, _ in o.events) == 2)
     assert clipped.quality[-1] == Quality.CLIPPED
     assert np.isfinite(clipped.values[-1]).all()
     assert missing.quality[-1] == Quality.MISSING
     assert np.isnan(missing.values[-1]).all()
-    told = [text for kind, text, _ in run.outlet.events if kind == "sensor_flags"]
+    told = [text for kind, text, _ in run.inlet.events if kind == "sensor_flags"]
     assert told.count("battery: current raises I_Overcurrent") == 1
 
 
@@ -188,7 +188,7 @@ async def test_nobody_other_nodes_and_only_errors_are_told_apart():
     channel = place.partition(":")[2]
 
     async def verdict(error: type[Exception], match: str, *frames: can.Message) -> None:
-        driver = CanSensorDriver("battery", settings(place, silence="300 ms"), CollectingOutlet())
+        driver = CanSensorDriver("battery", settings(place, silence="300 ms"), CollectingInlet())
         task = asyncio.create_task(driver.run())
         with can.Bus(interface="virtual", channel=channel) as bus:
             while frames and not task.done():
@@ -213,7 +213,7 @@ async def test_nobody_other_nodes_and_only_errors_are_told_apart():
     ],
 )
 async def test_a_bus_that_is_not_there(changes, why):
-    driver = CanSensorDriver("battery", settings("virtual:x", **changes), CollectingOutlet())
+    driver = CanSensorDriver("battery", settings("virtual:x", **changes), CollectingInlet())
     with pytest.raises(ConnectError, match=why):
         await driver.identify()
 
@@ -223,7 +223,7 @@ async def test_nothing_is_sent_to_the_bus():
         with can.Bus(interface="virtual", channel=place.partition(":")[2]) as bus:
             async with running(settings(place)) as run:
                 await run.driver.identify()
-                await run.outlet.until(lambda o: o.account.received >= 10)
+                await run.inlet.until(lambda o: o.account.received >= 10)
             heard = set()
             while (frame := bus.recv(0)) is not None:
                 heard.add(frame.arbitration_id)
@@ -247,7 +247,7 @@ async def test_an_adapter_is_told_only_what_is_on_the_list(changes, allowed, mon
     monkeypatch.setattr(Adapter, "read", spy)
     async with emulated("pty") as (_, place):
         async with running(settings(place, **changes)) as run:
-            await run.outlet.until(lambda o: o.account.received >= 4)
+            await run.inlet.until(lambda o: o.account.received >= 4)
         await asyncio.sleep(0)
     assert heard <= allowed
     assert heard & {"O", "L"}
@@ -257,7 +257,7 @@ async def test_the_bus_is_released_on_cancellation():
     async with emulated("pty") as (_, place):
         for _ in range(2):
             async with running(settings(place)) as run:
-                await run.outlet.until(lambda o: o.account.received >= 2)
+                await run.inlet.until(lambda o: o.account.received >= 2)
             assert not run.failures
 
 

@@ -41,10 +41,10 @@ async def test_a_log_of_cantools_frames_played_by_python_can(tmp_path, suffix):
     channel = place.partition(":")[2]
     async with running(settings(place, map=str(tmp_path / "drive.yaml"))) as run:
         playing = asyncio.create_task(asyncio.to_thread(played, log, channel))
-        await run.outlet.until(lambda o: o.account.received >= len(SPEEDS))
+        await run.inlet.until(lambda o: o.account.received >= len(SPEEDS))
         await playing
     found = run.stream("status")
     assert found[:, 0] == pytest.approx(SPEEDS * 2 * np.pi / 60)
     assert found[:, 1] == pytest.approx(3 * 3600.0)
-    assert run.outlet.account.missed == {}
+    assert run.inlet.account.missed == {}
     assert not run.failures

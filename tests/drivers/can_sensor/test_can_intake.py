@@ -13,7 +13,7 @@ from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.sensor_map import load_decodings
 from cellwatt_drivers.can_sensor.slcan import CountingSlcanBus
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 LINES = [b"t521\r", b"T0000\r", b"t\r", b"?\r", b"t521\xff\r"]
 DBC = """VERSION ""
@@ -43,23 +43,23 @@ def taken(folder, frames, signals="U: bus.voltage", dbc=DBC):
     (folder / "a.dbc").write_text(dbc)
     (folder / "a.yaml").write_text(MAP % signals)
     _, decodings = load_decodings(None, folder / "a.yaml")
-    outlet = CollectingOutlet()
-    intake = Intake("sensor", decodings["a"], 0.0, outlet)
+    inlet = CollectingInlet()
+    intake = Intake("sensor", decodings["a"], 0.0, inlet)
     for second, data in enumerate(frames):
         intake.take(Message(arbitration_id=16, data=data, timestamp=100.0 + second))
-    intake.flush(outlet.now())
-    assert outlet.account.residue == 0
-    return outlet
+    intake.flush(inlet.now())
+    assert inlet.account.residue == 0
+    return inlet
 
 
-def values(outlet):
-    return outlet.values.tolist() if outlet.readings else []
+def values(inlet):
+    return inlet.values.tolist() if inlet.readings else []
 
 
 async def test_frames_with_other_pages_and_with_unknown_ones_are_no_samples(tmp_path):
-    outlet = taken(tmp_path, [[page, 10, 0, 0, 0, 0, 0, 0] for page in (1, 2, 1, 3)])
-    assert values(outlet) == [[1.0], [1.0]]
-    assert outlet.account.counters == {"frames without the signals": 2}
+    inlet = taken(tmp_path, [[page, 10, 0, 0, 0, 0, 0, 0] for page in (1, 2, 1, 3)])
+    assert values(inlet) == [[1.0], [1.0]]
+    assert inlet.account.counters == {"frames without the signals": 2}
 
 
 @pytest.mark.parametrize(
@@ -67,25 +67,25 @@ async def test_frames_with_other_pages_and_with_unknown_ones_are_no_samples(tmp_
     [([1, 10, 0], 1), ([1, 10, 0, 9, 9, 9, 9, 9, 9, 9, 9, 9], 1), ([1, 10], "malformed"), ([], "malformed"), ([2], 0)],
 )
 async def test_a_frame_may_be_shorter_and_longer_than_the_file_says(tmp_path, data, found):
-    outlet = taken(tmp_path, [data])
-    assert values(outlet) == ([[1.0]] if found == 1 else [])
-    assert outlet.account.counters["malformed"] == (found == "malformed")
-    assert outlet.account.counters["frames without the signals"] == (found == 0)
+    inlet = taken(tmp_path, [data])
+    assert values(inlet) == ([[1.0]] if found == 1 else [])
+    assert inlet.account.counters["malformed"] == (found == "malformed")
+    assert inlet.account.counters["frames without the signals"] == (found == 0)
 
 
 async def test_signals_beyond_a_short_frame_are_missing(tmp_path):
-    outlet = taken(tmp_path, [[2, 10, 0, 7, 0, 0, 0, 3], [2, 10, 0]], "I: bus.current, W: bus.power", NESTED)
-    assert repr(values(outlet)) == "[[3.0, 10.0], [nan, 10.0]]"
-    assert outlet.account.counters == {"signals beyond a short frame": 1}
+    inlet = taken(tmp_path, [[2, 10, 0, 7, 0, 0, 0, 3], [2, 10, 0]], "I: bus.current, W: bus.power", NESTED)
+    assert repr(values(inlet)) == "[[3.0, 10.0], [nan, 10.0]]"
+    assert inlet.account.counters == {"signals beyond a short frame": 1}
 
 
 async def test_pages_within_pages_and_ranges_of_them(tmp_path):
     frames = [[1, s, 10, 0, 0, 0, 0, 9] for s in (3, 4, 5, 7)] + [[5, 3, 10, 0, 0, 0, 0, 9]]
-    outlet = taken(tmp_path, frames, "U: bus.voltage, I: bus.current", NESTED)
-    assert values(outlet) == [[1.0, 9.0]] * 3
-    assert outlet.account.counters == {"frames without the signals": 2}
-    outlet = taken(tmp_path, [[page, 1, 0, 0, 0, 0, 0, 0] for page in range(6)], "W: bus.power", NESTED)
-    assert values(outlet) == [[1.0]] * 3
+    inlet = taken(tmp_path, frames, "U: bus.voltage, I: bus.current", NESTED)
+    assert values(inlet) == [[1.0, 9.0]] * 3
+    assert inlet.account.counters == {"frames without the signals": 2}
+    inlet = taken(tmp_path, [[page, 1, 0, 0, 0, 0, 0, 0] for page in range(6)], "W: bus.power", NESTED)
+    assert values(inlet) == [[1.0]] * 3
 
 
 @pytest.mark.parametrize("line", LINES)

@@ -9,13 +9,13 @@ from cellwatt.errors import ConfigError
 from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
 from cellwatt_drivers.shared import requirements
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 GOOD = {"sensor": "ivt_s"}
 
 
 def make(**changes):
-    return CanSensorDriver("battery", CanSensorSettings.model_validate(GOOD | changes), CollectingOutlet())
+    return CanSensorDriver("battery", CanSensorSettings.model_validate(GOOD | changes), CollectingInlet())
 
 
 def test_by_default_what_the_sensor_sends_at_delivery_is_read():

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from cellwatt_drivers.franka.driver import FrankaDriver, FrankaSettings
 from cellwatt_drivers.franka.emulator import FrankaEmulator
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from ..running import Steady, going, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -0.5)
@@ -33,14 +33,14 @@ async def emulated(address: str, **options: str) -> AsyncIterator[FrankaEmulator
         yield emulator
 
 
-def driver(address: str, outlet: CollectingOutlet, **changes: object) -> FrankaDriver:
-    return FrankaDriver("arm", FrankaSettings.model_validate({"host": address} | changes), outlet)
+def driver(address: str, inlet: CollectingInlet, **changes: object) -> FrankaDriver:
+    return FrankaDriver("arm", FrankaSettings.model_validate({"host": address} | changes), inlet)
 
 
 @asynccontextmanager
-async def running(address: str, **changes: object) -> AsyncIterator[tuple[CollectingOutlet, asyncio.Task[None]]]:
+async def running(address: str, **changes: object) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed."""
-    outlet = CollectingOutlet()
-    async with going(driver(address, outlet, **changes).run()) as task:
-        yield outlet, task
-    assert outlet.account.residue == 0
+    inlet = CollectingInlet()
+    async with going(driver(address, inlet, **changes).run()) as task:
+        yield inlet, task
+    assert inlet.account.residue == 0

@@ -20,7 +20,7 @@ from cellwatt_drivers.franka.fields import GROUPS
 from cellwatt_drivers.shared import requirements
 from tests.patience import PATIENCE
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import ANGLES, driver, emulated, running
 
 try:
@@ -63,11 +63,11 @@ async def test_the_librarys_own_client_reads_the_emulator():
 
 @library
 async def test_every_channel_comes_from_its_place():
-    async with emulated("127.0.41.2") as emulator, running("127.0.41.2", read=READABLE) as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 500)
+    async with emulated("127.0.41.2") as emulator, running("127.0.41.2", read=READABLE) as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 500)
         assert emulator.counts["commanded"] == 0
-    stream = outlet.readings[0].stream
-    found = dict(zip(stream.names, outlet.values[-1], strict=True))
+    stream = inlet.readings[0].stream
+    found = dict(zip(stream.names, inlet.values[-1], strict=True))
     assert [found[f"joint_{i}.position"] for i in range(1, 8)] == list(ANGLES)
     assert [found[f"joint_{i}.motor_position"] for i in range(1, 8)] == list(ANGLES)
     assert found["joint_4.velocity"] == 0.5
@@ -76,52 +76,52 @@ async def test_every_channel_comes_from_its_place():
     assert (found["robot.mode"], found["robot.error"], found["robot.command_success_rate"]) == (2, 0, 1)
     assert found.get("joint_4.torque_rate", 2.5) == 2.5
     assert found["tool.mass"] == pytest.approx(0.73)
-    assert (np.diff(outlet.device_time) >= 1_000_000).all()
-    assert outlet.resets == []
+    assert (np.diff(inlet.device_time) >= 1_000_000).all()
+    assert inlet.resets == []
 
 
 @library
 async def test_a_part_of_the_rate():
-    async with emulated("127.0.41.3"), running("127.0.41.3", rate="100 Hz") as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 50)
-    assert (outlet.device_time % 10_000_000 == 0).all()
+    async with emulated("127.0.41.3"), running("127.0.41.3", rate="100 Hz") as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 50)
+    assert (inlet.device_time % 10_000_000 == 0).all()
 
 
 @library
 async def test_what_is_lost_is_counted():
-    async with emulated("127.0.41.4") as emulator, running("127.0.41.4") as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 100)
+    async with emulated("127.0.41.4") as emulator, running("127.0.41.4") as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 100)
         for kind in ("loss", "duplicate", "reorder"):
             emulator.inject(Fault(kind, probability=0.05))
-        await outlet.until(lambda o: emulator.counts["made"] > 1000)
+        await inlet.until(lambda o: emulator.counts["made"] > 1000)
         for kind in ("loss", "duplicate", "reorder"):
             emulator.inject(Fault(kind, probability=0))
-        seen = outlet.account.received
-        await outlet.until(lambda o: o.account.received > seen + 100)
-        counts, account = emulator.counts, outlet.account
+        seen = inlet.account.received
+        await inlet.until(lambda o: o.account.received > seen + 100)
+        counts, account = emulator.counts, inlet.account
     # The library keeps but the newest of what has come: a busy machine loses more than the emulator did.
     assert account.missed["gap"] + account.missed[HOST] >= counts["loss"] + counts["reorder"] > 20
     assert account.missed["gap"] > counts["loss"] / 2
-    assert (np.diff(outlet.device_time) > 0).all()
+    assert (np.diff(inlet.device_time) > 0).all()
 
 
 @library
 async def test_a_jump_of_the_robots_time_is_another_time_base():
-    async with emulated("127.0.41.5") as emulator, running("127.0.41.5") as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 100)
+    async with emulated("127.0.41.5") as emulator, running("127.0.41.5") as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 100)
         emulator.inject(Fault("clock_jump", seconds=3600.0))
-        await outlet.until(lambda o: len(o.resets) == 1)
-    assert outlet.account.missed["gap"] < 3000
+        await inlet.until(lambda o: len(o.resets) == 1)
+    assert inlet.account.missed["gap"] < 3000
 
 
 @library
 async def test_the_mode_is_told():
-    async with emulated("127.0.41.6") as emulator, running("127.0.41.6") as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 100)
+    async with emulated("127.0.41.6") as emulator, running("127.0.41.6") as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 100)
         emulator.disturb({"mode": 5, "error": 1})
-        await outlet.until(lambda o: "mode" in o.kinds())
-        await outlet.until(lambda o: o.readings[-1].values[-1, -2] == 1.0)
-    assert outlet.events[0][1] == "robot mode: move → user stopped"
+        await inlet.until(lambda o: "mode" in o.kinds())
+        await inlet.until(lambda o: o.readings[-1].values[-1, -2] == 1.0)
+    assert inlet.events[0][1] == "robot mode: move → user stopped"
 
 
 @library
@@ -132,23 +132,23 @@ async def test_the_mode_is_told():
 async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start(fault, error, caplog):
     address = f"127.0.41.{10 + len(fault.kind)}"
     async with emulated(address) as emulator:
-        outlet = CollectingOutlet()
-        arm = driver(address, outlet)
+        inlet = CollectingInlet()
+        arm = driver(address, inlet)
         first = asyncio.create_task(arm.run())
-        await outlet.until(lambda o: o.account.received > 100)
+        await inlet.until(lambda o: o.account.received > 100)
         emulator.inject(fault)
         with pytest.raises(error, match=address):
             await asyncio.wait_for(first, PATIENCE)
         emulator.inject(Fault("loss", probability=0))
-        seen = outlet.account.received
+        seen = inlet.account.received
         second = asyncio.create_task(run_again(arm))
-        await outlet.until(lambda o: o.account.received > seen)
+        await inlet.until(lambda o: o.account.received > seen)
         second.cancel()
         await asyncio.gather(second, return_exceptions=True)
     assert not [r for r in caplog.records if r.name == "asyncio"]  # of processes that ended in another way
-    assert outlet.account.missed["outage"] > 500
-    assert outlet.account.residue == 0
-    assert len(outlet.identities) == 2
+    assert inlet.account.missed["outage"] > 500
+    assert inlet.account.residue == 0
+    assert len(inlet.identities) == 2
 
 
 async def run_again(arm):
@@ -163,20 +163,20 @@ async def test_the_priority_of_the_reader_is_told():
     child = await asyncio.create_subprocess_exec(sys.executable, "-c", MAY)
     allowed = await child.wait() == 0
     async with emulated("127.0.41.32"):
-        identity = await driver("127.0.41.32", CollectingOutlet()).identify()
+        identity = await driver("127.0.41.32", CollectingInlet()).identify()
     assert identity.notes["priority of the reader"].startswith("real-time" if allowed else "ordinary")
 
 
 @library
 @pytest.mark.blocks_loop
 async def test_states_of_a_robot_that_was_held_up_do_not_leave_together(monkeypatch):
-    async with emulated("127.0.41.33") as emulator, running("127.0.41.33") as (outlet, _):
-        await outlet.until(lambda o: o.account.received > 100)
+    async with emulated("127.0.41.33") as emulator, running("127.0.41.33") as (inlet, _):
+        await inlet.until(lambda o: o.account.received > 100)
         left, emulator._most_apart = [], 500
         put = emulator._states.put
         monkeypatch.setattr(emulator._states, "put", lambda state: (left.append(time.monotonic()), put(state)))
         time.sleep(0.1)  # noqa: ASYNC251 - holds up the robot, which is in this process
-        await outlet.until(lambda o: len(left) > 100)
+        await inlet.until(lambda o: len(left) > 100)
     assert min(np.diff(left[:100])) >= 0.000399
 
 
@@ -184,26 +184,26 @@ async def test_states_of_a_robot_that_was_held_up_do_not_leave_together(monkeypa
 async def test_another_version_is_another_device():
     async with emulated("127.0.41.30", version="9"):
         with pytest.raises(WrongDeviceError, match="pylibfranka that fits"):
-            await driver("127.0.41.30", CollectingOutlet()).identify()
+            await driver("127.0.41.30", CollectingInlet()).identify()
 
 
 @library
 async def test_who_is_there():
     async with emulated("127.0.41.31"):
-        assert (await driver("127.0.41.31", CollectingOutlet()).identify()).maker == "Franka Robotics"
+        assert (await driver("127.0.41.31", CollectingInlet()).identify()).maker == "Franka Robotics"
     with pytest.raises(ConnectError, match="no other client"):
-        await driver("127.0.41.31", CollectingOutlet()).identify()
+        await driver("127.0.41.31", CollectingInlet()).identify()
 
 
 def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setattr(requirements, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[franka\]'"):
-        driver("192.0.2.1", CollectingOutlet())
+        driver("192.0.2.1", CollectingInlet())
 
 
 @library
 def test_streams_follow_the_settings():
-    (stream,) = driver("192.0.2.1", CollectingOutlet(), read=["targets", "state"], rate="250 Hz").streams
+    (stream,) = driver("192.0.2.1", CollectingInlet(), read=["targets", "state"], rate="250 Hz").streams
     assert (stream.name, stream.rate, stream.clock) == ("fci", 250.0, "device")
     assert stream.names[0] == "joint_1.target_position"
     assert stream.names[-3:] == ("robot.mode", "robot.error", "robot.command_success_rate")

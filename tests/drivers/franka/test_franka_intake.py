@@ -8,16 +8,16 @@ from cellwatt.channel import Stream
 from cellwatt_drivers.franka.fields import Selection
 from cellwatt_drivers.franka.intake import Intake
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 
 class Rig:
     def __init__(self, every: int = 1):
-        self.outlet = CollectingOutlet()
+        self.inlet = CollectingInlet()
         self.time = 1_700_000_000_000_000_000
-        self.outlet.now = lambda: self.time
+        self.inlet.now = lambda: self.time
         channels = Selection.of(("state",)).channels
-        self.intake = Intake(self.outlet, Stream("fci", channels, 1000.0 / every, "device"), every)
+        self.intake = Intake(self.inlet, Stream("fci", channels, 1000.0 / every, "device"), every)
 
     def take(self, *stamps: int, mode: float = 2.0, held: float = 0.0):
         values = np.tile([mode, 0.0, 1.0], (len(stamps), 1))
@@ -25,7 +25,7 @@ class Rig:
 
     @property
     def count(self):
-        account = self.outlet.account
+        account = self.inlet.account
         assert account.residue == 0
         return account.expected, account.received, dict(account.missed)
 
@@ -36,7 +36,7 @@ def test_milliseconds_that_are_not_there_are_missed():
     rig.take(107)
     rig.intake.settle()
     assert rig.count == (8, 4, {"gap": 4})
-    np.testing.assert_array_equal(rig.outlet.device_time[:3], [100_000_000, 101_000_000, 103_000_000])
+    np.testing.assert_array_equal(rig.inlet.device_time[:3], [100_000_000, 101_000_000, 103_000_000])
 
 
 def test_as_many_states_as_the_reader_was_kept_from_are_the_hosts():
@@ -73,7 +73,7 @@ def test_a_new_connection_in_the_same_time_is_an_outage():
     rig.time += 2_000_000_000
     rig.take(2100)
     assert rig.count == (2001, 2, {"outage": 1999})
-    assert rig.outlet.resets == []
+    assert rig.inlet.resets == []
 
 
 def test_a_robot_that_started_again_has_another_time():
@@ -81,9 +81,9 @@ def test_a_robot_that_started_again_has_another_time():
     rig.take(100_000)
     rig.take(50, 51)
     assert rig.count == (3, 3, {})
-    assert rig.outlet.resets == ["the robot's time began anew"]
+    assert rig.inlet.resets == ["the robot's time began anew"]
     rig.take(3_600_051)
-    assert len(rig.outlet.resets) == 2
+    assert len(rig.inlet.resets) == 2
     assert rig.count == (4, 4, {})
 
 
@@ -91,8 +91,8 @@ def test_a_time_base_that_changes_within_a_block():
     rig = Rig()
     rig.take(100, 101, 3_600_102, 3_600_103, 5, 6)
     assert rig.count == (6, 6, {})
-    assert len(rig.outlet.resets) == 2
-    assert [len(r.values) for r in rig.outlet.readings] == [2, 2, 2]
+    assert len(rig.inlet.resets) == 2
+    assert [len(r.values) for r in rig.inlet.readings] == [2, 2, 2]
 
 
 def test_modes_that_change_are_reported():
@@ -100,7 +100,7 @@ def test_modes_that_change_are_reported():
     rig.take(1, 2)
     rig.take(3, mode=4.0)
     rig.take(4, mode=1.0)
-    assert [text for _, text, _ in rig.outlet.events] == ["robot mode: move → reflex", "robot mode: reflex → idle"]
+    assert [text for _, text, _ in rig.inlet.events] == ["robot mode: move → reflex", "robot mode: reflex → idle"]
 
 
 def test_a_mode_that_is_no_number_is_told_as_it_is():
@@ -108,4 +108,4 @@ def test_a_mode_that_is_no_number_is_told_as_it_is():
     rig.take(100)
     rig.take(101, mode=float("nan"))
     rig.take(102, mode=9.0)
-    assert [text for _, text, _ in rig.outlet.events] == ["robot mode: move → nan", "robot mode: nan → 9"]
+    assert [text for _, text, _ in rig.inlet.events] == ["robot mode: move → nan", "robot mode: nan → 9"]

@@ -11,7 +11,7 @@ from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
 from cellwatt_drivers.kinova.emulator import KinovaEmulator
 from tests.patience import eventually
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from ..running import Steady, going, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -3.0)
@@ -33,22 +33,22 @@ async def emulated(signals=None, **options: str) -> AsyncIterator[tuple[KinovaEm
         yield emulator, int(address.rpartition(":")[2])
 
 
-def driver(port: int, outlet: CollectingOutlet, **changes: object) -> KinovaDriver:
+def driver(port: int, inlet: CollectingInlet, **changes: object) -> KinovaDriver:
     settings = {"host": "127.0.0.1", "port": port, "timeout": "2 s"} | changes
-    return KinovaDriver("arm", KinovaSettings.model_validate(settings), outlet)
+    return KinovaDriver("arm", KinovaSettings.model_validate(settings), inlet)
 
 
 @asynccontextmanager
-async def running(port: int, **changes: object) -> AsyncIterator[tuple[CollectingOutlet, asyncio.Task[None]]]:
+async def running(port: int, **changes: object) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed."""
-    outlet = CollectingOutlet()
-    async with going(driver(port, outlet, **changes).run()) as task:
-        yield outlet, task
-    assert outlet.account.residue == 0
+    inlet = CollectingInlet()
+    async with going(driver(port, inlet, **changes).run()) as task:
+        yield inlet, task
+    assert inlet.account.residue == 0
 
 
-def of(outlet: CollectingOutlet, stream: str) -> list:
-    return [r for r in outlet.readings if r.stream.name == stream]
+def of(inlet: CollectingInlet, stream: str) -> list:
+    return [r for r in inlet.readings if r.stream.name == stream]
 
 
 async def strike(emulator: KinovaEmulator, fault: Fault) -> None:

@@ -12,117 +12,117 @@ from cellwatt_drivers.kinova import KinovaSettings
 from cellwatt_drivers.shared import requirements
 from tests.patience import PATIENCE
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import ANGLES, STILL, driver, emulated, of, running, strike
 
 
 async def test_everything_in_two_requests():
     blocks = ["arm", "joints", "tool"]
-    async with emulated() as (emulator, port), running(port, read=blocks, rate="100 Hz") as (outlet, _):
-        await outlet.until(lambda o: len(of(o, "motion")) > 30)
+    async with emulated() as (emulator, port), running(port, read=blocks, rate="100 Hz") as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "motion")) > 30)
     assert set(emulator.asked) == {(0, 14), (34, 106)}
-    motion = of(outlet, "motion")[-1]
+    motion = of(inlet, "motion")[-1]
     found = dict(zip(motion.stream.names, motion.values[0], strict=True))
     assert [found[f"joint_{i}.position"] for i in range(1, 8)] == pytest.approx(ANGLES, abs=1e-6)
     for name in ("joint_3.velocity", "joint_7.torque", "joint_5.current", "joint_6.temperature", "tool.x", "tool.rz"):
         assert found[name] == pytest.approx(STILL[name], rel=1e-6), name
-    assert of(outlet, "arm")[-1].values[0].tolist() == [24, 1.25, 30, 45, 38, 7, 0, 0]
+    assert of(inlet, "arm")[-1].values[0].tolist() == [24, 1.25, 30, 45, 38, 7, 0, 0]
     assert motion.asked < motion.arrival
-    assert set(outlet.account.missed) <= {"host stalled", "merged tick", "slow answers"}  # of a busy test machine
+    assert set(inlet.account.missed) <= {"host stalled", "merged tick", "slow answers"}  # of a busy test machine
     assert emulator.counts["written"] == emulator.counts["refused"] == 0
-    assert outlet.account.counters["motion repeats"] > 0
+    assert inlet.account.counters["motion repeats"] > 0
 
 
 async def test_angles_do_not_jump():
     world = ArmSignals(noise=0.0, speed=3.0)
-    async with emulated(world) as (_, port), running(port, read=["joints"], rate="100 Hz") as (outlet, _):
-        await outlet.until(lambda o: len(of(o, "motion")) > 150)
-    positions = outlet.values[:, :6]
+    async with emulated(world) as (_, port), running(port, read=["joints"], rate="100 Hz") as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "motion")) > 150)
+    positions = inlet.values[:, :6]
     assert np.abs(np.diff(positions, axis=0)).max() < 1.0
     assert np.abs(positions).max() < 4.0
     np.testing.assert_allclose(positions[:, 1].min(), -1.2, atol=0.4)
 
 
 async def test_states_and_faults_are_reported():
-    async with emulated() as (emulator, port), running(port) as (outlet, _):
-        await outlet.until(lambda o: len(of(o, "arm")) > 2)
+    async with emulated() as (emulator, port), running(port) as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "arm")) > 2)
         emulator.disturb({"state": 4, "fault_flags": 1 << 23})
-        await outlet.until(lambda o: {"state", "fault"} <= set(o.kinds()))
-    texts = [text for _, text, _ in outlet.events]
+        await inlet.until(lambda o: {"state", "fault"} <= set(o.kinds()))
+    texts = [text for _, text, _ in inlet.events]
     assert texts == ["arm: fault flags 0x00000000 → 0x00800000", "arm: ready → fault"]
 
 
 @pytest.mark.parametrize("kind", ["loss", "half_frame", "delay"])
 async def test_an_answer_that_does_not_come_costs_a_connection(kind):
-    async with emulated() as (emulator, port), running(port, timeout="300 ms", rate="50 Hz") as (outlet, _):
+    async with emulated() as (emulator, port), running(port, timeout="300 ms", rate="50 Hz") as (inlet, _):
         for again in range(1, 3):
-            seen = len(outlet.readings)
-            await outlet.until(lambda o, seen=seen: len(o.readings) > seen + 10)
+            seen = len(inlet.readings)
+            await inlet.until(lambda o, seen=seen: len(o.readings) > seen + 10)
             await strike(emulator, Fault(kind, seconds=1.0))
-            await outlet.until(lambda o, again=again: o.account.counters["reconnects"] == again)
-        seen = len(outlet.readings)
-        await outlet.until(lambda o: len(o.readings) > seen + 10)
-    assert outlet.account.missed["timeout"] > 0
-    assert outlet.account.missed["disconnected"] > 0
-    values = np.concatenate([r.values for r in of(outlet, "motion")])
+            await inlet.until(lambda o, again=again: o.account.counters["reconnects"] == again)
+        seen = len(inlet.readings)
+        await inlet.until(lambda o: len(o.readings) > seen + 10)
+    assert inlet.account.missed["timeout"] > 0
+    assert inlet.account.missed["disconnected"] > 0
+    values = np.concatenate([r.values for r in of(inlet, "motion")])
     np.testing.assert_allclose(values[:, :7], np.tile(ANGLES, (len(values), 1)), atol=1e-6)
 
 
 async def test_garbage_never_becomes_a_value():
-    async with emulated() as (emulator, port), running(port, timeout="300 ms", rate="50 Hz") as (outlet, _):
+    async with emulated() as (emulator, port), running(port, timeout="300 ms", rate="50 Hz") as (inlet, _):
         for _ in range(3):
-            seen = len(outlet.readings)
-            await outlet.until(lambda o, seen=seen: len(o.readings) > seen + 10)
+            seen = len(inlet.readings)
+            await inlet.until(lambda o, seen=seen: len(o.readings) > seen + 10)
             await strike(emulator, Fault("garbage"))
-        seen = len(outlet.readings)
-        await outlet.until(lambda o: len(o.readings) > seen + 10)
-    values = np.concatenate([r.values for r in of(outlet, "motion")])
+        seen = len(inlet.readings)
+        await inlet.until(lambda o: len(o.readings) > seen + 10)
+    values = np.concatenate([r.values for r in of(inlet, "motion")])
     np.testing.assert_allclose(values[:, :7], np.tile(ANGLES, (len(values), 1)), atol=1e-6)
 
 
 async def test_a_closed_port_ends_the_source():
     async with emulated() as (emulator, port):
-        outlet = CollectingOutlet()
-        task = asyncio.create_task(driver(port, outlet).run())
-        await outlet.until(lambda o: len(of(o, "motion")) > 5)
+        inlet = CollectingInlet()
+        task = asyncio.create_task(driver(port, inlet).run())
+        await inlet.until(lambda o: len(of(o, "motion")) > 5)
         emulator.inject(Fault("disconnect", seconds=30.0))
         with pytest.raises(ConnectError, match="nobody answers"):
             await asyncio.wait_for(task, PATIENCE)
-    assert outlet.account.missed["connection lost"] > 0
-    assert outlet.account.residue == 0
+    assert inlet.account.missed["connection lost"] > 0
+    assert inlet.account.residue == 0
 
 
 async def test_a_stall_is_ridden_out():
-    async with emulated() as (emulator, port), running(port, rate="50 Hz") as (outlet, _):
-        await outlet.until(lambda o: len(of(o, "motion")) > 5)
+    async with emulated() as (emulator, port), running(port, rate="50 Hz") as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "motion")) > 5)
         emulator.inject(Fault("stall", seconds=0.3))
-        await outlet.until(lambda o: o.account.missed["slow answers"] > 10)
-        assert outlet.account.counters["reconnects"] == 0
+        await inlet.until(lambda o: o.account.missed["slow answers"] > 10)
+        assert inlet.account.counters["reconnects"] == 0
 
 
 async def test_who_is_there():
     async with emulated() as (_, port):
-        found = await driver(port, CollectingOutlet()).identify()
+        found = await driver(port, CollectingInlet()).identify()
         assert found.maker == "Kinova"
     with pytest.raises(ConnectError, match="Modbus server is on"):
-        await driver(port, CollectingOutlet()).identify()
+        await driver(port, CollectingInlet()).identify()
 
 
 async def test_an_arm_without_these_registers_says_so(monkeypatch):
     async with emulated() as (emulator, port):
         monkeypatch.setattr(emulator, "_answer", lambda function, body: bytes([0x84, 2]))
         with pytest.raises(DeviceError, match=r"registers 0 to 13: it has no such register \(exception 2\)"):
-            await driver(port, CollectingOutlet()).identify()
+            await driver(port, CollectingInlet()).identify()
 
 
 def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setattr(requirements, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[modbus\]'"):
-        driver(1, CollectingOutlet())
+        driver(1, CollectingInlet())
 
 
 def test_streams_follow_the_settings():
-    streams = driver(1, CollectingOutlet(), axes=6, read=["joints"], rate="20 Hz").streams
+    streams = driver(1, CollectingInlet(), axes=6, read=["joints"], rate="20 Hz").streams
     assert [(s.name, s.rate, s.clock) for s in streams] == [("motion", 20.0, "host")]
     assert len(streams[0].channels) == 30
 

@@ -11,7 +11,7 @@ from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.emulator import KinovaEmulator
 from tests.patience import eventually
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import ANGLES, STILL, Steady, driver, emulated, of, running
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed")
@@ -74,16 +74,16 @@ async def test_the_driver_reads_a_server_of_pymodbus():
     serving = asyncio.create_task(server.serve_forever())
     try:
         await eventually(server.is_active)
-        async with running(port, read=["arm", "joints", "tool"]) as (outlet, _):
-            await outlet.until(lambda o: len(of(o, "motion")) > 3)
+        async with running(port, read=["arm", "joints", "tool"]) as (inlet, _):
+            await inlet.until(lambda o: len(of(o, "motion")) > 3)
     finally:
         await server.shutdown()
         await asyncio.gather(serving, return_exceptions=True)
-    assert of(outlet, "arm")[0].values[0, :3].tolist() == [24.0, 1.25, 30.0]
-    assert of(outlet, "motion")[0].values[0, 14:21].tolist() == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
+    assert of(inlet, "arm")[0].values[0, :3].tolist() == [24.0, 1.25, 30.0]
+    assert of(inlet, "motion")[0].values[0, 14:21].tolist() == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
 
 
 def test_wrong_options():
     with pytest.raises(ValueError, match="unknown options: wrp"):
         KinovaEmulator(Steady(STILL), "", options={"wrp": "1"})
-    assert driver(1, CollectingOutlet()).settings.axes == len(ANGLES)
+    assert driver(1, CollectingInlet()).settings.axes == len(ANGLES)

@@ -13,7 +13,7 @@ from cellwatt.errors import ConfigError, ConnectError, DeviceError
 from cellwatt_drivers.kinova import kortex, registers
 from tests.patience import PATIENCE, eventually
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import driver, of, running
 
 FEEDBACK = SimpleNamespace(
@@ -97,21 +97,21 @@ def arm(monkeypatch) -> Arm:
 
 async def test_feedback_becomes_the_same_streams(arm):
     changes = {"protocol": "kortex", "read": ["arm", "joints", "tool"]}
-    async with running(10000, **changes) as (outlet, _):
-        await outlet.until(lambda o: len(of(o, "motion")) > 5)
+    async with running(10000, **changes) as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "motion")) > 5)
     await eventually(lambda: "disconnect" in arm.said)
     assert arm.said[:2] == ["connect 10000", "CreateSession admin"]
     assert arm.said[-2:] == ["CloseSession", "disconnect"]
     assert set(arm.said[2:-2]) == {"RefreshFeedback"}
     refreshed = arm.said.count("RefreshFeedback")
-    assert refreshed <= len(of(outlet, "motion")) + 2  # one for both blocks; one may be under way
-    assert of(outlet, "arm")[0].values[0].tolist() == [24, 1.25, 30, 45, 38, 7, 0x800001, 4]
-    motion = dict(zip(of(outlet, "motion")[0].stream.names, of(outlet, "motion")[0].values[0], strict=True))
+    assert refreshed <= len(of(inlet, "motion")) + 2  # one for both blocks; one may be under way
+    assert of(inlet, "arm")[0].values[0].tolist() == [24, 1.25, 30, 45, 38, 7, 0x800001, 4]
+    motion = dict(zip(of(inlet, "motion")[0].stream.names, of(inlet, "motion")[0].values[0], strict=True))
     assert motion["joint_7.torque"] == -3.25
     assert motion["joint_3.temperature"] == 38.0
     assert motion["tool.y"] == 1.0
     assert motion["tool.torque_z"] == 52.0
-    assert of(outlet, "arm")[0].asked == of(outlet, "motion")[0].asked
+    assert of(inlet, "arm")[0].asked == of(inlet, "motion")[0].asked
 
 
 def test_six_actuators_leave_the_seventh_empty():
@@ -132,12 +132,12 @@ def test_six_actuators_leave_the_seventh_empty():
 async def test_failures_are_the_sources(arm, failure, kind, why):
     arm.failure = failure
     with pytest.raises(kind, match=why):
-        await driver(10000, CollectingOutlet(), protocol="kortex").run()
+        await driver(10000, CollectingInlet(), protocol="kortex").run()
 
 
 async def test_a_blocked_call_holds_up_neither_the_loop_nor_its_end(arm):
     arm.gate = threading.Event()
-    task = asyncio.create_task(driver(10000, CollectingOutlet(), protocol="kortex").run())
+    task = asyncio.create_task(driver(10000, CollectingInlet(), protocol="kortex").run())
     await eventually(lambda: arm.said)
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -151,4 +151,4 @@ def test_without_the_vendors_library_it_says_so():
     if "kortex_api" in sys.modules:
         pytest.skip("kortex_api is installed")
     with pytest.raises(ConfigError, match="install its wheel from Kinova, or use protocol modbus"):
-        driver(10000, CollectingOutlet(), protocol="kortex")
+        driver(10000, CollectingInlet(), protocol="kortex")

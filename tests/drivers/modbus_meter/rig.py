@@ -10,7 +10,7 @@ from cellwatt.errors import SourceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from ..running import Steady, served, supervised
 
 STILL = Steady({"supply.voltage": 230.0, "supply.current": 2.5, "supply.power": 500.0})
@@ -38,15 +38,15 @@ def settings(place: str, **changes: object) -> ModbusMeterSettings:
 @dataclass
 class Run:
     driver: ModbusMeterDriver
-    outlet: CollectingOutlet
+    inlet: CollectingInlet
     failures: list[SourceError]
 
 
 @asynccontextmanager
 async def running(wanted: ModbusMeterSettings) -> AsyncIterator[Run]:
     """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    outlet = CollectingOutlet()
-    run = Run(ModbusMeterDriver("meter", wanted, outlet), outlet, [])
+    inlet = CollectingInlet()
+    run = Run(ModbusMeterDriver("meter", wanted, inlet), inlet, [])
 
-    async with supervised(run.driver, outlet) as run.failures:
+    async with supervised(run.driver, inlet) as run.failures:
         yield run

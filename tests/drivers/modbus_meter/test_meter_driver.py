@@ -14,7 +14,7 @@ from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.modbus_meter.meter_map import METERS
 from tests.patience import PATIENCE
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import emulated, running, settings
 
 TRUTH = {
@@ -29,21 +29,21 @@ TRUTH = {
 
 
 def row(run) -> dict[str, float]:
-    return dict(zip(run.driver.streams[0].names, run.outlet.readings[-1].values[0], strict=True))
+    return dict(zip(run.driver.streams[0].names, run.inlet.readings[-1].values[0], strict=True))
 
 
 @pytest.mark.parametrize("meter", METERS)
 @pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 async def test_every_meter_in_si_units(meter, address):
     async with emulated(address, meter=meter) as (_, place), running(settings(place, meter=meter)) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 2)
+        await run.inlet.until(lambda o: len(o.readings) >= 2)
     found = row(run)
     for name, value in TRUTH.items():
         if name in found:
             assert found[name] == pytest.approx(value, abs=max(1e-3 * value, 1e-3)), name
     assert not run.failures
-    assert all(r.asked <= r.arrival for r in run.outlet.readings)
-    assert all(r.quality.tolist() == [Quality.GOOD] for r in run.outlet.readings)
+    assert all(r.asked <= r.arrival for r in run.inlet.readings)
+    assert all(r.quality.tolist() == [Quality.GOOD] for r in run.inlet.readings)
 
 
 async def test_an_rtu_exchange_byte_by_byte():
@@ -64,10 +64,10 @@ async def test_an_rtu_exchange_byte_by_byte():
     host, port = server.sockets[0].getsockname()
     wanted = settings(f"{host}:{port}", framing="rtu", read=["phase_1.voltage"])
     async with running(wanted) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 2)
+        await run.inlet.until(lambda o: len(o.readings) >= 2)
     await asyncio.wait_for(left.wait(), PATIENCE)
     assert heard.get_nowait() == bytes.fromhex("01 04 00 00 00 02 71 CB")
-    assert run.outlet.values[:, 0] == pytest.approx([230.10] * len(run.outlet.readings), abs=1e-4)
+    assert run.inlet.values[:, 0] == pytest.approx([230.10] * len(run.inlet.readings), abs=1e-4)
     server.close()
 
 
@@ -85,30 +85,30 @@ async def test_against_a_server_that_we_did_not_write():
     )
     try:
         async with running(wanted) as run:
-            await run.outlet.until(lambda o: len(o.readings) >= 2)
+            await run.inlet.until(lambda o: len(o.readings) >= 2)
     finally:
         await server.shutdown()
-    assert run.outlet.values[0] == pytest.approx([123_456_789 * 3600.0, 2500.0])
+    assert run.inlet.values[0] == pytest.approx([123_456_789 * 3600.0, 2500.0])
 
 
 async def test_neighbours_come_in_one_request():
     async with emulated() as (emulator, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 4)
+        await run.inlet.until(lambda o: len(o.readings) >= 4)
     # 26 values in two requests a poll, also for the greeting.
-    assert emulator.counts["sent"] <= 2 * (len(run.outlet.readings) + 2)
-    assert run.outlet.identities[0].notes["requests a poll"] == "2"
+    assert emulator.counts["sent"] <= 2 * (len(run.inlet.readings) + 2)
+    assert run.inlet.identities[0].notes["requests a poll"] == "2"
 
 
 async def test_blocks_that_are_refused_are_read_apart():
     async with emulated(strict="yes") as (emulator, place), running(settings(place)) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 3)
+        await run.inlet.until(lambda o: len(o.readings) >= 3)
         refused = emulator.counts["refused"]
-        seen = len(run.outlet.readings)
-        await run.outlet.until(lambda o: len(o.readings) >= seen + 3)
+        seen = len(run.inlet.readings)
+        await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
         assert emulator.counts["refused"] == refused, "asked once, then known"
-    assert refused == run.outlet.account.counters["refused reads"] >= 1
+    assert refused == run.inlet.account.counters["refused reads"] >= 1
     assert row(run)["supply.power"] == pytest.approx(500.0)
-    assert not np.isnan(run.outlet.values).any()
+    assert not np.isnan(run.inlet.values).any()
 
 
 async def test_a_value_that_the_meter_lacks_is_told_once_and_stays_nan():
@@ -118,14 +118,14 @@ async def test_a_value_that_the_meter_lacks_is_told_once_and_stays_nan():
     place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
     try:
         async with running(settings(place, read=["supply.power", "supply.phase"])) as run:
-            await run.outlet.until(lambda o: len(o.readings) >= 3)
-        assert next(text for kind, text, _ in run.outlet.events if kind == "value_refused").startswith(
+            await run.inlet.until(lambda o: len(o.readings) >= 3)
+        assert next(text for kind, text, _ in run.inlet.events if kind == "value_refused").startswith(
             "meter: supply.phase is left out"
         )
-        assert run.outlet.kinds().count("value_refused") == 1
-        assert all(np.isnan(run.outlet.values[:, 1]))
-        assert run.outlet.values[:, 0] == pytest.approx([500.0] * len(run.outlet.readings))
-        other = ModbusMeterDriver("m", settings(place, read=["phase_1.voltage"]), CollectingOutlet())
+        assert run.inlet.kinds().count("value_refused") == 1
+        assert all(np.isnan(run.inlet.values[:, 1]))
+        assert run.inlet.values[:, 0] == pytest.approx([500.0] * len(run.inlet.readings))
+        other = ModbusMeterDriver("m", settings(place, read=["phase_1.voltage"]), CollectingInlet())
         with pytest.raises(WrongDeviceError, match="not a SDM630: it has none of its registers"):
             await other.run()
     finally:
@@ -140,7 +140,7 @@ async def test_another_word_order_is_the_wrong_meter():
     await server.serve_forever(background=True)
     place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
     try:
-        driver = ModbusMeterDriver("m", settings(place), CollectingOutlet())
+        driver = ModbusMeterDriver("m", settings(place), CollectingInlet())
         with pytest.raises(WrongDeviceError, match=r"not a SDM630: supply\.frequency reads .* expected 40 to 70"):
             await driver.identify()
     finally:
@@ -149,24 +149,24 @@ async def test_another_word_order_is_the_wrong_meter():
 
 async def test_meters_on_one_serial_line_take_turns():
     async with emulated("pty", unit="1,2,3") as (emulator, line):
-        outlets = [CollectingOutlet() for _ in range(3)]
+        inlets = [CollectingInlet() for _ in range(3)]
         drivers = [
-            ModbusMeterDriver(f"m{u}", settings(line, unit=u, rate="10 Hz"), o) for u, o in enumerate(outlets, start=1)
+            ModbusMeterDriver(f"m{u}", settings(line, unit=u, rate="10 Hz"), o) for u, o in enumerate(inlets, start=1)
         ]
         for number, meter in emulator.meters.items():
             meter.energy = number * 3.6e6
         tasks = [asyncio.create_task(d.run()) for d in drivers]
-        for outlet in outlets:
-            await outlet.until(lambda o: len(o.readings) >= 3)
+        for inlet in inlets:
+            await inlet.until(lambda o: len(o.readings) >= 3)
         tasks[0].cancel()  # one leaves, the line stays open for the others
-        seen = len(outlets[2].readings)
-        await outlets[2].until(lambda o: len(o.readings) >= seen + 3)
+        seen = len(inlets[2].readings)
+        await inlets[2].until(lambda o: len(o.readings) >= seen + 3)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
     column = drivers[0].streams[0].names.index("supply.energy_imported")
-    for number, outlet in enumerate(outlets, start=1):
-        assert outlet.values[0, column] == pytest.approx(number * 3.6e6, rel=1e-3)
+    for number, inlet in enumerate(inlets, start=1):
+        assert inlet.values[0, column] == pytest.approx(number * 3.6e6, rel=1e-3)
 
 
 async def test_counters_that_wrap_are_reset_and_misread(tmp_path):
@@ -184,13 +184,13 @@ async def test_counters_that_wrap_are_reset_and_misread(tmp_path):
     async with emulated(map=str(file)) as (emulator, place):
         emulator.meters[1]._measured = lambda t: {"supply.energy_imported": 3600.0 * next(readings, 7)}
         async with running(settings(place, map=str(file))) as run:
-            await run.outlet.until(lambda o: len(o.readings) >= len(true))
-    assert run.outlet.values[: len(true), 0] / 3600.0 == pytest.approx(true)
-    quality = np.concatenate([r.quality for r in run.outlet.readings])
+            await run.inlet.until(lambda o: len(o.readings) >= len(true))
+    assert run.inlet.values[: len(true), 0] / 3600.0 == pytest.approx(true)
+    quality = np.concatenate([r.quality for r in run.inlet.readings])
     assert quality[: len(true)].tolist() == held
-    kinds = run.outlet.kinds()
+    kinds = run.inlet.kinds()
     assert [kinds.count(f"counter_{what}") for what in ("misread", "wrapped", "reset")] == [2, 1, 1]
-    assert run.outlet.account.counters["counter misread"] == 2
+    assert run.inlet.account.counters["counter misread"] == 2
 
 
 async def test_overload_and_no_value(tmp_path):
@@ -210,23 +210,23 @@ async def test_overload_and_no_value(tmp_path):
     place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
     try:
         async with running(settings(place, map=str(file))) as run:
-            await run.outlet.until(lambda o: len(o.readings) >= 3)
+            await run.inlet.until(lambda o: len(o.readings) >= 3)
     finally:
         await server.shutdown()
-    assert np.isnan(run.outlet.values).all()
-    assert run.outlet.readings[0].quality.tolist() == [Quality.CLIPPED]
-    assert run.outlet.account.counters["overloads"] == len(run.outlet.readings)
-    assert run.outlet.kinds().count("overload") == 1
+    assert np.isnan(run.inlet.values).all()
+    assert run.inlet.readings[0].quality.tolist() == [Quality.CLIPPED]
+    assert run.inlet.account.counters["overloads"] == len(run.inlet.readings)
+    assert run.inlet.kinds().count("overload") == 1
 
 
 async def test_nobody_there_is_said():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         place = f"127.0.0.1:{free.getsockname()[1]}"
-        driver = ModbusMeterDriver("m", settings(place), CollectingOutlet())
+        driver = ModbusMeterDriver("m", settings(place), CollectingInlet())
         with pytest.raises(ConnectError, match="check the address and the cable, that Modbus TCP is switched on"):
             await driver.run()
-    driver = ModbusMeterDriver("m", settings("/dev/nonexistent"), CollectingOutlet())
+    driver = ModbusMeterDriver("m", settings("/dev/nonexistent"), CollectingInlet())
     with pytest.raises(ConnectError, match="/dev/nonexistent: no such port"):
         await driver.run()
 
@@ -235,16 +235,16 @@ async def test_cancellation_releases_the_line():
     async with emulated("pty") as (_, line):
         for _ in range(2):
             async with running(settings(line)) as run:
-                await run.outlet.until(lambda o: len(o.readings) >= 1)
+                await run.inlet.until(lambda o: len(o.readings) >= 1)
             assert not run.failures
 
 
 async def test_a_cancellation_that_meets_an_answer_is_obeyed():
     async with emulated() as (_, place):
         for turn in range(10):
-            drivers = [ModbusMeterDriver(f"m{u}", settings(place, rate="200 Hz"), CollectingOutlet()) for u in range(8)]
+            drivers = [ModbusMeterDriver(f"m{u}", settings(place, rate="200 Hz"), CollectingInlet()) for u in range(8)]
             tasks = [asyncio.create_task(d.run()) for d in drivers]
-            await asyncio.gather(*(d.outlet.until(lambda o, turn=turn: len(o.readings) > turn) for d in drivers))
+            await asyncio.gather(*(d.inlet.until(lambda o, turn=turn: len(o.readings) > turn) for d in drivers))
             for task in tasks:
                 task.cancel()
             done, left = await asyncio.wait(tasks, timeout=PATIENCE)

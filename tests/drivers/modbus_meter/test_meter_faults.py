@@ -12,14 +12,14 @@ PLACES = ["127.0.0.1:0", "pty"]
 @pytest.mark.parametrize("address", PLACES)
 async def test_lost_answers_are_asked_for_again(address):
     async with emulated(address) as (emulator, place), running(settings(place, timeout="100 ms", retries=3)) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 2)
+        await run.inlet.until(lambda o: len(o.readings) >= 2)
         emulator.inject(Fault("loss", probability=0.2))
-        await run.outlet.until(lambda o: emulator.counts.get("loss", 0) >= 4)
+        await run.inlet.until(lambda o: emulator.counts.get("loss", 0) >= 4)
         emulator.inject(Fault("loss", probability=0.0))
-        seen = len(run.outlet.readings)
-        await run.outlet.until(lambda o: len(o.readings) >= seen + 3)
-    assert run.outlet.account.counters["timeouts"] == emulator.counts["loss"]
-    assert run.outlet.account.counters["retries"] + run.outlet.account.missed["timeout"] == emulator.counts["loss"]
+        seen = len(run.inlet.readings)
+        await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
+    assert run.inlet.account.counters["timeouts"] == emulator.counts["loss"]
+    assert run.inlet.account.counters["retries"] + run.inlet.account.missed["timeout"] == emulator.counts["loss"]
 
 
 @pytest.mark.parametrize("kind", ["half_frame", "garbage", "delay"])
@@ -29,36 +29,36 @@ async def test_damaged_and_late_answers_never_become_values(address, kind):
         emulated(address) as (emulator, place),
         running(settings(place, timeout="80 ms", silence="20 s")) as run,
     ):
-        await run.outlet.until(lambda o: len(o.readings) >= 2)
+        await run.inlet.until(lambda o: len(o.readings) >= 2)
         emulator.inject(Fault(kind, probability=0.3, seconds=0.12))
-        await run.outlet.until(lambda o: emulator.counts.get(kind, 0) >= 4)
+        await run.inlet.until(lambda o: emulator.counts.get(kind, 0) >= 4)
         emulator.inject(Fault(kind, probability=0.0))
-        seen = len(run.outlet.readings)
-        await run.outlet.until(lambda o: len(o.readings) >= seen + 3)
+        seen = len(run.inlet.readings)
+        await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
     column = run.driver.streams[0].names.index("supply.power")
-    assert run.outlet.values[:, column] == pytest.approx([500.0] * len(run.outlet.values), rel=1e-6)
-    assert run.outlet.values[:, 0] == pytest.approx([230.0] * len(run.outlet.values), rel=1e-6)
-    account = run.outlet.account
+    assert run.inlet.values[:, column] == pytest.approx([500.0] * len(run.inlet.values), rel=1e-6)
+    assert run.inlet.values[:, 0] == pytest.approx([230.0] * len(run.inlet.values), rel=1e-6)
+    account = run.inlet.account
     assert account.counters["timeouts"] + account.counters["malformed"] >= 1
 
 
 async def test_a_stall_is_told_as_slow_answers():
     async with emulated() as (emulator, place), running(settings(place, timeout="2 s")) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 2)
+        await run.inlet.until(lambda o: len(o.readings) >= 2)
         emulator.inject(Fault("stall", seconds=0.4))
-        await run.outlet.until(lambda o: o.account.missed["slow answers"] >= 5)
+        await run.inlet.until(lambda o: o.account.missed["slow answers"] >= 5)
     assert not run.failures
 
 
 async def test_a_closed_port_is_a_lost_connection_and_comes_back():
     async with emulated() as (emulator, place), running(settings(place, timeout="200 ms")) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 2)
+        await run.inlet.until(lambda o: len(o.readings) >= 2)
         emulator.inject(Fault("disconnect", seconds=0.4))
-        await run.outlet.until(lambda o: len(o.identities) >= 2)
-        seen = len(run.outlet.readings)
-        await run.outlet.until(lambda o: len(o.readings) >= seen + 3)
-    assert run.outlet.account.missed["connection lost"] == 1
-    assert run.outlet.account.missed["disconnected"] >= 4
+        await run.inlet.until(lambda o: len(o.identities) >= 2)
+        seen = len(run.inlet.readings)
+        await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
+    assert run.inlet.account.missed["connection lost"] == 1
+    assert run.inlet.account.missed["disconnected"] >= 4
     assert emulator.counts["disconnect"] == 1
 
 
@@ -66,9 +66,9 @@ async def test_a_silent_meter_is_given_up():
     async with emulated() as (emulator, place):
         wanted = settings(place, timeout="50 ms", silence="300 ms", retries=0)
         async with running(wanted) as run:
-            await run.outlet.until(lambda o: len(o.readings) >= 2)
+            await run.inlet.until(lambda o: len(o.readings) >= 2)
             emulator.inject(Fault("loss"))
-            await run.outlet.until(lambda _: run.failures)
+            await run.inlet.until(lambda _: run.failures)
         assert "unit 1 at TCP 127.0.0.1" in str(run.failures[0])
         assert "no answer" in str(run.failures[0])
 
@@ -76,8 +76,8 @@ async def test_a_silent_meter_is_given_up():
 async def test_a_meter_that_is_silent_on_a_line_is_given_up():
     async with emulated("pty", unit="1") as (emulator, line):
         async with running(settings(line, timeout="30 ms", silence="300 ms", retries=0)) as run:
-            await run.outlet.until(lambda o: len(o.readings) >= 2)
+            await run.inlet.until(lambda o: len(o.readings) >= 2)
             before = len(run.failures)  # a busy PC may have missed answers already
             emulator.inject(Fault("loss"))
-            await run.outlet.until(lambda _: len(run.failures) > before)
+            await run.inlet.until(lambda _: len(run.failures) > before)
         assert str(run.failures[before]).startswith("no good answer for 0.")

@@ -12,7 +12,7 @@ from cellwatt.errors import WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from tests.patience import PATIENCE
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import emulated, running, settings
 
 client = pytest.importorskip("pyModbusTCP.client", reason="pyModbusTCP is not installed")
@@ -59,8 +59,8 @@ SDM630 = {0x00: 230.1, 0x02: 229.4, 0x04: 231.2, 0x0C: 151.5, 0x34: 500.0, 0x46:
 
 async def test_the_driver_reads_its_server():
     async with serving(SDM630) as place, running(settings(place)) as run:
-        await run.outlet.until(lambda o: len(o.readings) >= 3)
-    found = dict(zip(run.driver.streams[0].names, run.outlet.readings[-1].values[0], strict=True))
+        await run.inlet.until(lambda o: len(o.readings) >= 3)
+    found = dict(zip(run.driver.streams[0].names, run.inlet.readings[-1].values[0], strict=True))
     assert not run.failures
     assert found["phase_1.voltage"] == pytest.approx(230.1)
     assert found["phase_1.power"] == pytest.approx(151.5)
@@ -71,6 +71,6 @@ async def test_the_driver_reads_its_server():
 
 async def test_its_server_is_no_shelly():
     async with serving(SDM630) as place:
-        driver = ModbusMeterDriver("m", settings(place, meter="shelly_pro_3em"), CollectingOutlet())
+        driver = ModbusMeterDriver("m", settings(place, meter="shelly_pro_3em"), CollectingInlet())
         with pytest.raises(WrongDeviceError, match=r"not a Pro 3EM: no phase has a voltage.*like Eastron SDM630"):
             await driver.identify()

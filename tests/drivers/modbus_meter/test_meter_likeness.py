@@ -17,7 +17,7 @@ from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.modbus_meter.likeness import contradiction, doubt
 from cellwatt_drivers.modbus_meter.meter_map import METERS, packaged_map
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import emulated, settings
 
 ALIKE = {"schneider_iem3000", "schneider_pm5000"}
@@ -47,7 +47,7 @@ def words_of(value: float) -> list[int]:
 
 
 async def identify(place: str, **changes: object):
-    return await ModbusMeterDriver("m", settings(place, **changes), CollectingOutlet()).identify()
+    return await ModbusMeterDriver("m", settings(place, **changes), CollectingInlet()).identify()
 
 
 @pytest.mark.parametrize("real", METERS)

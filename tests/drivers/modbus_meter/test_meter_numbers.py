@@ -15,7 +15,7 @@ from cellwatt.errors import ConnectError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.shared.modbus import Numbering
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .rig import running, settings
 
 MAP = """maker: Acme
@@ -56,12 +56,12 @@ async def test_answers_with_another_number_are_told_and_counted_apart(tmp_path):
         numbering(lambda n: 60_000 + n if n % 4 == 0 else n) as place,
         running(settings(place, **changes)) as run,
     ):
-        await run.outlet.until(lambda o: o.account.received >= 8)
-    account = run.outlet.account
+        await run.inlet.until(lambda o: o.account.received >= 8)
+    account = run.inlet.account
     assert account.missed["other transaction number"] == account.counters["other transaction numbers"] >= 2
     assert "timeouts" not in account.counters
     assert "other transaction numbers" in account.anomalies
-    assert "device_error" in run.outlet.kinds()
+    assert "device_error" in run.inlet.kinds()
     assert not run.failures
 
 
@@ -71,14 +71,14 @@ async def test_a_gateway_with_numbers_of_its_own_is_told_on_connecting(tmp_path,
     async with numbering(number) as place:
         made = settings(place, map=str(tmp_path / "map.yaml"), timeout="50 ms", retries=0)
         with pytest.raises(ConnectError, match=r"another transaction number \(\d+, asked with 1\): is the gateway"):
-            await ModbusMeterDriver("m", made, CollectingOutlet()).identify()
+            await ModbusMeterDriver("m", made, CollectingInlet()).identify()
 
 
 async def test_a_gateway_that_leaves_the_number_at_0_is_read(tmp_path):
     (tmp_path / "map.yaml").write_text(MAP)
     async with numbering(lambda n: 0) as place, running(settings(place, map=str(tmp_path / "map.yaml"))) as run:
-        await run.outlet.until(lambda o: o.account.received >= 3)
-    assert run.outlet.values[-1].tolist() == [230.0, 50.0]
+        await run.inlet.until(lambda o: o.account.received >= 3)
+    assert run.inlet.values[-1].tolist() == [230.0, 50.0]
 
 
 def frame(number: int) -> bytes:
@@ -128,7 +128,7 @@ async def test_answers_in_pieces_and_late_ones_before_them_are_read(tmp_path):
     changes = {"map": str(tmp_path / "map.yaml"), "timeout": "100 ms", "retries": 0}
     async with server:
         async with running(settings(place, **changes)) as run:
-            await run.outlet.until(lambda o: o.account.received >= 12 and o.account.counters["timeouts"])
+            await run.inlet.until(lambda o: o.account.received >= 12 and o.account.counters["timeouts"])
         await left.wait()
-    assert {tuple(row) for row in run.outlet.values.tolist()} == {(230.0, 50.0)}
+    assert {tuple(row) for row in run.inlet.values.tolist()} == {(230.0, 50.0)}
     assert not run.failures

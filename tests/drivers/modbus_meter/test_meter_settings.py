@@ -9,13 +9,13 @@ from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
 from cellwatt_drivers.shared import requirements
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 GOOD = {"host": "192.0.2.1", "meter": "siemens_pac3200"}
 
 
 def make(**changes):
-    return ModbusMeterDriver("m", ModbusMeterSettings.model_validate(GOOD | changes), CollectingOutlet())
+    return ModbusMeterDriver("m", ModbusMeterSettings.model_validate(GOOD | changes), CollectingInlet())
 
 
 def test_the_stream_follows_the_map():

@@ -17,7 +17,7 @@ from cellwatt.errors import SourceError
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from ..running import Steady, served, supervised
 
 _USES = x509.KeyUsage(
@@ -61,24 +61,24 @@ def settings(place: str, **changes: object) -> OpcUaSettings:
     return OpcUaSettings.model_validate(base | changes)
 
 
-def driver(place: str, **changes: object) -> tuple[OpcUaDriver, CollectingOutlet]:
-    outlet = CollectingOutlet()
-    return OpcUaDriver("plc", settings(place, **changes), outlet), outlet
+def driver(place: str, **changes: object) -> tuple[OpcUaDriver, CollectingInlet]:
+    inlet = CollectingInlet()
+    return OpcUaDriver("plc", settings(place, **changes), inlet), inlet
 
 
 @dataclass
 class Run:
     driver: OpcUaDriver
-    outlet: CollectingOutlet
+    inlet: CollectingInlet
     failures: list[SourceError]
 
 
 @asynccontextmanager
 async def running(place: str, **changes: object) -> AsyncIterator[Run]:
     """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    made, outlet = driver(place, **changes)
-    run = Run(made, outlet, [])
-    async with supervised(made, outlet) as run.failures:
+    made, inlet = driver(place, **changes)
+    run = Run(made, inlet, [])
+    async with supervised(made, inlet) as run.failures:
         yield run
 
 

@@ -53,15 +53,15 @@ def files(tmp_path_factory):
 
 async def test_values_come_in_si_units_with_the_sources_time():
     async with emulated() as (_, place), running(place) as run:
-        await run.outlet.until(lambda o: len(o.readings) > 5)
-    found = dict(zip(TAGS, run.outlet.values[-1], strict=True))
+        await run.inlet.until(lambda o: len(o.readings) > 5)
+    found = dict(zip(TAGS, run.inlet.values[-1], strict=True))
     assert found == pytest.approx(
         {"joint_1.position": 0.5, "joint_2.position": 0.0, "joint_1.current": 2.5, "supply.power": 500.0}
     )
     assert not run.failures
-    late = np.array([r.arrival - r.device_time[-1] for r in run.outlet.readings])
+    late = np.array([r.arrival - r.device_time[-1] for r in run.inlet.readings])
     assert (np.abs(late) < 2e9).all()
-    assert (np.diff(run.outlet.device_time) > 0).all()
+    assert (np.diff(run.inlet.device_time) > 0).all()
 
 
 async def test_elements_of_arrays_within_arrays():
@@ -73,8 +73,8 @@ async def test_elements_of_arrays_within_arrays():
     forces = Steady({"a.x": 3.5, "a.y": -2.0})
     emulator = OpcUaEmulator(forces, "127.0.0.1:0", seed=3, options=options)
     async with served(emulator) as place, running(place, tags=tags) as run:
-        await run.outlet.until(lambda o: len(o.readings) > 5)
-    assert run.outlet.values[-1].tolist() == [3.5, -2.0]
+        await run.inlet.until(lambda o: len(o.readings) > 5)
+    assert run.inlet.values[-1].tolist() == [3.5, -2.0]
     assert not run.failures
 
 
@@ -128,9 +128,9 @@ async def test_a_text_is_no_number():
 async def test_what_is_optional_may_be_missing():
     tags = TAGS | {"tool.force": {"node": "ns=plc;s=Tool.Force", "unit": "N", "optional": True}}
     async with emulated() as (_, place), running(place, tags=tags) as run:
-        await run.outlet.until(lambda o: len(o.readings) > 2)
-    assert np.isnan(run.outlet.values[:, -1]).all() and np.isfinite(run.outlet.values[:, :-1]).all()
-    assert run.outlet.kinds() == ["tags_missing"]
+        await run.inlet.until(lambda o: len(o.readings) > 2)
+    assert np.isnan(run.inlet.values[:, -1]).all() and np.isfinite(run.inlet.values[:, :-1]).all()
+    assert run.inlet.kinds() == ["tags_missing"]
     assert run.driver.left_out == {"tool.force"}
 
 
@@ -145,7 +145,7 @@ async def test_messages_are_signed_and_encrypted(files, security):
             made, _ = driver(place, **mine, **users, **pinned)
             assert len((await made.identify()).notes["certificate (SHA-256)"]) == 64
         async with running(place, **mine, **users) as run:
-            await run.outlet.until(lambda o: len(o.readings) > 2)
+            await run.inlet.until(lambda o: len(o.readings) > 2)
             assert not run.failures
 
 
@@ -255,60 +255,60 @@ def test_a_user_s_certificate_needs_its_key_and_security(more):
 
 async def test_bad_values_are_missing_and_counted():
     async with emulated() as (emulator, place), running(place) as run:
-        await run.outlet.until(lambda o: len(o.readings) > 2)
+        await run.inlet.until(lambda o: len(o.readings) > 2)
         emulator.inject(Fault("garbage", duration=0.3))
-        await run.outlet.until(lambda o: o.account.counters["bad status"] > 0)
-        await run.outlet.until(lambda o: o.readings[-1].quality[-1] == Quality.GOOD)
-    assert run.outlet.account.counters["status BadSensorFailure"] == run.outlet.account.counters["bad status"]
-    quality = np.concatenate([r.quality for r in run.outlet.readings])
+        await run.inlet.until(lambda o: o.account.counters["bad status"] > 0)
+        await run.inlet.until(lambda o: o.readings[-1].quality[-1] == Quality.GOOD)
+    assert run.inlet.account.counters["status BadSensorFailure"] == run.inlet.account.counters["bad status"]
+    quality = np.concatenate([r.quality for r in run.inlet.readings])
     missing = quality == Quality.MISSING
-    assert missing.any() and np.isnan(run.outlet.values[missing]).all()
-    assert np.isfinite(run.outlet.values[~missing]).all()
+    assert missing.any() and np.isnan(run.inlet.values[missing]).all()
+    assert np.isfinite(run.inlet.values[~missing]).all()
 
 
 async def test_what_the_servers_queue_lost_is_counted():
     async with emulated() as (emulator, place), running(place) as run:
-        await run.outlet.until(lambda o: len(o.readings) > 2)
+        await run.inlet.until(lambda o: len(o.readings) > 2)
         emulator.inject(Fault("loss", duration=0.3))
-        await run.outlet.until(lambda o: o.account.counters["overflows"] > 0)
-    assert run.outlet.account.residue == 0
-    assert "overflows" in run.outlet.account.anomalies
+        await run.inlet.until(lambda o: o.account.counters["overflows"] > 0)
+    assert run.inlet.account.residue == 0
+    assert "overflows" in run.inlet.account.anomalies
 
 
 async def test_a_restart_of_the_server_is_an_outage_and_no_more():
     async with emulated() as (emulator, place), running(place) as run:
-        await run.outlet.until(lambda o: len(o.readings) > 2)
+        await run.inlet.until(lambda o: len(o.readings) > 2)
         emulator.inject(Fault("disconnect", seconds=0.5))
-        await run.outlet.until(lambda o: len(o.identities) > 1 and o.account.missed["outage"] > 0)
+        await run.inlet.until(lambda o: len(o.identities) > 1 and o.account.missed["outage"] > 0)
     assert "the server closed the connection" in str(run.failures[0])
-    assert not run.outlet.resets
+    assert not run.inlet.resets
 
 
 async def test_a_server_that_says_nothing_is_given_up():
     async with emulated() as (emulator, place), running(place, silence="300 ms", timeout="300 ms") as run:
-        await run.outlet.until(lambda o: len(o.readings) > 2)
+        await run.inlet.until(lambda o: len(o.readings) > 2)
         emulator.inject(Fault("stall", seconds=1.0))
-        await run.outlet.until(lambda _: run.failures)
+        await run.inlet.until(lambda _: run.failures)
         assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
-        before = len(run.outlet.readings)
-        await run.outlet.until(lambda o: len(o.readings) > before)
+        before = len(run.inlet.readings)
+        await run.inlet.until(lambda o: len(o.readings) > before)
 
 
 async def test_a_server_that_loses_its_subscriptions_is_subscribed_to_anew():
     async with emulated() as (emulator, place), running(place, silence="300 ms") as run:
-        await run.outlet.until(lambda o: len(o.readings) > 2)
+        await run.inlet.until(lambda o: len(o.readings) > 2)
         service = emulator._server._server.iserver.subscription_service
         await service.delete_subscriptions(list(service.subscriptions))
-        await run.outlet.until(lambda _: run.failures)
-        before = len(run.outlet.readings)
-        await run.outlet.until(lambda o: len(o.readings) > before)
+        await run.inlet.until(lambda _: run.failures)
+        before = len(run.inlet.readings)
+        await run.inlet.until(lambda o: len(o.readings) > before)
     assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
 
 
 async def test_every_sample_is_asked_for():
     async with emulated() as (_, place), running(place, every_sample=True) as run:
-        await run.outlet.until(lambda o: sum(len(r.values) for r in o.readings) > 10)
-    assert run.outlet.account.counters["unchanged"] < 5  # the world stands still: without it all but one
+        await run.inlet.until(lambda o: sum(len(r.values) for r in o.readings) > 10)
+    assert run.inlet.account.counters["unchanged"] < 5  # the world stands still: without it all but one
 
 
 async def test_channels_of_any_robot_by_its_standard_nodes():
@@ -333,5 +333,5 @@ async def test_units_of_the_server_decide_or_are_held_against_ours():
                     await made.identify()
                 continue
             async with running(place, tags={"joint_1.position": wanted}) as run:
-                await run.outlet.until(lambda o: len(o.readings) > 1)
-            assert run.outlet.values[-1, 0] == pytest.approx(0.5, rel=1e-6)
+                await run.inlet.until(lambda o: len(o.readings) > 1)
+            assert run.inlet.values[-1, 0] == pytest.approx(0.5, rel=1e-6)

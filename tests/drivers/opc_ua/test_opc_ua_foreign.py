@@ -16,7 +16,7 @@ import pytest
 
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from ..running import supervised
 from .rig import certificate
 
@@ -65,13 +65,13 @@ async def test_a_server_of_another_library_is_read(tmp_path):
     common |= {"rate": "20 Hz", "publish": "100 ms"}
     async with served(tmp_path) as port:
         for security in ({}, *({"security": s, "certificate": files[0], "key": files[1]} for s in ("sign", "encrypt"))):
-            outlet = CollectingOutlet()
+            inlet = CollectingInlet()
             settings = OpcUaSettings.model_validate(common | {"port": port} | security)
-            driver = OpcUaDriver("plc", settings, outlet)
-            async with supervised(driver, outlet) as failures:
-                await outlet.until(lambda o: o.account.received > 30 or bool(failures))
-            assert not failures and not outlet.resets
-            good = outlet.values[np.isfinite(outlet.values).all(axis=1)]
+            driver = OpcUaDriver("plc", settings, inlet)
+            async with supervised(driver, inlet) as failures:
+                await inlet.until(lambda o: o.account.received > 30 or bool(failures))
+            assert not failures and not inlet.resets
+            good = inlet.values[np.isfinite(inlet.values).all(axis=1)]
             assert good[:, [0, 1, 3]] == pytest.approx(np.tile([1500.0, math.radians(90), 1.0], (len(good), 1)))
             assert (np.diff(good[:, 2]) >= 0).all()
-            assert outlet.account.counters["status BadSensorFailure"] > 0
+            assert inlet.account.counters["status BadSensorFailure"] > 0

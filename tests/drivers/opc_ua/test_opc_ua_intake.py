@@ -11,7 +11,7 @@ from cellwatt.channel import Channel, Quality, Stream
 from cellwatt_drivers.opc_ua.intake import Intake
 from cellwatt_drivers.opc_ua.messages import Item, Message, nanoseconds
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 MS = 1_000_000
 START = 1_700_000_000_000 * MS
@@ -23,9 +23,9 @@ class Bench:
     """An intake of two tags at 10 Hz, and a server whose clock is the cell's, less ``offset``."""
 
     def __init__(self) -> None:
-        self.outlet = CollectingOutlet()
+        self.inlet = CollectingInlet()
         stream = Stream("tags", (Channel("a.x", "A"), Channel("b.x", "V")), 10.0, "device")
-        self.intake = Intake("plc", self.outlet, stream, lambda code: f"0x{code:08X}")
+        self.intake = Intake("plc", self.inlet, stream, lambda code: f"0x{code:08X}")
         self.intake.resume(0.1, 0.1)
         self.sequence = 0
 
@@ -38,8 +38,8 @@ class Bench:
 
     @property
     def rows(self) -> list[tuple[float, ...]]:
-        times = (self.outlet.device_time - START) / MS
-        return [(float(t), *map(float, v)) for t, v in zip(times, self.outlet.values, strict=True)]
+        times = (self.inlet.device_time - START) / MS
+        return [(float(t), *map(float, v)) for t, v in zip(times, self.inlet.values, strict=True)]
 
 
 def item(column: int, at: float, value: float, status: int = 0) -> Item:
@@ -68,7 +68,7 @@ def test_samples_in_which_nothing_changed_are_given_up_to_the_last_sign_of_life(
         bench.tell(at)
     bench.tell(400, item(0, 401, 5.0))
     assert bench.rows == [(t, 1.0, 2.0) for t in (3.0, 103.0, 203.0, 303.0)] + [(401.0, 5.0, 2.0)]
-    assert bench.outlet.account.counters["unchanged"] == 3
+    assert bench.inlet.account.counters["unchanged"] == 3
 
 
 def test_a_change_after_a_quiet_time_is_no_ramp(bench):
@@ -78,7 +78,7 @@ def test_a_change_after_a_quiet_time_is_no_ramp(bench):
 
 def test_an_overflow_tells_what_was_lost_before_it(bench):
     bench.tell(500, item(0, 303, 9.0, OVERFLOW), item(0, 403, 10.0), item(0, 503, 11.0))
-    account = bench.outlet.account
+    account = bench.inlet.account
     assert [r[0] for r in bench.rows] == [3.0, 303.0, 403.0, 503.0]
     assert (account.missed["overflow"], account.counters["overflows"], account.residue) == (2, 1, 0)
     assert "overflows" in account.anomalies
@@ -86,7 +86,7 @@ def test_an_overflow_tells_what_was_lost_before_it(bench):
 
 def test_messages_that_never_came_are_a_gap(bench):
     bench.tell(300, item(0, 303, 9.0), skip=2)
-    account = bench.outlet.account
+    account = bench.inlet.account
     assert (account.missed["gap"], account.counters["lost messages"], account.residue) == (2, 2, 0)
 
 
@@ -94,10 +94,10 @@ def test_a_bad_value_is_missing_and_told_once(bench):
     bench.tell(100, item(0, 103, 0, BAD))
     bench.tell(200, item(0, 203, 0, BAD))
     bench.tell(300, item(0, 303, 7.0))
-    assert np.isnan(bench.outlet.values[1:3, 0]).all() and (bench.outlet.values[1:3, 1] == 2.0).all()
-    assert bench.outlet.account.counters["bad status"] == 2
-    assert bench.outlet.account.counters["status 0x808C0000"] == 2
-    assert [text for kind, text, _ in bench.outlet.events if kind == "bad_status"] == [
+    assert np.isnan(bench.inlet.values[1:3, 0]).all() and (bench.inlet.values[1:3, 1] == 2.0).all()
+    assert bench.inlet.account.counters["bad status"] == 2
+    assert bench.inlet.account.counters["status 0x808C0000"] == 2
+    assert [text for kind, text, _ in bench.inlet.events if kind == "bad_status"] == [
         "plc: a.x 0x808C0000",
         "plc: all values are good again",
     ]
@@ -105,13 +105,13 @@ def test_a_bad_value_is_missing_and_told_once(bench):
 
 def test_a_sample_without_one_good_value_is_missing(bench):
     bench.tell(100, item(0, 103, 0, BAD), item(1, 103, 0, BAD))
-    assert bench.outlet.readings[-1].quality.tolist() == [Quality.MISSING]
+    assert bench.inlet.readings[-1].quality.tolist() == [Quality.MISSING]
 
 
 def test_a_doubtful_value_is_taken_and_counted(bench):
     bench.tell(100, item(0, 103, 6.0, UNCERTAIN))
     assert bench.rows[-1][1] == 6.0
-    assert bench.outlet.account.counters["uncertain"] == 1
+    assert bench.inlet.account.counters["uncertain"] == 1
 
 
 def test_values_with_old_time_stamps_are_taken_as_published(bench):
@@ -119,31 +119,31 @@ def test_values_with_old_time_stamps_are_taken_as_published(bench):
     bench.tell(200, item(0, 0, 4.0))
     assert [r[1] for r in bench.rows] == [1.0, 3.0, 4.0]
     assert [r[0] for r in bench.rows] == [3.0, 103.0, 203.0]
-    assert bench.outlet.readings[-1].quality.tolist() == [Quality.LATE]
-    assert bench.outlet.account.counters["stale time stamps"] == 2
-    assert bench.outlet.kinds() == ["stale_time"]
+    assert bench.inlet.readings[-1].quality.tolist() == [Quality.LATE]
+    assert bench.inlet.account.counters["stale time stamps"] == 2
+    assert bench.inlet.kinds() == ["stale_time"]
 
 
 @pytest.mark.parametrize("jump", [-30_000, 30_000])
 def test_a_clock_that_jumps_is_reset(bench, jump):
     bench.tell(100, item(0, 100 + jump, 3.0), clock=jump * MS)
     bench.tell(200, item(0, 200 + jump, 4.0), clock=jump * MS)
-    assert len(bench.outlet.resets) == 1
-    assert f"{(97 + jump) / 1000:+.3f} s" in bench.outlet.resets[0]
+    assert len(bench.inlet.resets) == 1
+    assert f"{(97 + jump) / 1000:+.3f} s" in bench.inlet.resets[0]
     assert [r[1] for r in bench.rows] == [1.0, 3.0, 4.0]
 
 
 def test_a_backlog_after_a_stall_is_no_jump_of_the_clock(bench):
     bench.tell(5000, *(item(0, 3 + 100 * k, k) for k in range(1, 50)))
-    assert not bench.outlet.resets
-    assert len(bench.rows) == 50 and not bench.outlet.account.missed.total()
+    assert not bench.inlet.resets
+    assert len(bench.rows) == 50 and not bench.inlet.account.missed.total()
 
 
 def test_samples_of_an_outage_are_lost(bench):
     bench.intake.resume(0.1, 0.1)
     bench.sequence = 0
     bench.tell(1000, item(0, 1003, 3.0), item(1, 1003, 4.0))
-    assert bench.outlet.account.missed["outage"] == 9
+    assert bench.inlet.account.missed["outage"] == 9
     assert [r[0] for r in bench.rows] == [3.0, 1003.0]
 
 
@@ -152,7 +152,7 @@ def test_first_values_that_changed_long_ago_are_of_now():
     bench.tell(0, item(0, -3_600_000, 1.0), item(1, -7_200_000, 2.0))
     bench.tell(200, item(0, 200, 5.0))
     assert [r[0] for r in bench.rows] == [0.0, 100.0, 200.0]
-    assert not bench.outlet.resets
+    assert not bench.inlet.resets
 
 
 def test_a_message_without_its_time_is_of_its_arrival():
@@ -161,16 +161,16 @@ def test_a_message_without_its_time_is_of_its_arrival():
     bench.tell(50, item(0, 40, 1.0), item(1, 40, 2.0), clock=-START - 50 * MS)
     bench.tell(150, item(0, 140, 5.0))
     assert [r[0] for r in bench.rows] == [40.0, 140.0]
-    assert not bench.outlet.resets
+    assert not bench.inlet.resets
 
 
 def test_the_number_of_messages_begins_anew_after_its_largest(bench):
     bench.sequence = 0xFFFF_FFFE
     bench.tell(100, item(0, 103, 2.0))
     bench.sequence = 0
-    before = bench.outlet.account.counters["lost messages"]
+    before = bench.inlet.account.counters["lost messages"]
     bench.tell(200, item(0, 203, 3.0))
-    assert bench.outlet.account.counters["lost messages"] == before
+    assert bench.inlet.account.counters["lost messages"] == before
 
 
 @pytest.mark.parametrize("moment", [None, datetime(1601, 1, 1, tzinfo=UTC), datetime(9999, 12, 31, tzinfo=UTC)])

@@ -12,13 +12,13 @@ from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings, tag_units
 from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen, parsed
 from cellwatt_drivers.opc_ua.tag_map import load_map, packaged_map
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 GOOD = {"host": "192.0.2.1", "tags": {"supply.power": {"node": "ns=3;s=P", "unit": "kW"}}}
 
 
 def make(**changes):
-    return OpcUaDriver("plc", OpcUaSettings.model_validate(GOOD | changes), CollectingOutlet())
+    return OpcUaDriver("plc", OpcUaSettings.model_validate(GOOD | changes), CollectingInlet())
 
 
 def test_a_path_is_split_where_no_ampersand_stands():

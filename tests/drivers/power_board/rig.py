@@ -1,4 +1,4 @@
-"""A driver, an emulator on the same loop with a real pty between them, and an outlet that keeps everything."""
+"""A driver, an emulator on the same loop with a real pty between them, and an inlet that keeps everything."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.patience import eventually
 
 
 @dataclass
-class Outlet:
+class Inlet:
     """Keeps what it is given; the account must add up at every reading, and device time must rise."""
 
     account: Account = field(default_factory=Account)
@@ -91,7 +91,7 @@ class Supervised:
     """A driver that is run again whenever it fails, as the daemon does, without the pauses."""
 
     driver: PowerBoardDriver
-    outlet: Outlet
+    inlet: Inlet
     errors: list[str] = field(default_factory=list)
 
     async def run(self) -> None:
@@ -105,22 +105,22 @@ class Supervised:
 
 @asynccontextmanager
 async def cell(settings: dict | None = None, **options: str):
-    """Emulator, supervised driver and outlet, all going: yields (emulator, supervised)."""
+    """Emulator, supervised driver and inlet, all going: yields (emulator, supervised)."""
     async with emulated(**options) as (emulator, port):
         given = {"port": port, "rate": "123 Hz", "reorder": "5 s"} | (settings or {})
         given.setdefault("mode", options.get("mode", "api"))
         given.setdefault("phases", int(options.get("phases", "3")))
-        outlet = Outlet()
-        supervised = Supervised(PowerBoardDriver("board", PowerBoardSettings(**given), outlet), outlet)
+        inlet = Inlet()
+        supervised = Supervised(PowerBoardDriver("board", PowerBoardSettings(**given), inlet), inlet)
         async with running(supervised.run()):
             yield emulator, supervised
 
 
-async def settled(emulator: PowerBoardEmulator, outlet: Outlet, samples: int) -> dict[str, int]:
+async def settled(emulator: PowerBoardEmulator, inlet: Inlet, samples: int) -> dict[str, int]:
     """Wait until the driver has accounted for everything made, at least ``samples``; the emulator's counts then."""
 
     def even() -> bool:
-        return outlet.account.expected == emulator.counts["made"] >= samples
+        return inlet.account.expected == emulator.counts["made"] >= samples
 
     await eventually(even)
     return dict(emulator.counts)

@@ -10,7 +10,7 @@ import pytest
 from cellwatt import Quality
 from cellwatt.emulation import Fault
 from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, wire
-from tests.drivers.power_board.rig import Outlet, cell, emulated, running, settled
+from tests.drivers.power_board.rig import Inlet, cell, emulated, running, settled
 from tests.patience import PATIENCE, eventually
 
 FAST = {"rate": "500"}
@@ -20,50 +20,50 @@ FAST = {"rate": "500"}
 @pytest.mark.parametrize("batch", ["1", "2"])
 async def test_all_samples_come_in_every_mode(mode: str, batch: str) -> None:
     async with cell(mode=mode, batch=batch, rate="400") as (emulator, supervised):
-        counts = await settled(emulator, supervised.outlet, 200)
-        account = supervised.outlet.account
+        counts = await settled(emulator, supervised.inlet, 200)
+        account = supervised.inlet.account
         assert account.received == counts["made"] == counts["sent"]
         assert not account.missed
         assert supervised.errors == []
         assert counts["heard"] == 0, "the driver wrote to the port"
-        step = np.diff(supervised.outlet.device_time())
+        step = np.diff(supervised.inlet.device_time())
         assert np.all(np.abs(step - 2_500_000) <= 1000)
 
 
 async def test_values_are_those_of_the_moment_they_were_sampled() -> None:
     async with cell(phases="3", **FAST) as (emulator, supervised):
-        await settled(emulator, supervised.outlet, 250)
-        outlet = supervised.outlet
-        power, seconds = outlet.values("supply.power"), outlet.device_time() / 1e9
+        await settled(emulator, supervised.inlet, 250)
+        inlet = supervised.inlet
+        power, seconds = inlet.values("supply.power"), inlet.device_time() / 1e9
         # the slope of Slope, 10 W/s, and no more than three phases rounded to 10 mW beside it
         assert np.ptp(power - 10.0 * seconds) <= 0.03
-        assert np.all(outlet.values("supply.voltage") == 230.0)
-        assert np.allclose(outlet.values("supply.current"), power / 230.0, atol=0.003)
-        assert np.allclose(outlet.values("phase_2.power"), power / 3, atol=0.02)
-        assert all(r.quality is not None and (r.quality == Quality.GOOD).all() for r in outlet.readings)
+        assert np.all(inlet.values("supply.voltage") == 230.0)
+        assert np.allclose(inlet.values("supply.current"), power / 230.0, atol=0.003)
+        assert np.allclose(inlet.values("phase_2.power"), power / 3, atol=0.02)
+        assert all(r.quality is not None and (r.quality == Quality.GOOD).all() for r in inlet.readings)
 
 
 async def test_single_phase_and_explicit_frames() -> None:
     async with cell(phases="1", explicit="yes", mode="api_escaped", **FAST) as (emulator, supervised):
-        await settled(emulator, supervised.outlet, 50)
-        outlet = supervised.outlet
-        assert np.all(outlet.values("supply.power") == outlet.values("phase_1.power"))
-        assert np.all(outlet.values("supply.current") == outlet.values("phase_1.current"))
-        assert outlet.identities[0].model == "power board 7"
-        assert outlet.account.counters["frames: modem status"] == 1
+        await settled(emulator, supervised.inlet, 50)
+        inlet = supervised.inlet
+        assert np.all(inlet.values("supply.power") == inlet.values("phase_1.power"))
+        assert np.all(inlet.values("supply.current") == inlet.values("phase_1.current"))
+        assert inlet.identities[0].model == "power board 7"
+        assert inlet.account.counters["frames: modem status"] == 1
 
 
 @pytest.mark.parametrize(("mode", "batch"), [("api", 1), ("api_escaped", 2), ("transparent", 1)])
 @pytest.mark.parametrize("kind", ["loss", "half_frame", "duplicate", "reorder", "garbage", "delay"])
 async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) -> None:
     async with cell(mode=mode, batch=str(batch), **FAST) as (emulator, supervised):
-        outlet = supervised.outlet
-        await settled(emulator, outlet, 20)
+        inlet = supervised.inlet
+        await settled(emulator, inlet, 20)
         emulator.inject(Fault(kind, probability=0.3, seconds=0.02))
         await eventually(lambda: emulator.counts.get(kind, 0) >= 15)
         emulator.inject(Fault(kind, probability=0.0))
-        counts = await settled(emulator, outlet, emulator.counts["made"] + 10 * batch)
-        account = outlet.account
+        counts = await settled(emulator, inlet, emulator.counts["made"] + 10 * batch)
+        account = inlet.account
         lost = batch * counts[kind] if kind in {"loss", "half_frame"} else 0
         assert account.missed.total() == account.missed["gap"] == lost
         assert account.received == counts["made"] - lost == counts["sent"]
@@ -72,52 +72,52 @@ async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) ->
         assert account.counters["late"] == 0
         assert (account.counters["garbage bytes"] > 0) == (kind in {"garbage", "half_frame"})
         assert supervised.errors == []
-        assert outlet.resets == []
-        assert np.ptp(outlet.values("supply.power") - 10.0 * outlet.device_time() / 1e9) <= 0.03
+        assert inlet.resets == []
+        assert np.ptp(inlet.values("supply.power") - 10.0 * inlet.device_time() / 1e9) <= 0.03
 
 
 async def test_stall_loses_nothing() -> None:
     async with cell(**FAST) as (emulator, supervised):
-        await settled(emulator, supervised.outlet, 20)
+        await settled(emulator, supervised.inlet, 20)
         emulator.inject(Fault("stall", seconds=0.4))
-        counts = await settled(emulator, supervised.outlet, 400)
+        counts = await settled(emulator, supervised.inlet, 400)
         assert counts["stall"] == 1
-        assert supervised.outlet.account.received == counts["made"]
-        assert supervised.outlet.resets == []
+        assert supervised.inlet.account.received == counts["made"]
+        assert supervised.inlet.resets == []
 
 
 @pytest.mark.parametrize("seconds", [0.5, -0.5, 2000.0, -2000.0])
 async def test_clock_jump_is_one_reset_and_no_loss(seconds: float) -> None:
     async with cell(**FAST) as (emulator, supervised):
-        await settled(emulator, supervised.outlet, 20)
+        await settled(emulator, supervised.inlet, 20)
         emulator.inject(Fault("clock_jump", seconds=seconds))
-        counts = await settled(emulator, supervised.outlet, 100)
-        assert supervised.outlet.account.received == counts["made"]
-        assert supervised.outlet.resets == [f"its clock jumped by {seconds:+.3f} s"]
-        assert supervised.outlet.events == [f"board: board 7: its clock jumped by {seconds:+.3f} s"]
+        counts = await settled(emulator, supervised.inlet, 100)
+        assert supervised.inlet.account.received == counts["made"]
+        assert supervised.inlet.resets == [f"its clock jumped by {seconds:+.3f} s"]
+        assert supervised.inlet.events == [f"board: board 7: its clock jumped by {seconds:+.3f} s"]
 
 
 async def test_port_vanishes_and_comes_back(tmp_path) -> None:
     async with cell(link=str(tmp_path / "board"), **FAST) as (emulator, supervised):
-        outlet = supervised.outlet
-        await settled(emulator, outlet, 50)
+        inlet = supervised.inlet
+        await settled(emulator, inlet, 50)
         for n in (1, 2):
             emulator.inject(Fault("disconnect", seconds=0.3))
-            await eventually(lambda n=n: len(outlet.identities) == n + 1)
-        counts = await settled(emulator, outlet, emulator.counts["made"] + 20)
+            await eventually(lambda n=n: len(inlet.identities) == n + 1)
+        counts = await settled(emulator, inlet, emulator.counts["made"] + 20)
         assert counts["disconnect"] == 2
         assert counts["unheard"] > 100
-        assert outlet.account.missed == {"gap": counts["unheard"]}
-        assert outlet.account.received == counts["made"] - counts["unheard"] == counts["sent"]
-        assert outlet.resets == [], "the board's clock went on: its numbering tells what was lost"
+        assert inlet.account.missed == {"gap": counts["unheard"]}
+        assert inlet.account.received == counts["made"] - counts["unheard"] == counts["sent"]
+        assert inlet.resets == [], "the board's clock went on: its numbering tells what was lost"
         assert any("the port is gone" in e for e in supervised.errors)
         assert all("the port is gone" in e or "no such port" in e for e in supervised.errors)
 
 
 async def test_all_faults_together_still_add_up(tmp_path) -> None:
     async with cell(link=str(tmp_path / "board"), **FAST) as (emulator, supervised):
-        outlet = supervised.outlet
-        await settled(emulator, outlet, 20)
+        inlet = supervised.inlet
+        await settled(emulator, inlet, 20)
         for kind in ("loss", "half_frame", "duplicate", "reorder", "garbage", "delay"):
             emulator.inject(Fault(kind, probability=0.05, seconds=0.01))
         for one in (Fault("stall", seconds=0.2), Fault("clock_jump", seconds=7.0), Fault("disconnect", seconds=0.2)):
@@ -127,26 +127,26 @@ async def test_all_faults_together_still_add_up(tmp_path) -> None:
             await eventually(lambda more=more: emulator.counts["sent"] >= more)
         for kind in ("loss", "half_frame", "duplicate", "reorder", "garbage", "delay"):
             emulator.inject(Fault(kind, probability=0.0))
-        counts = await settled(emulator, outlet, emulator.counts["made"] + 50)
+        counts = await settled(emulator, inlet, emulator.counts["made"] + 50)
         lost = counts["loss"] + counts["half_frame"] + counts["unheard"]
-        assert outlet.account.residue == 0
+        assert inlet.account.residue == 0
         # What is late was overtaken across the jump of the clock, or is the copy of one that was in time.
-        missed = outlet.account.missed.total()
-        assert lost <= missed <= lost + outlet.account.counters["late"]
-        assert outlet.account.received == counts["made"] - missed
-        assert len(outlet.resets) == 1
+        missed = inlet.account.missed.total()
+        assert lost <= missed <= lost + inlet.account.counters["late"]
+        assert inlet.account.received == counts["made"] - missed
+        assert len(inlet.resets) == 1
 
 
 async def test_sample_later_than_the_window_is_late_and_missed_once() -> None:
     async with cell({"reorder": "0 s"}, **FAST) as (emulator, supervised):
-        outlet = supervised.outlet
-        await settled(emulator, outlet, 20)
+        inlet = supervised.inlet
+        await settled(emulator, inlet, 20)
         emulator.inject(Fault("reorder", probability=0.2))
         await eventually(lambda: emulator.counts.get("reorder", 0) >= 10)
         emulator.inject(Fault("reorder", probability=0.0))
-        counts = await settled(emulator, outlet, emulator.counts["made"] + 20)
+        counts = await settled(emulator, inlet, emulator.counts["made"] + 20)
         # a packet that is read together with the one that overtook it is still put in order
-        account = outlet.account
+        account = inlet.account
         assert account.counters["late"] + account.counters["reordered"] == counts["reorder"]
         assert account.missed["gap"] == account.counters["late"]
         assert account.received == counts["made"] - account.missed["gap"]
@@ -155,20 +155,20 @@ async def test_sample_later_than_the_window_is_late_and_missed_once() -> None:
 async def test_port_is_released_on_cancellation() -> None:
     async with emulated(**FAST) as (_, port):
         for _ in range(2):
-            outlet = Outlet()
-            driver = PowerBoardDriver("board", PowerBoardSettings(port=port), outlet)
+            inlet = Inlet()
+            driver = PowerBoardDriver("board", PowerBoardSettings(port=port), inlet)
             async with running(driver.run()):
-                await eventually(lambda outlet=outlet: outlet.account.received > 0)
+                await eventually(lambda inlet=inlet: inlet.account.received > 0)
 
 
 async def test_identify_says_who_is_there() -> None:
     async with emulated(board="42", phases="2", batch="2", **FAST) as (emulator, port):
-        outlet = Outlet()
-        driver = PowerBoardDriver("board", PowerBoardSettings(port=port, phases=2), outlet)
+        inlet = Inlet()
+        driver = PowerBoardDriver("board", PowerBoardSettings(port=port, phases=2), inlet)
         identity = await asyncio.wait_for(driver.identify(), PATIENCE)
         assert (identity.model, identity.serial) == ("power board 42", "42")
         assert identity.notes["payload"] == "2 phases, 2 samples a packet"
-        assert outlet.account.expected == 0
+        assert inlet.account.expected == 0
         assert emulator.counts["heard"] == 0
 
 

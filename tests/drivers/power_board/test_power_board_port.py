@@ -15,7 +15,7 @@ from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, w
 from cellwatt_drivers.power_board import port as port_module
 from cellwatt_drivers.power_board.payload import build
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
-from tests.drivers.power_board.rig import Outlet, running
+from tests.drivers.power_board.rig import Inlet, running
 from tests.drivers.power_board.samples import NETWORK, SENDER, packet
 from tests.patience import PATIENCE, eventually
 
@@ -32,7 +32,7 @@ def line():
 
 
 def driver(port: str, **settings) -> PowerBoardDriver:
-    return PowerBoardDriver("board", PowerBoardSettings(port=port, **settings), Outlet())
+    return PowerBoardDriver("board", PowerBoardSettings(port=port, **settings), Inlet())
 
 
 async def failure(running_driver: PowerBoardDriver) -> SourceError:
@@ -43,11 +43,11 @@ async def failure(running_driver: PowerBoardDriver) -> SourceError:
 
 @asynccontextmanager
 async def listening(line: VirtualPort, **settings):
-    """A driver that has the port open, and its outlet."""
+    """A driver that has the port open, and its inlet."""
     made = driver(line.path, silence="20 s", **settings)
     async with running(made.run()):
         await eventually(lambda: line.opened and not line.read() and line.flushed)
-        yield made, made.outlet
+        yield made, made.inlet
 
 
 async def test_missing_port_names_those_that_are_there(tmp_path: Path, monkeypatch) -> None:
@@ -140,70 +140,70 @@ async def test_board_with_other_phases_is_the_wrong_device(line: VirtualPort) ->
 
 
 async def test_first_board_heard_is_the_one(line: VirtualPort) -> None:
-    async with listening(line) as (_, outlet):
+    async with listening(line) as (_, inlet):
         line.write(frame(1, board=3) + frame(5, board=4) + frame(2, board=3))
-        await eventually(lambda: outlet.account.received == 2)
-        assert outlet.account.counters["other boards"] == 1
-        assert outlet.identities[0].model == "power board 3"
+        await eventually(lambda: inlet.account.received == 2)
+        assert inlet.account.counters["other boards"] == 1
+        assert inlet.identities[0].model == "power board 3"
 
 
 async def test_several_boards_share_a_port(line: VirtualPort) -> None:
-    async with listening(line, boards=[3, 4]) as (made, outlet):
+    async with listening(line, boards=[3, 4]) as (made, inlet):
         assert [s.name for s in made.streams] == ["power_3", "power_4"]
         assert made.streams[1].names[:2] == ("board_4.supply.voltage", "board_4.supply.current")
         line.write(
             frame(10, board=3) + frame(77, board=4) + frame(11, board=3) + frame(80, board=4) + frame(81, board=4)
         )
-        await eventually(lambda: outlet.account.received == 5)
-        assert outlet.account.missed == {"gap": 2}
-        assert {r.stream.name: len(r.values) for r in outlet.readings[:1]} == {"power_3": 2}
+        await eventually(lambda: inlet.account.received == 5)
+        assert inlet.account.missed == {"gap": 2}
+        assert {r.stream.name: len(r.values) for r in inlet.readings[:1]} == {"power_3": 2}
 
 
 async def test_one_of_several_boards_falls_silent(line: VirtualPort) -> None:
     made = driver(line.path, boards=[3, 4], silence="300 ms")
     number = 0
     async with running(made.run()):
-        while len(made.outlet.events) < 1:
+        while len(made.inlet.events) < 1:
             number += 1
             line.write(frame(number, board=3))
             await asyncio.sleep(0.01)
-        while len(made.outlet.events) < 2:
+        while len(made.inlet.events) < 2:
             number += 1
             line.write(frame(number, board=3) + frame(number, board=4))
             await asyncio.sleep(0.01)
-    assert made.outlet.events == ["board: board 4: silent", "board: board 4: heard again"]
+    assert made.inlet.events == ["board: board 4: silent", "board: board 4: heard again"]
 
 
 async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> None:
-    async with listening(line) as (_, outlet):
+    async with listening(line) as (_, inlet):
         line.write(frame(50_000) + frame(50_001) + frame(0) + frame(1) + frame(3))
-        await eventually(lambda: outlet.account.received == 5)
-        assert outlet.resets == ["it restarted"]
-        assert outlet.account.missed == {"gap": 1}
-        assert outlet.device_time().tolist()[2:] == [0, 8_130_000, 24_390_000]
+        await eventually(lambda: inlet.account.received == 5)
+        assert inlet.resets == ["it restarted"]
+        assert inlet.account.missed == {"gap": 1}
+        assert inlet.device_time().tolist()[2:] == [0, 8_130_000, 24_390_000]
 
 
 async def test_gap_is_given_up_without_another_byte(line: VirtualPort) -> None:
-    async with listening(line, reorder="30 ms") as (_, outlet):
+    async with listening(line, reorder="30 ms") as (_, inlet):
         line.write(frame(0) + frame(2))
-        await eventually(lambda: outlet.account.received == 2)
-        assert outlet.account.missed == {"gap": 1}
+        await eventually(lambda: inlet.account.received == 2)
+        assert inlet.account.missed == {"gap": 1}
 
 
 async def test_what_waits_is_given_when_the_port_goes(line: VirtualPort) -> None:
     made = driver(line.path, reorder="10 s", silence="20 s")
     task = asyncio.create_task(made.run())
-    while made.outlet.account.received == 0:
+    while made.inlet.account.received == 0:
         if line.opened:
             line.write(frame(0))
         await asyncio.sleep(0.01)
     line.write(frame(2) + b"\x00")
-    await eventually(lambda: made.outlet.account.counters["garbage bytes"] == 1)
+    await eventually(lambda: made.inlet.account.counters["garbage bytes"] == 1)
     line.unplug()
     with pytest.raises(ConnectError, match="the port is gone"):
         await asyncio.wait_for(task, PATIENCE)
-    assert made.outlet.account.received == 2
-    assert made.outlet.account.missed == {"gap": 1}
+    assert made.inlet.account.received == 2
+    assert made.inlet.account.missed == {"gap": 1}
 
 
 async def test_latency_timer_is_noted(line: VirtualPort, tmp_path: Path, monkeypatch) -> None:

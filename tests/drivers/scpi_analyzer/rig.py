@@ -1,4 +1,4 @@
-"""A driver and an emulator on one loop, and an outlet that keeps what it is given."""
+"""A driver and an emulator on one loop, and an inlet that keeps what it is given."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from cellwatt.errors import SourceError
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver, ScpiAnalyzerSettings
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 
-from ..outlet import PolledOutlet
+from ..inlet import PolledInlet
 from ..running import Steady, served, supervised
 
 
-class Outlet(PolledOutlet):
+class Inlet(PolledInlet):
     def __init__(self) -> None:
         super().__init__()
         self.failures: list[SourceError] = []
@@ -40,10 +40,10 @@ def settings(place: str, **changes: object) -> ScpiAnalyzerSettings:
 
 
 @asynccontextmanager
-async def running(settings: ScpiAnalyzerSettings) -> AsyncIterator[tuple[ScpiAnalyzerDriver, Outlet]]:
+async def running(settings: ScpiAnalyzerSettings) -> AsyncIterator[tuple[ScpiAnalyzerDriver, Inlet]]:
     """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    outlet = Outlet()
-    driver = ScpiAnalyzerDriver("supply", settings, outlet)
+    inlet = Inlet()
+    driver = ScpiAnalyzerDriver("supply", settings, inlet)
 
-    async with supervised(driver, outlet) as outlet.failures:
-        yield driver, outlet
+    async with supervised(driver, inlet) as inlet.failures:
+        yield driver, inlet

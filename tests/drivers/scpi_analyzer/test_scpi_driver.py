@@ -13,7 +13,7 @@ from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import AFTER_RESET
 from tests.patience import eventually
 
-from .rig import Outlet, emulated, running, settings
+from .rig import Inlet, emulated, running, settings
 
 DEFAULT = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
 TRUTH = [230.0, 2.5, 500.0, 575.0, math.sqrt(575.0**2 - 500.0**2), 500.0 / 575.0]
@@ -21,71 +21,71 @@ TRUTH = [230.0, 2.5, 500.0, 575.0, math.sqrt(575.0**2 - 500.0**2), 500.0 / 575.0
 
 @pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 async def test_values_in_si_units(address):
-    async with emulated(address) as (_, place), running(settings(place)) as (_, outlet):
-        await eventually(lambda: len(outlet.readings) >= 3)
-    for reading in outlet.readings:
+    async with emulated(address) as (_, place), running(settings(place)) as (_, inlet):
+        await eventually(lambda: len(inlet.readings) >= 3)
+    for reading in inlet.readings:
         assert reading.values[0] == pytest.approx(TRUTH, rel=1e-4)
         assert reading.quality is not None
         assert reading.quality.tolist() == [Quality.GOOD]
         assert reading.asked is not None
         assert reading.asked <= reading.arrival
-    (identity,) = outlet.identities
+    (identity,) = inlet.identities
     assert (identity.maker, identity.model) == ("Rohde & Schwarz", "HMC8015")
     assert identity.firmware == "SW1.403"
 
 
 async def test_functions_keep_the_order_of_the_settings():
     wanted = ["LAMB", "PHI", "P", "FU"]
-    async with emulated() as (_, place), running(settings(place, functions=wanted)) as (_, outlet):
-        await eventually(lambda: len(outlet.readings) >= 2)
+    async with emulated() as (_, place), running(settings(place, functions=wanted)) as (_, inlet):
+        await eventually(lambda: len(inlet.readings) >= 2)
     expected = [500 / 575, math.acos(500 / 575), 500.0, 50.0]
-    assert outlet.readings[0].values[0] == pytest.approx(expected, rel=1e-4)
+    assert inlet.readings[0].values[0] == pytest.approx(expected, rel=1e-4)
 
 
 async def test_what_was_selected_before_is_put_back():
     async with emulated() as (emulator, place):
-        async with running(settings(place)) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 2)
+        async with running(settings(place)) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 2)
             assert emulator.analyzer.functions == DEFAULT
         await eventually(lambda: emulator.analyzer.functions == AFTER_RESET)
 
 
 async def test_without_select_only_queries_leave():
     async with emulated() as (emulator, place):
-        async with running(settings(place, select=False, error_check="1 ms")) as (driver, outlet):
-            await eventually(lambda: len(outlet.readings) >= 3)
+        async with running(settings(place, select=False, error_check="1 ms")) as (driver, inlet):
+            await eventually(lambda: len(inlet.readings) >= 3)
             await driver.identify()
         assert set(emulator.lines) == {"*IDN?", "SYST:ERR?", "CHAN1:MEAS:FUNC?", "CHAN1:MEAS:DATA?"}
-    assert outlet.readings[0].values[0] == pytest.approx(TRUTH, rel=1e-4)
+    assert inlet.readings[0].values[0] == pytest.approx(TRUTH, rel=1e-4)
 
 
 async def test_everything_sent_is_on_the_list():
     told = " ".join(ScpiAnalyzerDriver.writes).replace("<functions>", "WH,P")
     async with emulated() as (emulator, place):
         wanted = settings(place, functions=["WH", "P"], integrate=True)
-        async with running(wanted) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 2)
+        async with running(wanted) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 2)
             sent = list(emulator.lines)
     assert all(line in told for line in sent), sent
 
 
 async def test_a_list_that_lacks_a_function_is_refused():
     async with emulated() as (_, place):
-        driver = ScpiAnalyzerDriver("supply", settings(place, select=False, functions=["P", "WH"]), Outlet())
+        driver = ScpiAnalyzerDriver("supply", settings(place, select=False, functions=["P", "WH"]), Inlet())
         with pytest.raises(DeviceError, match="lacks WH: choose them there, or set select: true"):
             await driver.run()
 
 
 async def test_energy_counts_only_while_the_integrator_runs():
     async with emulated() as (emulator, place):
-        async with running(settings(place, functions=["WH"])) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 4)
+        async with running(settings(place, functions=["WH"])) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 4)
         assert not emulator.analyzer.running
-        assert {float(r.values[0, 0]) for r in outlet.readings} == {0.0}
-        async with running(settings(place, functions=["WH"], integrate=True)) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 12)
+        assert {float(r.values[0, 0]) for r in inlet.readings} == {0.0}
+        async with running(settings(place, functions=["WH"], integrate=True)) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 12)
         assert emulator.analyzer.running
-    joules = np.array([r.values[0, 0] for r in outlet.readings])
+    joules = np.array([r.values[0, 0] for r in inlet.readings])
     assert np.all(np.diff(joules) >= 0)
     # 500 W in steps of 0.1 s are 50 J each.
     steps = np.diff(joules) / 50.0
@@ -94,53 +94,53 @@ async def test_energy_counts_only_while_the_integrator_runs():
 
 
 async def test_overload_is_flagged_counted_and_told_once():
-    async with emulated() as (emulator, place), running(settings(place)) as (_, outlet):
-        await eventually(lambda: len(outlet.readings) >= 2)
-        assert "overload" not in outlet.kinds()
+    async with emulated() as (emulator, place), running(settings(place)) as (_, inlet):
+        await eventually(lambda: len(inlet.readings) >= 2)
+        assert "overload" not in inlet.kinds()
         emulator.analyzer.overload = {"IRMS", "P"}
-        await eventually(lambda: outlet.account.counters["overloads"] >= 3)
-        reading = outlet.readings[-1]
+        await eventually(lambda: inlet.account.counters["overloads"] >= 3)
+        reading = inlet.readings[-1]
         emulator.analyzer.overload = set()
-        seen = len(outlet.readings)
-        await eventually(lambda: len(outlet.readings) > seen + 1)
+        seen = len(inlet.readings)
+        await eventually(lambda: len(inlet.readings) > seen + 1)
     assert reading.quality is not None
     assert reading.quality.tolist() == [Quality.CLIPPED]
     assert np.isnan(reading.values[0]).tolist() == [False, True, True, False, False, False]
-    assert [text for kind, text, _ in outlet.events if kind == "overload"] == [
+    assert [text for kind, text, _ in inlet.events if kind == "overload"] == [
         "supply: IRMS, P overloaded: the range is too small"
     ]
-    last = outlet.readings[-1]
+    last = inlet.readings[-1]
     assert last.quality is not None
     assert last.quality.tolist() == [Quality.GOOD]
 
 
 async def test_polling_faster_than_the_analyzer_measures_counts_repeats():
-    async with emulated() as (emulator, place), running(settings(place, rate="50 Hz")) as (_, outlet):
+    async with emulated() as (emulator, place), running(settings(place, rate="50 Hz")) as (_, inlet):
         emulator.analyzer.measurements = 0
-        await eventually(lambda: len(outlet.readings) >= 30)
+        await eventually(lambda: len(inlet.readings) >= 30)
     # The load stands still, so every answer but the first repeats; none of them is lost.
-    assert outlet.account.counters["repeats"] == len(outlet.readings) - 1
-    assert outlet.account.received == len(outlet.readings)
-    assert emulator.analyzer.measurements < len(outlet.readings)
+    assert inlet.account.counters["repeats"] == len(inlet.readings) - 1
+    assert inlet.account.received == len(inlet.readings)
+    assert emulator.analyzer.measurements < len(inlet.readings)
 
 
 async def test_the_error_queue_is_read():
     async with emulated() as (emulator, place):
         emulator.analyzer.execute("NONSENSE", 0.0)
-        async with running(settings(place, error_check="50 ms")) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 2)
+        async with running(settings(place, error_check="50 ms")) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 2)
             emulator.analyzer.execute("CHAN1:MEAS:FUNC NONSENSE", 0.0)
-            await eventually(lambda: outlet.kinds().count("instrument_error") == 2)
-    texts = [text for kind, text, _ in outlet.events if kind == "instrument_error"]
+            await eventually(lambda: inlet.kinds().count("instrument_error") == 2)
+    texts = [text for kind, text, _ in inlet.events if kind == "instrument_error"]
     assert "left from before: -113 Undefined header" in texts[0]
     assert "while measuring: -224 Illegal parameter value" in texts[1]
-    assert outlet.account.counters["instrument errors"] == 2
+    assert inlet.account.counters["instrument errors"] == 2
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 async def test_another_instrument_is_the_wrong_device(address):
     async with emulated(address, idn="YOKOGAWA,WT310,C2PL11001V,F1.03") as (emulator, place):
-        driver = ScpiAnalyzerDriver("supply", settings(place, timeout="200 ms"), Outlet())
+        driver = ScpiAnalyzerDriver("supply", settings(place, timeout="200 ms"), Inlet())
         for attempt in (driver.run, driver.identify):
             with pytest.raises(WrongDeviceError, match="is not an HMC8015: it answers 'YOKOGAWA,WT310"):
                 await attempt()
@@ -157,7 +157,7 @@ async def test_a_web_server_is_the_wrong_device():
     host, port = server.sockets[0].getsockname()
     try:
         with pytest.raises(WrongDeviceError, match=r"it answers 'HTTP/1\.1 400 Bad Request'"):
-            await ScpiAnalyzerDriver("supply", settings(f"{host}:{port}"), Outlet()).run()
+            await ScpiAnalyzerDriver("supply", settings(f"{host}:{port}"), Inlet()).run()
     finally:
         server.close()
 
@@ -167,23 +167,23 @@ async def test_nobody_there_is_said():
         free.bind(("127.0.0.1", 0))
         place = f"127.0.0.1:{free.getsockname()[1]}"
         with pytest.raises(ConnectError, match=f"TCP {place} cannot be opened"):
-            await ScpiAnalyzerDriver("supply", settings(place), Outlet()).run()
+            await ScpiAnalyzerDriver("supply", settings(place), Inlet()).run()
 
 
 async def test_a_port_that_never_answers_is_said():
     with socket.socket() as deaf:
         deaf.bind(("127.0.0.1", 0))
         deaf.listen()
-        outlet = Outlet()
-        driver = ScpiAnalyzerDriver("supply", settings(f"127.0.0.1:{deaf.getsockname()[1]}", timeout="50 ms"), outlet)
+        inlet = Inlet()
+        driver = ScpiAnalyzerDriver("supply", settings(f"127.0.0.1:{deaf.getsockname()[1]}", timeout="50 ms"), inlet)
         with pytest.raises(ConnectError, match="gave no answer within 0"):
             await driver.run()
-    assert outlet.account.counters == {"timeouts": 1}
+    assert inlet.account.counters == {"timeouts": 1}
 
 
 async def test_a_missing_serial_port_is_said():
     with pytest.raises(ConnectError, match="serial port /dev/nowhere cannot be opened"):
-        await ScpiAnalyzerDriver("supply", settings("/dev/nowhere"), Outlet()).identify()
+        await ScpiAnalyzerDriver("supply", settings("/dev/nowhere"), Inlet()).identify()
 
 
 async def test_a_flood_is_refused():
@@ -197,6 +197,6 @@ async def test_a_flood_is_refused():
     host, port = server.sockets[0].getsockname()
     try:
         with pytest.raises(ConnectError, match="floods"):
-            await ScpiAnalyzerDriver("supply", settings(f"{host}:{port}", timeout="200 ms"), Outlet()).identify()
+            await ScpiAnalyzerDriver("supply", settings(f"{host}:{port}", timeout="200 ms"), Inlet()).identify()
     finally:
         server.close()

@@ -11,7 +11,7 @@ from cellwatt.emulation import Fault
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 from tests.patience import eventually
 
-from .rig import Outlet, emulated, running, settings
+from .rig import Inlet, emulated, running, settings
 
 IGNORED = ("repeats", "merged ticks")
 
@@ -19,24 +19,24 @@ IGNORED = ("repeats", "merged ticks")
 @asynccontextmanager
 async def struck(
     fault: Fault, *, times: int, address: str = "127.0.0.1:0", **changes: object
-) -> AsyncIterator[tuple[ScpiAnalyzerEmulator, Outlet]]:
+) -> AsyncIterator[tuple[ScpiAnalyzerEmulator, Inlet]]:
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
     changes = {"timeout": "300 ms", "rate": "50 Hz"} | changes
-    async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, outlet):
-        await eventually(lambda: len(outlet.readings) > 3)
+    async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, inlet):
+        await eventually(lambda: len(inlet.readings) > 3)
         emulator.inject(fault)
         await eventually(lambda: emulator.injector.counts[fault.kind] >= times)
         if fault.kind not in {"stall", "disconnect"}:
             emulator.inject(Fault(fault.kind, probability=0))
-        seen = len(outlet.readings)
-        await eventually(lambda: len(outlet.readings) > seen + 10)
-        yield emulator, outlet
+        seen = len(inlet.readings)
+        await eventually(lambda: len(inlet.readings) > seen + 10)
+        yield emulator, inlet
 
 
-def counters(outlet: Outlet) -> dict[str, int]:
+def counters(inlet: Inlet) -> dict[str, int]:
     """What was counted; a connection lost before it delivered is given up and run again: counted as a reconnect."""
-    found = {k: n for k, n in outlet.account.counters.items() if k not in IGNORED}
-    reconnects = found.pop("reconnects", 0) + len(outlet.failures)
+    found = {k: n for k, n in inlet.account.counters.items() if k not in IGNORED}
+    reconnects = found.pop("reconnects", 0) + len(inlet.failures)
     return found | ({"reconnects": reconnects} if reconnects else {})
 
 
@@ -46,71 +46,71 @@ ADDRESSES = pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 @ADDRESSES
 @pytest.mark.parametrize("kind", ["loss", "half_frame"])
 async def test_an_answer_that_does_not_end_is_timed_out(kind, address):
-    async with struck(Fault(kind, probability=0.2), times=5, address=address) as (emulator, outlet):
+    async with struck(Fault(kind, probability=0.2), times=5, address=address) as (emulator, inlet):
         n = emulator.counts[kind]
-        assert counters(outlet) == {"timeouts": n, "reconnects": n}
-        assert outlet.account.missed["timeout"] == n
-        assert outlet.account.missed["disconnected"] > 0
+        assert counters(inlet) == {"timeouts": n, "reconnects": n}
+        assert inlet.account.missed["timeout"] == n
+        assert inlet.account.missed["disconnected"] > 0
         assert emulator.counts["made"] - emulator.counts["sent"] == n
-        assert outlet.kinds() == ["reopened"] * (n - len(outlet.failures))
+        assert inlet.kinds() == ["reopened"] * (n - len(inlet.failures))
 
 
 @ADDRESSES
 async def test_late_answers_never_shift(address):
-    async with struck(Fault("delay", probability=0.2, seconds=0.4), times=5, address=address) as (emulator, outlet):
+    async with struck(Fault("delay", probability=0.2, seconds=0.4), times=5, address=address) as (emulator, inlet):
         n = emulator.counts["delay"]
-        assert counters(outlet) == {"timeouts": n, "reconnects": n}
+        assert counters(inlet) == {"timeouts": n, "reconnects": n}
         # A shifted answer would be an identification or an error entry in place of values.
-        assert outlet.account.missed["malformed"] == 0
+        assert inlet.account.missed["malformed"] == 0
 
 
 @ADDRESSES
 async def test_garbage_is_counted_and_shifts_nothing(address):
-    async with struck(Fault("garbage", probability=0.2), times=5, address=address) as (emulator, outlet):
+    async with struck(Fault("garbage", probability=0.2), times=5, address=address) as (emulator, inlet):
         n = emulator.counts["garbage"]
-        assert counters(outlet) == {"malformed": n, "reconnects": n}
-        assert outlet.account.missed["malformed"] == n
+        assert counters(inlet) == {"malformed": n, "reconnects": n}
+        assert inlet.account.missed["malformed"] == n
 
 
 async def test_a_stall_is_ridden_out():
-    async with struck(Fault("stall", seconds=0.5), times=1) as (_, outlet):
-        assert counters(outlet) == {"timeouts": 1, "reconnects": 1}
+    async with struck(Fault("stall", seconds=0.5), times=1) as (_, inlet):
+        assert counters(inlet) == {"timeouts": 1, "reconnects": 1}
 
 
 async def test_a_short_stall_costs_polls_and_no_connection():
-    async with struck(Fault("stall", seconds=0.1), times=1, timeout="2 s") as (_, outlet):
-        assert counters(outlet) == {}
-        assert outlet.account.missed["slow answers"] >= 3
+    async with struck(Fault("stall", seconds=0.1), times=1, timeout="2 s") as (_, inlet):
+        assert counters(inlet) == {}
+        assert inlet.account.missed["slow answers"] >= 3
 
 
 async def test_a_closed_connection_is_opened_anew():
-    async with struck(Fault("disconnect", seconds=0.0), times=1) as (_, outlet):
-        assert outlet.account.counters["reconnects"] == 1
-        assert outlet.account.missed["connection lost"] == 1
-        assert len(outlet.identities) == 2
+    async with struck(Fault("disconnect", seconds=0.0), times=1) as (_, inlet):
+        assert inlet.account.counters["reconnects"] == 1
+        assert inlet.account.missed["connection lost"] == 1
+        assert len(inlet.identities) == 2
 
 
 async def test_an_outage_ends_the_run_and_the_next_one_counts_the_gap():
-    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, outlet):
-        assert "cannot be opened" in str(outlet.failures[0])
-        assert outlet.account.missed["connection lost"] == 1
-        assert outlet.account.missed["disconnected"] >= 10
+    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, inlet):
+        assert "cannot be opened" in str(inlet.failures[0])
+        assert inlet.account.missed["connection lost"] == 1
+        assert inlet.account.missed["disconnected"] >= 10
 
 
 async def test_all_faults_together_leave_the_account_even():
     kinds = ("loss", "half_frame", "garbage", "delay")
-    async with struck(Fault("loss", probability=0.1), times=1) as (emulator, outlet):
+    async with struck(Fault("loss", probability=0.1), times=1) as (emulator, inlet):
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0.1, seconds=0.5))
         emulator.inject(Fault("disconnect"))
         await eventually(lambda: all(emulator.injector.counts[k] >= 2 for k in kinds))
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0))
-        seen = len(outlet.readings)
-        await eventually(lambda: len(outlet.readings) > seen + 10)
+        seen = len(inlet.readings)
+        await eventually(lambda: len(inlet.readings) > seen + 10)
     counts = emulator.counts
-    assert outlet.account.counters["timeouts"] == counts["loss"] + counts["half_frame"] + counts["delay"]
+    assert inlet.account.counters["timeouts"] == counts["loss"] + counts["half_frame"] + counts["delay"]
     # Garbage ahead of an answer that was late anyway is never looked at.
-    assert counts["garbage"] - counts["delay"] <= outlet.account.counters["malformed"] <= counts["garbage"]
-    assert outlet.account.missed["connection lost"] == 1
-    assert outlet.account.residue == 0
+    assert counts["garbage"] - counts["delay"] <= inlet.account.counters["malformed"] <= counts["garbage"]
+    assert inlet.account.missed["connection lost"] == 1
+    assert inlet.account.residue == 0

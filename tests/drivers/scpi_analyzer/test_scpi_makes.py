@@ -18,7 +18,7 @@ from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, Emulat
 from cellwatt_drivers.scpi_analyzer.wire import parse_count
 from tests.patience import eventually
 
-from .rig import STILL, Outlet, emulated, running, settings
+from .rig import STILL, Inlet, emulated, running, settings
 
 TRUTH = [230.0, 2.5, 500.0, 575.0, math.sqrt(575.0**2 - 500.0**2), 500.0 / 575.0]
 OTHERS = ["wt300", "lmg600"]
@@ -27,12 +27,12 @@ OTHERS = ["wt300", "lmg600"]
 @pytest.mark.parametrize("model", OTHERS)
 @pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 async def test_values_in_si_units(model, address):
-    async with emulated(address, model=model) as (_, place), running(settings(place, model=model)) as (_, outlet):
-        await eventually(lambda: len(outlet.readings) >= 3)
-    for reading in outlet.readings:
+    async with emulated(address, model=model) as (_, place), running(settings(place, model=model)) as (_, inlet):
+        await eventually(lambda: len(inlet.readings) >= 3)
+    for reading in inlet.readings:
         assert reading.values[0] == pytest.approx(TRUTH, rel=1e-4)
-    assert outlet.identities[0].maker == DIALECTS[model].maker
-    assert not outlet.failures
+    assert inlet.identities[0].maker == DIALECTS[model].maker
+    assert not inlet.failures
 
 
 def test_lines_of_a_wt310():
@@ -85,8 +85,8 @@ async def test_what_a_wt310_answered_before_is_put_back():
         assert isinstance(meter, EmulatedWt310)
         for line in (":NUM:NORM:ITEM1 FU,1", ":NUM:NORM:ITEM2 WH", ":NUM:NORM:NUM 2"):
             meter.execute(line, 0.0)
-        async with running(settings(place, model="wt300", functions=["P", "URMS", "IRMS"])) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 2)
+        async with running(settings(place, model="wt300", functions=["P", "URMS", "IRMS"])) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 2)
             assert (meter.number, meter.items[:3]) == (3, ["P,1", "U,1", "I,1"])
         await eventually(lambda: (meter.number, meter.items[:2]) == (2, ["FU,1", "WH,1"]))
         assert not meter.errors
@@ -97,8 +97,8 @@ async def test_everything_sent_is_on_the_list(model):
     told = " ".join(ScpiAnalyzerDriver.writes).replace("<functions>", "P1?;PF1?")
     wanted = {"error_check": "1 ms", "functions": ["WH", "P"] if model == "wt300" else ["P", "LAMB"]}
     async with emulated(model=model) as (emulator, place):
-        async with running(settings(place, model=model, integrate=model == "wt300", **wanted)) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 2)
+        async with running(settings(place, model=model, integrate=model == "wt300", **wanted)) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 2)
         sent = [_as_listed(line) for line in emulator.lines]
     assert len(sent) >= 5
     assert all(line in told for line in sent), sent
@@ -113,44 +113,44 @@ def _as_listed(line: str) -> str:
 async def test_without_select_a_wt310_is_only_asked():
     async with emulated(model="wt300") as (emulator, place):
         wanted = settings(place, model="wt300", select=False, functions=["P", "URMS"])
-        async with running(wanted) as (_, outlet):
-            await eventually(lambda: len(outlet.readings) >= 2)
+        async with running(wanted) as (_, inlet):
+            await eventually(lambda: len(inlet.readings) >= 2)
         assert all("?" in line for line in emulator.lines)
-    assert outlet.readings[0].values[0] == pytest.approx([500.0, 230.0])
+    assert inlet.readings[0].values[0] == pytest.approx([500.0, 230.0])
 
 
 @pytest.mark.parametrize("model", OTHERS)
 async def test_overload_and_the_error_queue(model):
     async with (
         emulated(model=model) as (emulator, place),
-        running(settings(place, model=model, error_check="50 ms")) as (_, outlet),
+        running(settings(place, model=model, error_check="50 ms")) as (_, inlet),
     ):
-        await eventually(lambda: len(outlet.readings) >= 2)
+        await eventually(lambda: len(inlet.readings) >= 2)
         emulator.analyzer.overload = {"IRMS"}
         emulator.analyzer.execute("NONSENSE", 0.0)
-        await eventually(lambda: outlet.account.counters["overloads"] >= 2 and "instrument_error" in outlet.kinds())
-    last = outlet.readings[-1]
+        await eventually(lambda: inlet.account.counters["overloads"] >= 2 and "instrument_error" in inlet.kinds())
+    last = inlet.readings[-1]
     assert last.quality is not None
     assert last.quality.tolist() == [Quality.CLIPPED]
     assert np.isnan(last.values[0]).tolist() == [False, True, False, False, False, False]
-    assert any("-113 Undefined header" in text for _, text, _ in outlet.events)
+    assert any("-113 Undefined header" in text for _, text, _ in inlet.events)
 
 
 @pytest.mark.parametrize("model", OTHERS)
 async def test_lost_and_cut_answers(model):
     async with (
         emulated(model=model) as (emulator, place),
-        running(settings(place, model=model, timeout="200 ms")) as (_, outlet),
+        running(settings(place, model=model, timeout="200 ms")) as (_, inlet),
     ):
-        await eventually(lambda: len(outlet.readings) >= 2)
+        await eventually(lambda: len(inlet.readings) >= 2)
         for kind in ("loss", "half_frame"):
             emulator.inject(Fault(kind))
             await eventually(lambda kind=kind: emulator.injector.counts[kind] >= 1)
             emulator.inject(Fault(kind, probability=0))
-            seen = len(outlet.readings)
-            await eventually(lambda seen=seen: len(outlet.readings) >= seen + 2)
-    assert outlet.account.counters["timeouts"] == sum(emulator.injector.counts.values())
-    assert all(r.values[0] == pytest.approx(TRUTH, rel=1e-4) for r in outlet.readings)
+            seen = len(inlet.readings)
+            await eventually(lambda seen=seen: len(inlet.readings) >= seen + 2)
+    assert inlet.account.counters["timeouts"] == sum(emulator.injector.counts.values())
+    assert all(r.values[0] == pytest.approx(TRUTH, rel=1e-4) for r in inlet.readings)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ async def test_lost_and_cut_answers(model):
 )
 async def test_another_make_is_the_wrong_device(wanted, there, said):
     async with emulated(model=there) as (_, place):
-        driver = ScpiAnalyzerDriver("supply", settings(place, model=wanted, timeout="200 ms"), Outlet())
+        driver = ScpiAnalyzerDriver("supply", settings(place, model=wanted, timeout="200 ms"), Inlet())
         with pytest.raises(WrongDeviceError, match=said):
             await driver.identify()
 

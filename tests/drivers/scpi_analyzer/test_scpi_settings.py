@@ -5,14 +5,14 @@ from pydantic import ValidationError
 
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver, ScpiAnalyzerSettings
 
-from .rig import Outlet
+from .rig import Inlet
 
 
 def test_the_stream_follows_the_functions():
     settings = ScpiAnalyzerSettings.model_validate(
         {"host": "192.0.2.1", "functions": ["P", "WH", "URMS"], "rate": "5 Hz"}
     )
-    (stream,) = ScpiAnalyzerDriver("supply", settings, Outlet()).streams
+    (stream,) = ScpiAnalyzerDriver("supply", settings, Inlet()).streams
     assert [(c.name, c.unit, c.method) for c in stream.channels] == [
         ("supply.power", "W", "average"),
         ("supply.energy", "J", "hold"),
@@ -49,5 +49,5 @@ def test_wrong_settings_say_what_is_wrong(found, why):
 )
 def test_values_are_declared_as_means_as_far_as_that_is_known(found, window):
     settings = ScpiAnalyzerSettings.model_validate({"host": "192.0.2.1", "functions": ["P", "WH"], **found})
-    (stream,) = ScpiAnalyzerDriver("supply", settings, Outlet()).streams
+    (stream,) = ScpiAnalyzerDriver("supply", settings, Inlet()).streams
     assert [c.window for c in stream.channels] == [window, 0.0]

@@ -60,7 +60,7 @@ async def read(emulator: UrEmulator, batches: list[Batch]) -> AsyncIterator[Sour
     serving = asyncio.create_task(emulator.serve(ready.set_result))
     port = int((await ready).rpartition(":")[2])
     chosen = UrDriver.Settings(host="127.0.0.1", port=port, rate="500 Hz", channels=["actual_q"])
-    source = Source("arm", lambda outlet: UrDriver("arm", chosen, outlet), time.time_ns, batches.append, lambda _: None)
+    source = Source("arm", lambda inlet: UrDriver("arm", chosen, inlet), time.time_ns, batches.append, lambda _: None)
     reading = asyncio.create_task(source.run())
     try:
         yield source

@@ -17,7 +17,7 @@ from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceErro
 from cellwatt_drivers.ur import UrDriver, wire
 from tests.patience import PATIENCE
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 from .recordings import COLUMNS, write
 
 CHANNELS = ("actual_q", "actual_qd", "actual_current", "actual_robot_voltage", "actual_robot_current", "robot_mode")
@@ -31,10 +31,10 @@ class Watched:
 
     def __init__(self, address: str, **settings: object) -> None:
         host, _, port = address.rpartition(":")
-        self.outlet = CollectingOutlet()
+        self.inlet = CollectingInlet()
         self.errors: list[SourceError] = []
         values = {"host": host, "port": int(port), "channels": CHANNELS, "timeout": 1.0, **settings}
-        self.driver = UrDriver("arm", UrDriver.Settings(**values), self.outlet)
+        self.driver = UrDriver("arm", UrDriver.Settings(**values), self.inlet)
 
     async def run(self) -> None:
         while True:
@@ -83,50 +83,50 @@ def numbers(device_time: np.ndarray) -> np.ndarray:
     return np.rint((device_time - 1000.402e9) / 2e6).astype(int)
 
 
-def check_values(outlet: CollectingOutlet, table: np.ndarray) -> None:
+def check_values(inlet: CollectingInlet, table: np.ndarray) -> None:
     """Each sample within the recording is its row, to the last bit."""
-    rows = numbers(outlet.device_time)
+    rows = numbers(inlet.device_time)
     inside = rows < len(table)
-    np.testing.assert_array_equal(outlet.values[inside], expected_values(table)[rows[inside]])
-    np.testing.assert_array_equal(outlet.device_time[inside], stamps(table)[rows[inside]])
+    np.testing.assert_array_equal(inlet.values[inside], expected_values(table)[rows[inside]])
+    np.testing.assert_array_equal(inlet.device_time[inside], stamps(table)[rows[inside]])
 
 
-async def end_of(fault: Fault, emulator: EmulatorProcess, outlet: CollectingOutlet) -> dict[str, int]:
+async def end_of(fault: Fault, emulator: EmulatorProcess, inlet: CollectingInlet) -> dict[str, int]:
     """End a fault and wait for packages made after it; the emulator's counts."""
     await emulator.inject(fault)
     counts = dict(await emulator.counts())
-    await outlet.until(lambda o: numbers(o.device_time[-1:])[0] >= counts["made"] + 5)
+    await inlet.until(lambda o: numbers(o.device_time[-1:])[0] >= counts["made"] + 5)
     return counts
 
 
-async def finish(emulator: EmulatorProcess, outlet: CollectingOutlet, last: int) -> dict[str, int]:
+async def finish(emulator: EmulatorProcess, inlet: CollectingInlet, last: int) -> dict[str, int]:
     """Wait for the package with this controller time, ns; the emulator's counts."""
-    await outlet.until(lambda o: bool(o.readings) and o.readings[-1].device_time[-1] >= last)
+    await inlet.until(lambda o: bool(o.readings) and o.readings[-1].device_time[-1] >= last)
     return dict(await emulator.counts())
 
 
 async def test_what_arrives_is_the_file_exactly(tmp_path):
     async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
-        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
-    outlet = watched.outlet
-    np.testing.assert_array_equal(outlet.values, expected_values(table))
-    np.testing.assert_array_equal(outlet.device_time, stamps(table))
-    assert outlet.account.expected == outlet.account.received == counts["made"] == counts["sent"] == ROWS
-    assert not outlet.resets and not watched.errors
-    assert all(r.device_time is not None and r.quality is None and r.asked is None for r in outlet.readings)
-    assert [i.firmware for i in outlet.identities] == ["PolyScope 5.12.0.0"]
+        counts = await finish(emulator, watched.inlet, stamps(table)[-1])
+    inlet = watched.inlet
+    np.testing.assert_array_equal(inlet.values, expected_values(table))
+    np.testing.assert_array_equal(inlet.device_time, stamps(table))
+    assert inlet.account.expected == inlet.account.received == counts["made"] == counts["sent"] == ROWS
+    assert not inlet.resets and not watched.errors
+    assert all(r.device_time is not None and r.quality is None and r.asked is None for r in inlet.readings)
+    assert [i.firmware for i in inlet.identities] == ["PolyScope 5.12.0.0"]
 
 
 async def test_brackets_hold_the_true_time(tmp_path):
     async with served(tmp_path, 2000) as (emulator, table), watching(emulator.address) as watched:
-        await finish(emulator, watched.outlet, stamps(table)[-1])
-    outlet = watched.outlet
-    arrival = {t: r.arrival for r in outlet.readings for t in r.device_time.tolist()}
-    assert len(outlet.brackets) >= 2, "the start of the stream, and a connection that compares"
-    for device, not_before in outlet.brackets:
+        await finish(emulator, watched.inlet, stamps(table)[-1])
+    inlet = watched.inlet
+    arrival = {t: r.arrival for r in inlet.readings for t in r.device_time.tolist()}
+    assert len(inlet.brackets) >= 2, "the start of the stream, and a connection that compares"
+    for device, not_before in inlet.brackets:
         assert not_before < arrival[device]
     # The offset of the two clocks lies between what brackets and what arrivals allow.
-    lower = max(b - d for d, b in outlet.brackets)
+    lower = max(b - d for d, b in inlet.brackets)
     assert lower < min(a - d for d, a in arrival.items())
 
 
@@ -139,10 +139,10 @@ async def test_uneven_recordings_lose_nothing(tmp_path, delimiter):
     table = write(tmp_path / "uneven.csv", times, delimiter)
     command = ("--listen", "127.0.0.1:0", "--recording", str(tmp_path / "uneven.csv"))
     async with EmulatorProcess("ur", *command) as emulator, watching(emulator.address, rate="100 Hz") as watched:
-        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
-    np.testing.assert_array_equal(watched.outlet.values, expected_values(table))
-    np.testing.assert_array_equal(watched.outlet.device_time, stamps(table))
-    assert watched.outlet.account.expected == counts["made"] == 200
+        counts = await finish(emulator, watched.inlet, stamps(table)[-1])
+    np.testing.assert_array_equal(watched.inlet.values, expected_values(table))
+    np.testing.assert_array_equal(watched.inlet.device_time, stamps(table))
+    assert watched.inlet.account.expected == counts["made"] == 200
 
 
 SHARED = Path(__file__).resolve().parents[3] / ".." / "shared" / "data"
@@ -162,27 +162,27 @@ async def test_recordings_of_real_robots_arrive_exactly(name, rate):
         EmulatorProcess("ur", *command) as emulator,
         watching(emulator.address, rate=rate, channels=fields) as watched,
     ):
-        await watched.outlet.until(lambda o: o.account.received == len(table))
-    np.testing.assert_array_equal(watched.outlet.values, table)
-    np.testing.assert_array_equal(watched.outlet.device_time, np.rint(recording.time * 1e9))
-    assert watched.outlet.account.expected == len(table)
+        await watched.inlet.until(lambda o: o.account.received == len(table))
+    np.testing.assert_array_equal(watched.inlet.values, table)
+    np.testing.assert_array_equal(watched.inlet.device_time, np.rint(recording.time * 1e9))
+    assert watched.inlet.account.expected == len(table)
 
 
 @pytest.mark.parametrize("probability", [0.02, 0.3])
 async def test_losses_are_counted_one_by_one(tmp_path, probability):
     async with served(tmp_path, ROWS, *HOLD) as (emulator, table), watching(emulator.address) as watched:
-        outlet = watched.outlet
-        await outlet.until(lambda o: o.account.received > WARM)
+        inlet = watched.inlet
+        await inlet.until(lambda o: o.account.received > WARM)
         await emulator.inject(Fault("loss", probability))
-        await outlet.until(lambda o: o.account.received > WARM + 250)
-        counts = await end_of(Fault("loss", 0.0), emulator, outlet)
-        account, seen = outlet.account.snapshot(), outlet.device_time
+        await inlet.until(lambda o: o.account.received > WARM + 250)
+        counts = await end_of(Fault("loss", 0.0), emulator, inlet)
+        account, seen = inlet.account.snapshot(), inlet.device_time
     assert counts["loss"] > 0
     assert account["missed"] == {"gap": counts["loss"]}
     assert account["expected"] == numbers(seen)[-1] + 1
     assert account["received"] == account["expected"] - counts["loss"]
-    check_values(outlet, table)
-    assert not watched.errors and not outlet.resets
+    check_values(inlet, table)
+    assert not watched.errors and not inlet.resets
 
 
 async def test_losses_from_the_first_package_on_are_counted(tmp_path):
@@ -191,10 +191,10 @@ async def test_losses_from_the_first_package_on_are_counted(tmp_path):
         served(tmp_path, ROWS, *HOLD, "--fault", fault) as (emulator, _),
         watching(emulator.address) as watched,
     ):
-        outlet = watched.outlet
-        await outlet.until(lambda o: o.account.received > WARM)
-        counts = await end_of(Fault("loss", 0.0), emulator, outlet)
-        account, seen = outlet.account.snapshot(), outlet.device_time
+        inlet = watched.inlet
+        await inlet.until(lambda o: o.account.received > WARM)
+        counts = await end_of(Fault("loss", 0.0), emulator, inlet)
+        account, seen = inlet.account.snapshot(), inlet.device_time
     # Nobody can know of packages lost before the first one came.
     assert counts["loss"] > 0
     assert account["missed"] == {"gap": counts["loss"] - numbers(seen)[0]}
@@ -203,25 +203,25 @@ async def test_losses_from_the_first_package_on_are_counted(tmp_path):
 
 async def test_delays_lose_nothing(tmp_path):
     async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
-        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await watched.inlet.until(lambda o: o.account.received > WARM)
         await emulator.inject(Fault("delay", 0.05, seconds=0.03, duration=0.6))
-        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+        counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert counts["delay"] > 0
-    np.testing.assert_array_equal(watched.outlet.values, expected_values(table))
-    assert watched.outlet.account.expected == counts["made"] == counts["sent"] == ROWS
-    assert not watched.errors and not watched.outlet.resets
+    np.testing.assert_array_equal(watched.inlet.values, expected_values(table))
+    assert watched.inlet.account.expected == counts["made"] == counts["sent"] == ROWS
+    assert not watched.errors and not watched.inlet.resets
 
 
 async def test_a_short_stall_is_reported_and_loses_nothing(tmp_path):
     async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
-        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await watched.inlet.until(lambda o: o.account.received > WARM)
         await emulator.inject(Fault("stall", seconds=0.6))
-        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+        counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert counts["stall"] == 1
-    assert watched.outlet.kinds()[-2:] == ["stream stopped", "stream resumed"]
-    assert watched.outlet.events[-1][2]["seconds"] == pytest.approx(0.6, abs=0.4)
-    assert watched.outlet.account.expected == watched.outlet.account.received == ROWS
-    assert not watched.errors and not watched.outlet.resets
+    assert watched.inlet.kinds()[-2:] == ["stream stopped", "stream resumed"]
+    assert watched.inlet.events[-1][2]["seconds"] == pytest.approx(0.6, abs=0.4)
+    assert watched.inlet.account.expected == watched.inlet.account.received == ROWS
+    assert not watched.errors and not watched.inlet.resets
 
 
 @pytest.mark.slow
@@ -230,27 +230,27 @@ async def test_a_long_stall_ends_the_connection_and_is_an_outage(tmp_path):
         served(tmp_path, 2 * ROWS) as (emulator, table),
         watching(emulator.address, timeout=0.5) as watched,
     ):
-        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await watched.inlet.until(lambda o: o.account.received > WARM)
         await emulator.inject(Fault("stall", seconds=1.5))
-        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+        counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert "no data for 0.5 s" in str(watched.errors[0])
-    assert watched.outlet.account.expected == counts["made"] == 2 * ROWS
-    assert watched.outlet.account.received == counts["sent"]
-    assert watched.outlet.account.missed == {"outage": counts["made"] - counts["sent"]}
-    assert not watched.outlet.resets
+    assert watched.inlet.account.expected == counts["made"] == 2 * ROWS
+    assert watched.inlet.account.received == counts["sent"]
+    assert watched.inlet.account.missed == {"outage": counts["made"] - counts["sent"]}
+    assert not watched.inlet.resets
 
 
 async def test_a_disconnection_is_an_outage(tmp_path):
     async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
-        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await watched.inlet.until(lambda o: o.account.received > WARM)
         await emulator.inject(Fault("disconnect", seconds=0.4))
-        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+        counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert counts["disconnect"] == 1
     assert isinstance(watched.errors[0], ConnectError)
-    assert len(watched.outlet.identities) == 2
-    assert watched.outlet.account.expected == counts["made"] == ROWS
-    assert watched.outlet.account.received == counts["sent"]
-    assert watched.outlet.account.missed == {"outage": counts["made"] - counts["sent"]}
+    assert len(watched.inlet.identities) == 2
+    assert watched.inlet.account.expected == counts["made"] == ROWS
+    assert watched.inlet.account.received == counts["sent"]
+    assert watched.inlet.account.missed == {"outage": counts["made"] - counts["sent"]}
 
 
 @pytest.mark.parametrize(
@@ -259,64 +259,64 @@ async def test_a_disconnection_is_an_outage(tmp_path):
 )
 async def test_broken_bytes_end_the_connection_and_are_counted(tmp_path, kind, counter, error):
     async with served(tmp_path, ROWS, *HOLD) as (emulator, table), watching(emulator.address) as watched:
-        outlet = watched.outlet
-        await outlet.until(lambda o: o.account.received > WARM)
+        inlet = watched.inlet
+        await inlet.until(lambda o: o.account.received > WARM)
         await emulator.inject(Fault(kind, 0.02))
-        await outlet.until(lambda o: o.account.counters[counter] >= 3)
-        counts = await end_of(Fault(kind, 0.0), emulator, outlet)
-        account, seen = outlet.account.snapshot(), outlet.device_time
+        await inlet.until(lambda o: o.account.counters[counter] >= 3)
+        counts = await end_of(Fault(kind, 0.0), emulator, inlet)
+        account, seen = inlet.account.snapshot(), inlet.device_time
     assert account["counters"][counter] == counts[kind] >= 3
     assert sum(isinstance(e, error) for e in watched.errors) == counts[kind]
     assert account["expected"] == numbers(seen)[-1] + 1
     assert account["missed"] == {"outage": account["expected"] - account["received"]}
-    check_values(outlet, table)
-    assert not outlet.resets
+    check_values(inlet, table)
+    assert not inlet.resets
 
 
 @pytest.mark.parametrize("jump", [pytest.param(100.0, marks=pytest.mark.slow), -5.0, 0.5])
 async def test_a_jump_of_the_clock_is_one_reset_and_no_loss(tmp_path, jump):
     async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
-        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await watched.inlet.until(lambda o: o.account.received > WARM)
         await emulator.inject(Fault("clock_jump", seconds=jump))
-        await watched.outlet.until(lambda o: o.account.received == ROWS)
+        await watched.inlet.until(lambda o: o.account.received == ROWS)
         counts = await emulator.counts()
     assert counts["clock_jump"] == 1
-    assert len(watched.outlet.resets) == 1
-    assert watched.outlet.account.expected == watched.outlet.account.received == counts["made"] == counts["sent"]
-    np.testing.assert_array_equal(watched.outlet.values, expected_values(table))
+    assert len(watched.inlet.resets) == 1
+    assert watched.inlet.account.expected == watched.inlet.account.received == counts["made"] == counts["sent"]
+    np.testing.assert_array_equal(watched.inlet.values, expected_values(table))
 
 
 async def test_a_reboot_is_a_reset_and_invents_no_loss(tmp_path):
     async with served(tmp_path) as (emulator, _), watching(emulator.address) as watched:
-        outlet = watched.outlet
-        await outlet.until(lambda o: o.account.received > WARM)
+        inlet = watched.inlet
+        await inlet.until(lambda o: o.account.received > WARM)
         await emulator.disturb(reboot=0.4)
-        await outlet.until(lambda o: bool(o.resets) and o.account.received > WARM + 250)
-    assert len(outlet.resets) == 1
-    assert outlet.device_time[-1] < 10**10
-    assert outlet.account.expected == outlet.account.received and not outlet.account.missed
+        await inlet.until(lambda o: bool(o.resets) and o.account.received > WARM + 250)
+    assert len(inlet.resets) == 1
+    assert inlet.device_time[-1] < 10**10
+    assert inlet.account.expected == inlet.account.received and not inlet.account.missed
 
 
 async def test_messages_and_states_are_events(tmp_path):
     channels = ("actual_q", "runtime_state")
     async with served(tmp_path) as (emulator, table), watching(emulator.address, channels=channels) as watched:
-        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await watched.inlet.until(lambda o: o.account.received > WARM)
         await emulator.disturb(message="joint 3 is hot")
-        await finish(emulator, watched.outlet, stamps(table)[-1])
-    said = {kind: text for kind, text, _ in watched.outlet.events}
+        await finish(emulator, watched.inlet, stamps(table)[-1])
+    said = {kind: text for kind, text, _ in watched.inlet.events}
     assert said["message"] == "controller warning from emulator: joint 3 is hot"
     assert said["program"] == "program: playing → paused"
-    assert watched.outlet.account.expected == ROWS
+    assert watched.inlet.account.expected == ROWS
 
 
 async def test_a_cb3_gives_the_rate_it_has():
     options = ("--listen", "127.0.0.1:0", "--option", "polyscope=3.15.0")
     async with EmulatorProcess("ur", *options) as emulator, watching(emulator.address, gaps="requested") as watched:
-        await watched.outlet.until(lambda o: o.account.received > 60)
-    assert watched.outlet.kinds().count("rate") == 1
-    assert watched.outlet.events[0][2]["rate"] == 125
-    assert set(np.diff(watched.outlet.device_time)) == {8_000_000}
-    assert watched.outlet.account.expected == watched.outlet.account.received
+        await watched.inlet.until(lambda o: o.account.received > 60)
+    assert watched.inlet.kinds().count("rate") == 1
+    assert watched.inlet.events[0][2]["rate"] == 125
+    assert set(np.diff(watched.inlet.device_time)) == {8_000_000}
+    assert watched.inlet.account.expected == watched.inlet.account.received
 
 
 async def test_the_default_channels_of_the_built_in_arm():
@@ -324,9 +324,9 @@ async def test_the_default_channels_of_the_built_in_arm():
         EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--seed", "3") as emulator,
         watching(emulator.address, channels=UrDriver.Settings(host="x").channels) as watched,
     ):
-        await watched.outlet.until(lambda o: o.account.received > 100)
+        await watched.inlet.until(lambda o: o.account.received > 100)
         [stream] = watched.driver.streams
-        table = dict(zip(stream.names, watched.outlet.values.T, strict=True))
+        table = dict(zip(stream.names, watched.inlet.values.T, strict=True))
     assert stream.rate == 500 and stream.clock == "device"
     np.testing.assert_array_equal(table["bus.power"], table["bus.voltage"] * table["bus.current"])
     assert np.all(np.abs(table["joint_1.position"] - table["joint_1.target_position"]) < 1e-3)
@@ -343,7 +343,7 @@ async def test_fields_that_the_controller_lacks_are_named():
     assert "PolyScope 5.8.0.0 does not have actual_current_as_torque (needs 5.23.0 or 10.11.0), ft_raw_wrench" in str(
         caught.value
     )
-    assert not watched.outlet.identities
+    assert not watched.inlet.identities
 
 
 async def test_identify_asks_and_leaves():
@@ -434,9 +434,9 @@ async def test_only_questions_are_ever_sent(tmp_path):
         async with server:
             address = "{}:{}".format(*server.sockets[0].getsockname())
             async with watching(address) as watched:
-                await watched.outlet.until(lambda o: o.account.received > WARM)
+                await watched.inlet.until(lambda o: o.account.received > WARM)
                 await emulator.inject(Fault("disconnect"))
-                await finish(emulator, watched.outlet, stamps(table)[-1])
+                await finish(emulator, watched.inlet, stamps(table)[-1])
             async with asyncio.timeout(PATIENCE):
                 await gone.wait()
     kinds = []
@@ -460,7 +460,7 @@ async def test_only_questions_are_ever_sent(tmp_path):
 async def test_cancelling_releases_the_connection():
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as emulator:
         async with watching(emulator.address) as watched:
-            await watched.outlet.until(lambda o: o.account.received > 10)
+            await watched.inlet.until(lambda o: o.account.received > 10)
         async with asyncio.timeout(PATIENCE):  # until no package is made for anybody
             before, after = None, await emulator.counts()
             while before != after:

@@ -15,7 +15,7 @@ from cellwatt_drivers.ur.native import AT_ONCE, BUFFER, Session
 from cellwatt_drivers.ur.recipe import Decoder, Selection
 from tests.patience import eventually
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 SELECTION = Selection.of(["robot_mode"])
 TYPES = ("DOUBLE", "INT32")
@@ -39,15 +39,15 @@ class Taps(asyncio.Transport):
         self.aborted = True
 
 
-def conversation() -> tuple[Session, Taps, CollectingOutlet]:
-    outlet = CollectingOutlet()
-    session = Session("192.0.2.10:30004", outlet.now, outlet.account)
+def conversation() -> tuple[Session, Taps, CollectingInlet]:
+    inlet = CollectingInlet()
+    session = Session("192.0.2.10:30004", inlet.now, inlet.account)
     taps = Taps()
     session.connection_made(taps)
     session.decoder = Decoder(SELECTION, 1, TYPES)
-    session.intake = Intake(outlet, Stream("rtde", SELECTION.channels, 500.0, "device"), "auto")
+    session.intake = Intake(inlet, Stream("rtde", SELECTION.channels, 500.0, "device"), "auto")
     session.intake.opened(Identity("Universal Robots", "e-Series"), 500.0, 500.0)
-    return session, taps, outlet
+    return session, taps, inlet
 
 
 def feed(session: Session, data: bytes) -> None:
@@ -77,7 +77,7 @@ async def turns(taken: Any, session: Session, taps: Taps) -> list[int]:
 
 @pytest.mark.parametrize("kind", ["messages", "packages", "both by turns", "a clock that runs backwards"])
 async def test_a_turn_of_the_loop_takes_a_little_of_a_flood(kind: str) -> None:
-    session, taps, outlet = conversation()
+    session, taps, inlet = conversation()
     data = {
         "messages": MESSAGE * 30_000,
         "packages": b"".join(package(10 + i / 500) for i in range(10_000)),
@@ -87,23 +87,23 @@ async def test_a_turn_of_the_loop_takes_a_little_of_a_flood(kind: str) -> None:
     assert len(data) <= BUFFER
 
     def taken() -> int:
-        return len(outlet.events) + sum(len(r.values) for r in outlet.readings)
+        return len(inlet.events) + sum(len(r.values) for r in inlet.readings)
 
     feed(session, data)
     found = await turns(taken, session, taps)
     assert max(found) <= AT_ONCE + 1, "one more event says that the stream is there, or keeps no grid"
     assert len(found) >= len(data) / BUFFER * 10
-    assert taken() >= data.count(MESSAGE[2:]) + len(outlet.readings) > 0
-    assert outlet.account.residue == 0
+    assert taken() >= data.count(MESSAGE[2:]) + len(inlet.readings) > 0
+    assert inlet.account.residue == 0
     if kind != "messages":
-        assert outlet.account.received == len([*wire.scan(memoryview(data), wire.FROM_CONTROLLER)]) - len(
-            [e for e in outlet.events if e[0] == "message"]
+        assert inlet.account.received == len([*wire.scan(memoryview(data), wire.FROM_CONTROLLER)]) - len(
+            [e for e in inlet.events if e[0] == "message"]
         )
 
 
 async def test_bytes_that_are_no_frame_end_a_flood_in_the_middle() -> None:
-    session, taps, outlet = conversation()
+    session, taps, inlet = conversation()
     feed(session, MESSAGE * 1000 + b"\x00\x02?")
     await eventually(lambda: taps.aborted)
-    assert len(outlet.events) == 1000 and outlet.account.counters["protocol error"] == 1
+    assert len(inlet.events) == 1000 and inlet.account.counters["protocol error"] == 1
     assert session.closed.done()

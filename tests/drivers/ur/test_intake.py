@@ -10,15 +10,15 @@ from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Selection
 from cellwatt_drivers.ur.wire import TextMessage
 
-from ..outlet import CollectingOutlet
+from ..inlet import CollectingInlet
 
 RATE = 500.0
 START = 1_790_000_000_000_000_000
 CHANNELS = Selection.of(["joint_1.position", "robot_mode", "safety_mode", "runtime_state"]).channels
 
 
-class Cell(CollectingOutlet):
-    """An outlet whose time the test sets, and an intake on it."""
+class Cell(CollectingInlet):
+    """An inlet whose time the test sets, and an intake on it."""
 
     def __init__(self, gaps: str = "auto") -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""A driver and an emulator on one loop, and an outlet that keeps what it is given."""
+"""A driver and an emulator on one loop, and an inlet that keeps what it is given."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from cellwatt_drivers.yaskawa import YaskawaDriver, YaskawaSettings
 from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 
-from ..outlet import PolledOutlet as Outlet
+from ..inlet import PolledInlet as Inlet
 from ..running import Steady, going, served
 
 PULSES = (1000.0, -2000.0, 1500.0, 800.0, 500.0, 250.0)
@@ -46,10 +46,10 @@ def settings(port: int, **changes: object) -> YaskawaSettings:
 
 
 @asynccontextmanager
-async def running(settings: YaskawaSettings) -> AsyncIterator[tuple[YaskawaDriver, Outlet, asyncio.Task[None]]]:
+async def running(settings: YaskawaSettings) -> AsyncIterator[tuple[YaskawaDriver, Inlet, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed."""
-    outlet = Outlet()
-    driver = YaskawaDriver("arm", settings, outlet)
+    inlet = Inlet()
+    driver = YaskawaDriver("arm", settings, inlet)
     async with going(driver.run()) as task:
-        yield driver, outlet, task
-    assert outlet.account.residue == 0
+        yield driver, inlet, task
+    assert inlet.account.residue == 0

@@ -12,23 +12,23 @@ from cellwatt_drivers.yaskawa.payload import Alarm, encode_axes
 from cellwatt_drivers.yaskawa.torque_watch import TorqueWatch
 from tests.patience import eventually
 
-from .rig import ANGLES, PULSES, RATED, TORQUES, Outlet, emulated, running, settings
+from .rig import ANGLES, PULSES, RATED, TORQUES, Inlet, emulated, running, settings
 
 
 async def test_counts_become_radians_and_newton_metres():
-    async with emulated() as (_, port), running(settings(port, rate="100 Hz")) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("torque")) > 3)
+    async with emulated() as (_, port), running(settings(port, rate="100 Hz")) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("torque")) > 3)
     # Whole pulses and whole per cent are all that the wire carries.
     half_pulse = np.radians(0.5 / np.abs(PULSES))
-    assert np.all(np.abs(outlet.of("position")[0].values[0] - ANGLES) <= half_pulse)
-    assert np.all(np.abs(outlet.of("torque")[0].values[0] - TORQUES) <= np.array(RATED) * 0.005)
-    assert outlet.of("torque")[0].values[0] == pytest.approx([24.0, -45.0, 15.0, -1.2, 1.4, -0.1])
+    assert np.all(np.abs(inlet.of("position")[0].values[0] - ANGLES) <= half_pulse)
+    assert np.all(np.abs(inlet.of("torque")[0].values[0] - TORQUES) <= np.array(RATED) * 0.005)
+    assert inlet.of("torque")[0].values[0] == pytest.approx([24.0, -45.0, 15.0, -1.2, 1.4, -0.1])
 
 
 async def test_each_poll_has_its_own_round_trip():
-    async with emulated(answer_ms="4") as (_, port), running(settings(port)) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("torque")) > 3)
-    position, torque = outlet.of("position")[1], outlet.of("torque")[1]
+    async with emulated(answer_ms="4") as (_, port), running(settings(port)) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("torque")) > 3)
+    position, torque = inlet.of("position")[1], inlet.of("torque")[1]
     assert position.asked is not None
     assert torque.asked is not None
     assert position.asked < position.arrival <= torque.asked < torque.arrival
@@ -36,13 +36,13 @@ async def test_each_poll_has_its_own_round_trip():
 
 
 async def test_state_channels_and_identity():
-    async with emulated(status_noise="1") as (_, port), running(settings(port)) as (driver, outlet, _):
-        await eventually(lambda: bool(outlet.of("state")))
-    (identity,) = outlet.identities
+    async with emulated(status_noise="1") as (_, port), running(settings(port)) as (driver, inlet, _):
+        await eventually(lambda: bool(inlet.of("state")))
+    (identity,) = inlet.identities
     assert (identity.maker, identity.model, identity.firmware) == ("Yaskawa", "YRC1000", "EMULATED")
     assert identity.notes["axes"] == "S L U R B T"
     stream = next(s for s in driver.streams if s.name == "state")
-    state = dict(zip(stream.names, outlet.of("state")[0].values[0], strict=True))
+    state = dict(zip(stream.names, inlet.of("state")[0].values[0], strict=True))
     on = {name for name, value in state.items() if value}
     assert on == {"robot.running", "robot.servo_on", "robot.remote", "robot.play", "robot.automatic"}
     assert state["robot.alarm_code"] == 0.0
@@ -50,64 +50,64 @@ async def test_state_channels_and_identity():
 
 async def test_torque_that_cannot_be_is_told_once_with_what_it_may_be():
     """Yaskawa's own dissector shows torque as floats: 12.0 read as a whole number is 1,094,713,344."""
-    async with emulated(torque="float") as (_, port), running(settings(port, rate="100 Hz")) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("torque")) > 5)
-    ((kind, text, _),) = outlet.events
+    async with emulated(torque="float") as (_, port), running(settings(port, rate="100 Hz")) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("torque")) > 5)
+    ((kind, text, _),) = inlet.events
     assert kind == "implausible_torque"
     assert "joint 1 reads 1094713344 counts" in text
     assert text.endswith("read as a float it is 12: this controller seems to send floats")
-    assert outlet.of("torque")[0].values[0, 0] == 1094713344 * 0.01 * RATED[0]  # recorded as it was read
+    assert inlet.of("torque")[0].values[0, 0] == 1094713344 * 0.01 * RATED[0]  # recorded as it was read
 
 
 @pytest.mark.parametrize(("counts", "told"), [((300, -300), False), ((1001, 0), True), ((-1001, 0), True)])
 def test_ten_times_the_rated_torque_is_the_limit(counts, told):
-    outlet = Outlet()
-    watch = TorqueWatch("arm", outlet, 0.01)
+    inlet = Inlet()
+    watch = TorqueWatch("arm", inlet, 0.01)
     for _ in range(2):
         watch.see(encode_axes((*counts, 0, 0, 0, 0)))
-    assert len(outlet.events) == told
-    assert all("float" not in text for _, text, _ in outlet.events)  # as floats these are next to nothing
+    assert len(inlet.events) == told
+    assert all("float" not in text for _, text, _ in inlet.events)  # as floats these are next to nothing
     watch.see(encode_axes((0,) * 6))
     watch.see(encode_axes((*counts, 0, 0, 0, 0)))
-    assert len(outlet.events) == 2 * told
+    assert len(inlet.events) == 2 * told
 
 
 async def test_an_alarm_is_read_told_once_and_its_end_too():
-    async with emulated() as (emulator, port), running(settings(port, status_rate="50 Hz")) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("state")) > 2)
+    async with emulated() as (emulator, port), running(settings(port, status_rate="50 Hz")) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("state")) > 2)
         assert wire.Request(wire.ALARM) not in emulator.asked
         emulator.alarm = Alarm(4315, 3, time="2024/05/06 07:08", name="COLLISION DETECT")
-        await eventually(lambda: outlet.of("state")[-1].values[0, -1] == 4315)
-        seen = len(outlet.of("state"))
-        await eventually(lambda: len(outlet.of("state")) > seen + 3)
+        await eventually(lambda: inlet.of("state")[-1].values[0, -1] == 4315)
+        seen = len(inlet.of("state"))
+        await eventually(lambda: len(inlet.of("state")) > seen + 3)
         emulator.alarm = Alarm(0)
-        await eventually(lambda: outlet.of("state")[-1].values[0, -1] == 0)
-    assert [kind for kind, _, _ in outlet.events] == ["controller_alarm", "controller_alarm_cleared"]
-    assert "4315 'COLLISION DETECT'" in outlet.events[0][1]
+        await eventually(lambda: inlet.of("state")[-1].values[0, -1] == 0)
+    assert [kind for kind, _, _ in inlet.events] == ["controller_alarm", "controller_alarm_cleared"]
+    assert "4315 'COLLISION DETECT'" in inlet.events[0][1]
 
 
 async def test_the_tool_pose_in_metres_and_radians():
-    async with emulated() as (_, port), running(settings(port, read=["cartesian"])) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("cartesian")) > 1)
-    pose = outlet.of("cartesian")[0].values[0]
+    async with emulated() as (_, port), running(settings(port, read=["cartesian"])) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("cartesian")) > 1)
+    pose = inlet.of("cartesian")[0].values[0]
     assert pose[:3] == pytest.approx([0.123456, -0.05, 0.789012], abs=1e-9)
     assert pose[3:] == pytest.approx([np.pi, -np.pi / 2, 0.0], abs=1e-6)
 
 
 @pytest.mark.parametrize("axes", ["6", "7", "8"])
 async def test_short_answers_are_understood(axes):
-    async with emulated(answer_axes=axes) as (_, port), running(settings(port)) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("torque")) > 2)
-    assert outlet.of("position")[0].values[0] == pytest.approx(ANGLES, abs=1e-3)
-    assert outlet.account.counters["malformed"] == 0
+    async with emulated(answer_axes=axes) as (_, port), running(settings(port)) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("torque")) > 2)
+    assert inlet.of("position")[0].values[0] == pytest.approx(ANGLES, abs=1e-3)
+    assert inlet.account.counters["malformed"] == 0
 
 
 async def test_nothing_but_reads_ever_leaves():
     async with emulated(busy="0.1") as (emulator, port):
         everything = settings(port, read=["position", "torque", "cartesian", "status", "alarm"], status_rate="50 Hz")
         emulator.alarm = Alarm(1, name="X")
-        async with running(everything) as (driver, outlet, _):
-            await eventually(lambda: len(outlet.of("state")) > 10)
+        async with running(everything) as (driver, inlet, _):
+            await eventually(lambda: len(inlet.of("state")) > 10)
             await driver.identify()
         sent = set(emulator.asked)
     assert {request.service for request in sent} == {wire.GET_ALL}
@@ -144,11 +144,11 @@ def slow(port):
 
 async def test_a_slow_controller_loses_slots_not_deadlines():
     # Two answers of 15 ms do not fit 20 ms: every other slot or so is missed, and the reason says why.
-    async with emulated(answer_ms="15") as (_, port), slow(port) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("torque")) >= 20)
-    assert outlet.account.missed["slow answers"] > 0
-    assert set(outlet.account.missed) <= {"slow answers", "merged tick", "host stalled"}  # of a busy test machine
-    asked = [r.asked for r in outlet.of("position") if r.asked is not None]
+    async with emulated(answer_ms="15") as (_, port), slow(port) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("torque")) >= 20)
+    assert inlet.account.missed["slow answers"] > 0
+    assert set(inlet.account.missed) <= {"slow answers", "merged tick", "host stalled"}  # of a busy test machine
+    asked = [r.asked for r in inlet.of("position") if r.asked is not None]
     assert np.median(np.diff(asked)) > 25e6
 
 
@@ -156,7 +156,7 @@ async def test_nobody_there_is_said_with_what_to_check():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    driver = YaskawaDriver("arm", settings(port), Outlet())
+    driver = YaskawaDriver("arm", settings(port), Inlet())
     for attempt in (driver.run, driver.identify):
         with pytest.raises(ConnectError, match=rf"nobody answers at UDP 127.0.0.1:{port} .*check the address"):
             await attempt()
@@ -165,11 +165,11 @@ async def test_nobody_there_is_said_with_what_to_check():
 async def test_a_silent_port_is_said_too():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
-        outlet = Outlet()
-        driver = YaskawaDriver("arm", settings(silent.getsockname()[1], timeout="10 ms"), outlet)
+        inlet = Inlet()
+        driver = YaskawaDriver("arm", settings(silent.getsockname()[1], timeout="10 ms"), inlet)
         with pytest.raises(ConnectError, match="no answer within 10 ms"):
             await driver.identify()
-    assert outlet.account.counters == {"timeouts": 4, "retries": 3}
+    assert inlet.account.counters == {"timeouts": 4, "retries": 3}
 
 
 class Echo(asyncio.DatagramProtocol):
@@ -186,7 +186,7 @@ async def test_an_echo_server_is_the_wrong_device():
     port = transport.get_extra_info("sockname")[1]
     try:
         with pytest.raises(WrongDeviceError, match="not with High-Speed Ethernet Server frames"):
-            await YaskawaDriver("arm", settings(port, timeout="20 ms"), Outlet()).run()
+            await YaskawaDriver("arm", settings(port, timeout="20 ms"), Inlet()).run()
     finally:
         transport.close()
 
@@ -194,25 +194,25 @@ async def test_an_echo_server_is_the_wrong_device():
 async def test_a_robot_with_fewer_axes_is_the_wrong_device():
     async with emulated(pulses_per_degree="1,1,1,1", rated_torque="1,1,1,1") as (_, port):
         with pytest.raises(WrongDeviceError, match=r"has 4 axes \(S L U R\), the settings say 6"):
-            await YaskawaDriver("arm", settings(port), Outlet()).identify()
+            await YaskawaDriver("arm", settings(port), Inlet()).identify()
 
 
 async def test_a_control_group_that_is_not_there_is_refused_at_once():
     async with emulated() as (_, port):
         with pytest.raises(DeviceError, match=r"refuses to give position.*control_group"):
-            await YaskawaDriver("arm", settings(port, control_group=2), Outlet()).run()
+            await YaskawaDriver("arm", settings(port, control_group=2), Inlet()).run()
 
 
 async def test_an_unknown_name_is_said():
     with pytest.raises(ConnectError, match="write the IP address"):
-        await YaskawaDriver("arm", settings(10040, host="robot.invalid"), Outlet()).identify()
+        await YaskawaDriver("arm", settings(10040, host="robot.invalid"), Inlet()).identify()
 
 
 async def test_cancelling_frees_the_socket():
-    async with emulated() as (_, port), running(settings(port)) as (_, outlet, task):
-        await eventually(lambda: len(outlet.readings) > 2)
+    async with emulated() as (_, port), running(settings(port)) as (_, inlet, task):
+        await eventually(lambda: len(inlet.readings) > 2)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
         await asyncio.sleep(0)
-    assert outlet.account.residue == 0
+    assert inlet.account.residue == 0

@@ -15,157 +15,157 @@ from cellwatt_drivers.yaskawa import YaskawaDriver, wire
 from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 from tests.patience import PATIENCE, eventually
 
-from .rig import Outlet, emulated, running, settings
+from .rig import Inlet, emulated, running, settings
 
 
 @asynccontextmanager
-async def struck(fault: Fault, *, times: int, **changes: object) -> AsyncIterator[tuple[YaskawaEmulator, Outlet]]:
+async def struck(fault: Fault, *, times: int, **changes: object) -> AsyncIterator[tuple[YaskawaEmulator, Inlet]]:
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
     changes = {"timeout": "200 ms", "read": ["position", "torque"], "rate": "100 Hz"} | changes
-    async with emulated() as (emulator, port), running(settings(port, **changes)) as (_, outlet, task):
-        await eventually(lambda: len(outlet.of("torque")) > 5)
+    async with emulated() as (emulator, port), running(settings(port, **changes)) as (_, inlet, task):
+        await eventually(lambda: len(inlet.of("torque")) > 5)
         emulator.inject(fault)
         await eventually(lambda: emulator.injector.counts[fault.kind] >= times or task.done())
         if fault.kind not in {"stall", "disconnect"}:
             emulator.inject(Fault(fault.kind, probability=0))
-        seen = len(outlet.readings)
-        await eventually(lambda: len(outlet.readings) > seen + 10 or task.done())
+        seen = len(inlet.readings)
+        await eventually(lambda: len(inlet.readings) > seen + 10 or task.done())
         if task.done():
             await task
-        yield emulator, outlet
+        yield emulator, inlet
 
 
-def counters(outlet: Outlet) -> dict[str, int]:
-    return {k: n for k, n in outlet.account.counters.items() if k not in {"retries", "merged ticks"}}
+def counters(inlet: Inlet) -> dict[str, int]:
+    return {k: n for k, n in inlet.account.counters.items() if k not in {"retries", "merged ticks"}}
 
 
 async def test_without_faults_nothing_is_counted():
-    async with emulated() as (emulator, port), running(settings(port, timeout="500 ms")) as (_, outlet, _):
-        await eventually(lambda: len(outlet.of("torque")) > 50)
-    assert counters(outlet) == {}
+    async with emulated() as (emulator, port), running(settings(port, timeout="500 ms")) as (_, inlet, _):
+        await eventually(lambda: len(inlet.of("torque")) > 50)
+    assert counters(inlet) == {}
     assert emulator.counts["made"] - emulator.counts["sent"] <= 1  # the last may be on its way
-    assert set(outlet.account.missed) <= {"merged tick", "slow answers", "host stalled"}  # of a busy test machine
+    assert set(inlet.account.missed) <= {"merged tick", "slow answers", "host stalled"}  # of a busy test machine
 
 
 async def test_loss_costs_the_slots_that_the_wait_took():
-    async with struck(Fault("loss", probability=0.2), times=10) as (emulator, outlet):
+    async with struck(Fault("loss", probability=0.2), times=10) as (emulator, inlet):
         lost = emulator.counts["loss"]
-        assert counters(outlet) == {"timeouts": lost}
-        assert outlet.account.missed["timeout"] == lost
-        assert outlet.account.missed["slow answers"] > 0
-        assert outlet.account.counters["retries"] == 0
+        assert counters(inlet) == {"timeouts": lost}
+        assert inlet.account.missed["timeout"] == lost
+        assert inlet.account.missed["slow answers"] > 0
+        assert inlet.account.counters["retries"] == 0
 
 
 @pytest.mark.slow
 async def test_loss_is_made_good_where_the_slot_has_room():
-    async with struck(Fault("loss", probability=0.5), times=4, rate="2 Hz", timeout="100 ms") as (emulator, outlet):
+    async with struck(Fault("loss", probability=0.5), times=4, rate="2 Hz", timeout="100 ms") as (emulator, inlet):
         lost = emulator.counts["loss"]
-        assert counters(outlet) == {"timeouts": lost}
-        assert outlet.account.counters["retries"] + outlet.account.missed["timeout"] == lost
-        assert outlet.account.counters["retries"] > 0
+        assert counters(inlet) == {"timeouts": lost}
+        assert inlet.account.counters["retries"] + inlet.account.missed["timeout"] == lost
+        assert inlet.account.counters["retries"] > 0
 
 
 async def test_half_frames():
-    async with struck(Fault("half_frame", probability=0.2), times=10) as (emulator, outlet):
+    async with struck(Fault("half_frame", probability=0.2), times=10) as (emulator, inlet):
         cut = emulator.counts["half_frame"]
-        assert counters(outlet) == {"timeouts": cut, "malformed": cut}
+        assert counters(inlet) == {"timeouts": cut, "malformed": cut}
 
 
 async def test_garbage_costs_nothing():
-    async with struck(Fault("garbage", probability=0.3), times=20) as (emulator, outlet):
-        assert counters(outlet) == {"malformed": emulator.counts["garbage"]}
-        assert outlet.account.missed["timeout"] == 0
+    async with struck(Fault("garbage", probability=0.3), times=20) as (emulator, inlet):
+        assert counters(inlet) == {"malformed": emulator.counts["garbage"]}
+        assert inlet.account.missed["timeout"] == 0
 
 
 async def test_duplicates_are_discarded():
-    async with struck(Fault("duplicate", probability=0.3), times=20) as (emulator, outlet):
-        assert counters(outlet) == {"duplicates": emulator.counts["duplicate"]}
+    async with struck(Fault("duplicate", probability=0.3), times=20) as (emulator, inlet):
+        assert counters(inlet) == {"duplicates": emulator.counts["duplicate"]}
         asked = sum(n for r, n in emulator.asked.items() if r.command in {wire.POSITION, wire.TORQUE})
         greeting, under_way = 2, {0, 1}
-        assert asked - greeting - len(outlet.readings) in under_way
+        assert asked - greeting - len(inlet.readings) in under_way
 
 
-def late(outlet: Outlet) -> int:
+def late(inlet: Inlet) -> int:
     """Late samples that were given; each was missed at first, and answers to a request from before it came."""
-    given = [r for r in outlet.readings if r.quality is not None and (r.quality == Quality.LATE).all()]
+    given = [r for r in inlet.readings if r.quality is not None and (r.quality == Quality.LATE).all()]
     assert all(r.asked is not None and r.arrival - r.asked > 200e6 for r in given)
-    assert outlet.account.counters["late"] == len(given)
+    assert inlet.account.counters["late"] == len(given)
     return len(given)
 
 
-def assert_in_order(outlet: Outlet) -> None:
+def assert_in_order(inlet: Inlet) -> None:
     for stream in ("position", "torque"):
-        middles = [r.asked + r.arrival for r in outlet.of(stream) if r.asked is not None]
+        middles = [r.asked + r.arrival for r in inlet.of(stream) if r.asked is not None]
         assert middles == sorted(middles)
 
 
 async def test_late_answers_are_given_where_nothing_newer_was():
-    async with struck(Fault("delay", probability=0.1, seconds=0.3), times=10) as (emulator, outlet):
+    async with struck(Fault("delay", probability=0.1, seconds=0.3), times=10) as (emulator, inlet):
         came = emulator.counts["delay"]
-        await eventually(lambda: outlet.account.counters["late answers"] == came)
-        assert outlet.account.counters["timeouts"] == came
-        assert outlet.account.missed["timeout"] == came - late(outlet)
-        assert_in_order(outlet)
+        await eventually(lambda: inlet.account.counters["late answers"] == came)
+        assert inlet.account.counters["timeouts"] == came
+        assert inlet.account.missed["timeout"] == came - late(inlet)
+        assert_in_order(inlet)
 
 
 async def test_answers_out_of_order():
-    async with struck(Fault("reorder", probability=0.1), times=10) as (emulator, outlet):
+    async with struck(Fault("reorder", probability=0.1), times=10) as (emulator, inlet):
         held = emulator.counts["reorder"]
-        assert outlet.account.counters["timeouts"] == outlet.account.counters["late answers"] == held
-        assert outlet.account.missed["timeout"] == held - late(outlet)
-        assert_in_order(outlet)
+        assert inlet.account.counters["timeouts"] == inlet.account.counters["late answers"] == held
+        assert inlet.account.missed["timeout"] == held - late(inlet)
+        assert_in_order(inlet)
 
 
 async def test_a_controller_that_always_answers_too_late_is_heard_all_the_same():
-    async with struck(Fault("delay", probability=1.0, seconds=0.3), times=20) as (_, outlet):
-        assert late(outlet) > 10
-        assert_in_order(outlet)
+    async with struck(Fault("delay", probability=1.0, seconds=0.3), times=20) as (_, inlet):
+        assert late(inlet) > 10
+        assert_in_order(inlet)
 
 
 async def test_a_stall_is_ridden_out_and_the_answers_to_it_are_given():
-    async with struck(Fault("stall", seconds=1.7), times=1) as (_, outlet):
-        found = outlet.account.counters
+    async with struck(Fault("stall", seconds=1.7), times=1) as (_, inlet):
+        found = inlet.account.counters
         assert found["timeouts"] == found["late answers"] > 5
-        assert outlet.account.missed["timeout"] == found["timeouts"] - late(outlet)
-        assert_in_order(outlet)
+        assert inlet.account.missed["timeout"] == found["timeouts"] - late(inlet)
+        assert_in_order(inlet)
 
 
 async def test_a_closed_port_is_seen_at_once_and_ridden_out():
-    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, outlet):
-        assert outlet.account.counters["refused"] > 0
-        assert outlet.account.missed["refused"] > 0
+    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, inlet):
+        assert inlet.account.counters["refused"] > 0
+        assert inlet.account.missed["refused"] > 0
 
 
 async def test_silence_ends_the_connection_and_the_next_one_counts_the_gap():
     changes = {"timeout": "30 ms", "silence": "200 ms", "read": ["position"], "rate": "100 Hz"}
     async with emulated() as (emulator, port):
-        outlet = Outlet()
-        driver = YaskawaDriver("arm", settings(port, **changes), outlet)
+        inlet = Inlet()
+        driver = YaskawaDriver("arm", settings(port, **changes), inlet)
         first = asyncio.create_task(driver.run())
-        await eventually(lambda: len(outlet.readings) > 5)
+        await eventually(lambda: len(inlet.readings) > 5)
         emulator.inject(Fault("loss"))
         with pytest.raises(ConnectError, match=r"no good answer from 127.0.0.1:\d+ for 0.\d s; the last: no answer"):
             await asyncio.wait_for(first, PATIENCE)
-        before = outlet.account.expected
+        before = inlet.account.expected
         emulator.inject(Fault("loss", probability=0))
         await asyncio.sleep(0.1)
-        seen = len(outlet.readings)
+        seen = len(inlet.readings)
         second = asyncio.create_task(driver.run())
-        await eventually(lambda: len(outlet.readings) > seen + 5)
+        await eventually(lambda: len(inlet.readings) > seen + 5)
         second.cancel()
         with pytest.raises(asyncio.CancelledError):
             await second
-    assert outlet.account.missed["disconnected"] >= 10
-    assert outlet.account.expected - before >= 15
-    assert outlet.account.residue == 0
-    assert len(outlet.identities) == 2
+    assert inlet.account.missed["disconnected"] >= 10
+    assert inlet.account.expected - before >= 15
+    assert inlet.account.residue == 0
+    assert len(inlet.identities) == 2
 
 
 async def test_a_busy_controller_is_asked_again():
     changes = {"read": ["position"], "rate": "20 Hz", "timeout": "100 ms"}
-    async with emulated(busy="0.3") as (emulator, port), running(settings(port, **changes)) as (_, outlet, _):
-        await eventually(lambda: len(outlet.readings) > 30)
-        account, busy = outlet.account, emulator.counts["busy"]
+    async with emulated(busy="0.3") as (emulator, port), running(settings(port, **changes)) as (_, inlet, _):
+        await eventually(lambda: len(inlet.readings) > 30)
+        account, busy = inlet.account, emulator.counts["busy"]
         assert busy > 5
         under_way = {0, 1}
         assert busy - account.counters["busy answers"] in under_way
@@ -175,18 +175,18 @@ async def test_a_busy_controller_is_asked_again():
 
 async def test_all_faults_together_leave_the_account_even():
     kinds = ("loss", "half_frame", "garbage", "duplicate", "delay", "reorder")
-    async with emulated(busy="0.05") as (emulator, port), running(settings(port, timeout="200 ms")) as (_, outlet, _):
-        await eventually(lambda: len(outlet.readings) > 5)
+    async with emulated(busy="0.05") as (emulator, port), running(settings(port, timeout="200 ms")) as (_, inlet, _):
+        await eventually(lambda: len(inlet.readings) > 5)
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0.03, seconds=0.3))
         emulator.inject(Fault("stall", seconds=0.2))
         await eventually(lambda: all(emulator.injector.counts[k] for k in kinds))
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0))
-        seen = len(outlet.readings)
-        await eventually(lambda: len(outlet.readings) > seen + 30)
+        seen = len(inlet.readings)
+        await eventually(lambda: len(inlet.readings) > seen + 30)
     late, cut = emulator.counts["delay"] + emulator.counts["reorder"], emulator.counts["half_frame"]
-    account = outlet.account
+    account = inlet.account
     assert account.counters["malformed"] == emulator.counts["garbage"] + cut
     assert account.counters["timeouts"] >= emulator.counts["loss"] + cut + late
     assert account.residue == 0

@@ -19,7 +19,7 @@ from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 from cellwatt_drivers.yaskawa.link import Exchange, Link, open_link
 from tests.patience import eventually
 
-from .rig import STILL, Outlet, settings
+from .rig import STILL, Inlet, settings
 
 REQUEST = wire.Request(wire.TORQUE)
 GENUINE, FORGED = bytes(32), b"\x01" + bytes(31)
@@ -50,15 +50,15 @@ class Controller(asyncio.DatagramProtocol):
 
 
 @asynccontextmanager
-async def linked(answers: Answers, timeout: float = 5.0) -> AsyncIterator[tuple[Controller, Link, Outlet]]:
+async def linked(answers: Answers, timeout: float = 5.0) -> AsyncIterator[tuple[Controller, Link, Inlet]]:
     loop = asyncio.get_running_loop()
     transport, controller = await loop.create_datagram_endpoint(
         lambda: Controller(answers), local_addr=("127.0.0.1", 0)
     )
-    outlet = Outlet()
+    inlet = Inlet()
     try:
-        async with open_link("127.0.0.1", transport.get_extra_info("sockname")[1], timeout, outlet) as link:  # type: ignore[arg-type]
-            yield controller, link, outlet
+        async with open_link("127.0.0.1", transport.get_extra_info("sockname")[1], timeout, inlet) as link:  # type: ignore[arg-type]
+            yield controller, link, inlet
     finally:
         transport.close()
 
@@ -78,20 +78,20 @@ async def test_the_number_of_the_next_request_cannot_be_guessed() -> None:
 
 
 async def test_an_answer_that_contradicts_another_is_told_as_forged() -> None:
-    async with linked(lambda number: [answer(number, FORGED), answer(number)]) as (_, link, outlet):
+    async with linked(lambda number: [answer(number, FORGED), answer(number)]) as (_, link, inlet):
         for _ in range(20):
             await ask(link)
-        await eventually(lambda: outlet.account.counters["contradicting answers"] == 20)
-    assert outlet.account.forgeries == {"contradicting answers"}
-    assert not outlet.account.counters["duplicates"]
+        await eventually(lambda: inlet.account.counters["contradicting answers"] == 20)
+    assert inlet.account.forgeries == {"contradicting answers"}
+    assert not inlet.account.counters["duplicates"]
 
 
 async def test_the_same_answer_again_is_a_duplicate() -> None:
-    async with linked(lambda number: [answer(number)] * 50) as (_, link, outlet):
+    async with linked(lambda number: [answer(number)] * 50) as (_, link, inlet):
         for _ in range(20):
             await ask(link)
-        await eventually(lambda: outlet.account.counters["duplicates"] == 20 * 49)
-    assert outlet.account.anomalies == {"duplicates"} and not outlet.account.forgeries
+        await eventually(lambda: inlet.account.counters["duplicates"] == 20 * 49)
+    assert inlet.account.anomalies == {"duplicates"} and not inlet.account.forgeries
 
 
 @pytest.mark.parametrize("position", range(len(wire.CONSTANTS)))
@@ -103,22 +103,22 @@ async def test_reserved_fields_that_change_are_not_the_controllers(position: int
         strange[position] ^= 1
         return [replace(answer(number, FORGED), constants=bytes(strange)), answer(number)]
 
-    async with linked(answers) as (controller, link, outlet):
+    async with linked(answers) as (controller, link, inlet):
         for _ in range(5):
             assert (await ask(link)).answer.data == GENUINE
-    assert outlet.account.counters["malformed"] == 4
+    assert inlet.account.counters["malformed"] == 4
 
 
 async def test_a_controller_with_reserves_of_its_own_is_read() -> None:
     own = bytes(len(wire.CONSTANTS))
-    async with linked(lambda number: [replace(answer(number), constants=own)]) as (_, link, outlet):
+    async with linked(lambda number: [replace(answer(number), constants=own)]) as (_, link, inlet):
         for _ in range(5):
             await ask(link)
-    assert not outlet.account.counters
+    assert not inlet.account.counters
 
 
 async def test_what_comes_from_another_port_is_never_seen() -> None:
-    async with linked(lambda _: []) as (controller, link, outlet):
+    async with linked(lambda _: []) as (controller, link, inlet):
         asking = asyncio.ensure_future(ask(link))
         await eventually(lambda: controller.numbers)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
@@ -128,7 +128,7 @@ async def test_what_comes_from_another_port_is_never_seen() -> None:
                 stranger.sendto(wire.encode_answer(answer(number, FORGED)), controller.client)
         controller.transport.sendto(wire.encode_answer(answer(controller.numbers[0])), controller.client)
         assert (await asking).answer.data == GENUINE
-    assert not outlet.account.counters
+    assert not inlet.account.counters
 
 
 class Attacked(YaskawaEmulator):
@@ -167,7 +167,7 @@ async def test_health_says_what_somebody_sends_in_the_controllers_name(attack: s
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     serving = asyncio.create_task(emulator.serve(ready.set_result))
     chosen = settings(int((await ready).rpartition(":")[2]), read=["torque"], timeout="500 ms")
-    source = Source("arm", lambda outlet: YaskawaDriver("arm", chosen, outlet), Outlet().now, id, id)
+    source = Source("arm", lambda inlet: YaskawaDriver("arm", chosen, inlet), Inlet().now, id, id)
     reading, watch = asyncio.create_task(source.run()), Watch()
 
     def look(second: int) -> list[str]:

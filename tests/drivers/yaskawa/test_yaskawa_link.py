@@ -8,7 +8,7 @@ import socket
 from cellwatt.receipt import stamp_receipts
 from cellwatt_drivers.yaskawa import wire
 from cellwatt_drivers.yaskawa.link import Link
-from tests.drivers.yaskawa.rig import Outlet
+from tests.drivers.yaskawa.rig import Inlet
 
 
 def waits(opened: socket.socket) -> bool:
@@ -19,7 +19,7 @@ def waits(opened: socket.socket) -> bool:
 
 
 async def test_a_late_process_does_not_make_the_answer_late():
-    outlet, loop = Outlet(), asyncio.get_running_loop()
+    inlet, loop = Inlet(), asyncio.get_running_loop()
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here,
@@ -29,7 +29,7 @@ async def test_a_late_process_does_not_make_the_answer_late():
         here.setblocking(False)
         here.connect(controller.getsockname())
         stamp_receipts(here)
-        link = Link(here, "here", 5.0, outlet)
+        link = Link(here, "here", 5.0, inlet)
         loop.add_reader(here, link.readable)
         asking = asyncio.create_task(link.ask(wire.Request(wire.STATUS), 0))
         await asyncio.sleep(0)
@@ -38,8 +38,8 @@ async def test_a_late_process_does_not_make_the_answer_late():
         controller.sendto(wire.encode_answer(wire.Answer(number, request.service | wire.ANSWER, 0, 0)), asker)
         while not waits(here):
             pass
-        there = outlet.now()
-        while outlet.now() - there < 20_000_000:
+        there = inlet.now()
+        while inlet.now() - there < 20_000_000:
             pass
         exchange = await asking
         loop.remove_reader(here)

@@ -7,13 +7,13 @@ from pydantic import ValidationError
 
 from cellwatt_drivers.yaskawa import YaskawaDriver, YaskawaSettings
 
-from .rig import PULSES, RATED, Outlet
+from .rig import PULSES, RATED, Inlet
 
 GOOD = {"host": "192.0.2.1", "pulses_per_degree": list(PULSES)}
 
 
 def streams(**changes):
-    driver = YaskawaDriver("arm", YaskawaSettings.model_validate(GOOD | changes), Outlet())
+    driver = YaskawaDriver("arm", YaskawaSettings.model_validate(GOOD | changes), Inlet())
     return {s.name: s for s in driver.streams}
 
 

@@ -10,7 +10,7 @@ from energy.live import BEGIN, RATE, frames_of, run_stages
 from energy.plant import production
 
 from cellwatt.results import Energy
-from tests.daemon.sinks.page.told import page_told
+from tests.daemon.outlets.page.told import page_told
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from cellwatt_plugins.mismatch.input.baseline import baseline
 from cellwatt_plugins.mismatch.live.settings import MismatchSettings
 from cellwatt_plugins.mismatch.stage import MismatchStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.daemon.sinks.page.told import page_told
+from tests.daemon.outlets.page.told import page_told
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.emulated_arm import cut, frames, layout, recorded
 from tests.plugins.mismatch.plant import REAL, Missing, loaded

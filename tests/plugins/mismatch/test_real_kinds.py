@@ -112,6 +112,18 @@ def test_a_joint_at_rest_names_nothing(arm):
     assert "tau_3" not in [fit.channel for fit in found.findings.fit]
 
 
+def test_a_joint_at_rest_takes_no_sample_from_the_supply(tmp_path):
+    """Its torque is not known, and its speed flickers; it draws next to nothing."""
+    unpowered = plant.load(plant.write_robot(tmp_path, standby_power=0.0))
+    along = [held(plant.moves(seed, 8.0), 2, 0.7) for seed in (1, 2)]
+    runs = [plant.record(f"run_0{i}", i, Missing(), 8.0, plan=False, along=a) for i, a in enumerate(along, 1)]
+    found = explained(unpowered, runs)
+    assert found.supply is not None
+    assert np.mean(found.supply.problem.design.root) > 0.5 / plant.POWER_NOISE
+    (standby,) = [f for f in found.findings.findings if f.effect == "standby_power"]
+    assert standby.parameters["power"].value == pytest.approx(plant.REAL.standby, abs=1.0)
+
+
 def test_an_offset_is_found_beside_strong_physics_that_no_law_explains(arm):
     def strange(time, q, qd, run):
         return column(5 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2)), 1)
@@ -202,15 +214,20 @@ def test_masses_within_their_tolerances_are_no_finding(arm):
 
 
 @pytest.mark.slow
-def test_friction_of_which_nothing_is_known_is_found_at_every_joint(tmp_path):
+def test_friction_of_which_nothing_is_known_is_found_at_every_joint_behind_a_balancer(tmp_path):
+    """Until the balancer of joint 2 is known, which takes ten times as much, no friction shows there."""
+
+    def balancer(time, q, qd, run):
+        return column(90.0 * (q[:, 1] - 0.3), 2)
+
     unknown = plant.load(plant.write_robot(tmp_path, coulomb_friction=0.0, viscous_friction=0.0))
-    runs = [replace(run, plan=None, simulated=None) for run in recorded(plant.NOTHING)]
+    runs = [replace(run, plan=None, simulated=None) for run in recorded(Missing(added=balancer))]
     found = explained(unknown, runs)
-    kinds = {"coulomb_friction": REAL.coulomb, "viscous_friction": REAL.viscous}
-    assert named(found) == {(kind, joint) for kind in kinds for joint in (1, 2, 3)}
-    for finding in found.findings.findings:
-        (value,) = [parameter.value for parameter in finding.parameters.values()]
-        assert value == pytest.approx(kinds[finding.effect][finding.joint - 1], rel=0.1)
+    true = {("coulomb_friction", joint): value for joint, value in enumerate(REAL.coulomb, start=1)}
+    true |= {("viscous_friction", joint): value for joint, value in enumerate(REAL.viscous, start=1)}
+    true[("spring_load", 2)] = 90.0
+    told = {(f.effect, f.joint): next(iter(f.parameters.values())).value for f in found.findings.findings}
+    assert told == pytest.approx(true, rel=0.1)
 
 
 def slid(seed: int, offset: float, friction: float) -> Run:

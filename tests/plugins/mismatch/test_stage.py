@@ -161,9 +161,11 @@ def test_a_hole_in_the_grid_is_no_motion(robot, healthy):
     assert stage.counts["intervals judged"] > 8
 
 
-def test_power_that_is_missing_does_not_stop_the_torques(robot, stiff):
+def test_a_channel_that_is_missing_does_not_stop_the_torques_of_others(robot, stiff):
+    """The power from the start, the torque of joint 3 from 5 s on."""
     values = stiff.values.copy()
     values[:, -1] = np.nan
+    values[250:, stiff.layout.names.index("arm.joint_3.torque")] = np.nan
     found = alarms(run(made(robot), replace(stiff, values=values)))
     assert {a.joint for a in found} == {2}
 

@@ -48,7 +48,7 @@ async def prometheus(program: str, folder: Path, address: str, target: str) -> A
 
     Raises ``CellwattError`` if it does not come up.
     """
-    rules = Path(str(files("cellwatt.sinks.metrics"))) / "ship" / "alerts.yaml"
+    rules = Path(str(files("cellwatt.outlets.metrics"))) / "ship" / "alerts.yaml"
     cell = {"targets": [target], "labels": {"site": "demo", "cell": "demo"}}
     config = {
         "global": {"scrape_interval": SCRAPE, "scrape_timeout": SCRAPE, "evaluation_interval": SCRAPE},

@@ -19,7 +19,7 @@ from typing import Final
 
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.record.claim import claimed
+from cellwatt.record.claim import Claim, claimed
 from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import chain_names, declared
 from cellwatt.runtime.change import Change
@@ -27,7 +27,7 @@ from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
 from cellwatt.runtime.processes.part import Part
-from cellwatt.runtime.processes.rights import settle_memory
+from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     OTHERS,
     SLOTS,
@@ -46,6 +46,8 @@ log = logging.getLogger(__name__)
 
 LOOK: Final = 1.0
 """Longest time, s, without a look at the clock."""
+RENEW: Final = 5.0
+"""s between two looks whether the record folder is still the one that is held."""
 END: Final = 12.0
 """Longest time, s, that one process may take to come to its end."""
 
@@ -77,6 +79,8 @@ class Supervisor:
         self._stop_asked = self._reload_asked = False
         self._reload: _Reload | None = None
         self._failed: Exception | None = None
+        self._claim: Claim | None = None
+        self._renew_at = 0.0
 
     @property
     def _parts(self) -> list[Part]:
@@ -85,8 +89,9 @@ class Supervisor:
 
     def run(self) -> None:
         """Serve the cell. Raises ``CellwattError`` where a part cannot be started, or another has the record folder."""
+        allow_descriptors()
         record = self._config.record
-        with claimed(record.folder if record is not None else None, self._config.cell):
+        with claimed(record.folder if record is not None else None, self._config.cell) as self._claim:
             self._run()
 
     def _run(self) -> None:
@@ -193,6 +198,9 @@ class Supervisor:
             if key.fileobj in self._selector.get_map():
                 key.data()
         self._shared.clock.discipline()
+        if self._claim is not None and now >= self._renew_at:
+            self._renew_at = now + RENEW
+            self._claim.renew()
         for part in serving:
             if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
                 self._start(part)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cellwatt.errors import SourceError
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import NotConformingError, Rig
 from cellwatt.testing.running import ended, running
 
@@ -25,7 +25,7 @@ async def cancels_anywhere(rig: Rig, folder: Path) -> None:
 
 
 async def _cut_short(rig: Rig, address: str, turns: int) -> None:
-    driver = rig.make(address, CollectingOutlet())
+    driver = rig.make(address, CollectingInlet())
     task = asyncio.create_task(driver.run())
     for _ in range(turns):
         await asyncio.sleep(0)

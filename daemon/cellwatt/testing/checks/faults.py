@@ -32,9 +32,9 @@ async def survives(rig: Rig, folder: Path, *, kind: FaultKind) -> None:
         if kind in SEEN:
             await source.until(
                 lambda: _traces(source) != before,
-                f"{kind} leaving a trace (account.miss, account.drop, account.count, outlet.event or a SourceError)",
+                f"{kind} leaving a trace (account.miss, account.drop, account.count, inlet.event or a SourceError)",
             )
-    times_are_right(source.outlet)
+    times_are_right(source.inlet)
 
 
 async def _strikes(device: EmulatedDevice, source: Running, fault: Fault) -> None:
@@ -48,7 +48,7 @@ async def _strikes(device: EmulatedDevice, source: Running, fault: Fault) -> Non
 
 
 def _traces(source: Running) -> dict[str, Any]:
-    account = source.outlet.account
+    account = source.inlet.account
     return {
         "missed": dict(account.missed),
         "dropped": dict(account.dropped),

@@ -10,7 +10,7 @@ import traceback
 from pathlib import Path
 
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 
@@ -23,7 +23,7 @@ async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
     """Require that no call blocks the loop, also while the device does not answer."""
     async with EmulatedDevice(rig, folder) as device:
         # The first of its kind imports its libraries: in a daemon that is over before anything is read.
-        await asyncio.to_thread(rig.make, device.address, CollectingOutlet())
+        await asyncio.to_thread(rig.make, device.address, CollectingInlet())
         watch = Watch()
         beating = asyncio.create_task(watch.beat())
         try:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cellwatt.channel import Stream
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 
@@ -26,27 +26,27 @@ async def keeps_its_rates(rig: Rig, folder: Path) -> None:
     """Require of each stream its declared rate, apart from samples that the account says were missed."""
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         streams = [s for s in source.driver.streams if s.rate]
-        await source.until(lambda: all(source.outlet.of(s.name) for s in streams), "one sample of each stream")
+        await source.until(lambda: all(source.inlet.of(s.name) for s in streams), "one sample of each stream")
         wrong = ""
         for _ in range(_TRIES):
-            wrong = await _wrong(source.outlet, streams)
+            wrong = await _wrong(source.inlet, streams)
             if not wrong:
                 break
     require(not wrong, wrong)
 
 
-async def _wrong(outlet: CollectingOutlet, streams: Sequence[Stream]) -> str:
+async def _wrong(inlet: CollectingInlet, streams: Sequence[Stream]) -> str:
     """Streams whose rate differs from the declared one within a span of time, in words."""
     loop = asyncio.get_running_loop()
-    begins, missed, start = {s.name: _count(outlet, s) for s in streams}, outlet.account.missed.total(), loop.time()
+    begins, missed, start = {s.name: _count(inlet, s) for s in streams}, inlet.account.missed.total(), loop.time()
     await asyncio.sleep(max([_SPAN, *(_PERIODS / s.rate for s in streams)]))
-    span, missed = loop.time() - start, outlet.account.missed.total() - missed
-    told = (_not_kept(s, _count(outlet, s) - begins[s.name], missed, span) for s in streams)
+    span, missed = loop.time() - start, inlet.account.missed.total() - missed
+    told = (_not_kept(s, _count(inlet, s) - begins[s.name], missed, span) for s in streams)
     return "; ".join(filter(None, told))
 
 
-def _count(outlet: CollectingOutlet, stream: Stream) -> int:
-    return sum(len(r.values) for r in outlet.of(stream.name))
+def _count(inlet: CollectingInlet, stream: Stream) -> int:
+    return sum(len(r.values) for r in inlet.of(stream.name))
 
 
 def _not_kept(stream: Stream, count: int, missed: int, span: float) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 from cellwatt.testing.tap import tapped
@@ -26,7 +26,7 @@ async def only_reads(rig: Rig, folder: Path) -> None:
     if rig.transport is None:
         return
     async with EmulatedDevice(rig, folder) as device, tapped(device.address, rig.transport) as (address, sent):
-        await rig.make(address, CollectingOutlet()).identify()
+        await rig.make(address, CollectingInlet()).identify()
         async with running(rig, address) as source:
             await source.samples(10, "through the suite's tap")
             if "stall" in rig.emulator.faults:

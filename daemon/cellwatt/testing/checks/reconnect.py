@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cellwatt.errors import CellwattError, ConnectError, SourceError
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import NotConformingError, Rig, require
 from cellwatt.testing.running import running
 
@@ -25,17 +25,17 @@ async def reconnects(rig: Rig, folder: Path) -> None:
             await source.until(lambda: len(source.failures) > seen, "a SourceError from run() while the device is off")
             _is_readable(source.failures[-1], rig, device.address)
             await device.switch_on()
-            connections = len(source.outlet.identities)
+            connections = len(source.inlet.identities)
             await source.samples(10, "after the device came back")
             require(
-                len(source.outlet.identities) > connections,
-                "outlet.connected(identity) was not called after the device came back",
+                len(source.inlet.identities) > connections,
+                "inlet.connected(identity) was not called after the device came back",
             )
 
 
 async def _says_that_nobody_answers(rig: Rig, address: str) -> None:
     for what in ("identify", "run"):
-        call = getattr(rig.make(address, CollectingOutlet()), what)
+        call = getattr(rig.make(address, CollectingInlet()), what)
         try:
             async with asyncio.timeout(rig.patience):
                 await call()

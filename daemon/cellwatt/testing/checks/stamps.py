@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.batch import Reading
 from cellwatt.channel import Quality
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 
@@ -23,24 +23,24 @@ _UNIT = 10.0
 async def stamps_are_right(rig: Rig, folder: Path) -> None:
     """Require right shapes and types, arrivals between request and now, and rising device times, in ns."""
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
-        began = source.outlet.now()
+        began = source.inlet.now()
         await source.samples(2, "after the start")
-        start = source.outlet.now()
-        await source.until(lambda: source.outlet.now() - start > _SPAN, "a second")
-        now = source.outlet.now()
-    outlet = source.outlet
-    for reading in outlet.readings:
+        start = source.inlet.now()
+        await source.until(lambda: source.inlet.now() - start > _SPAN, "a second")
+        now = source.inlet.now()
+    inlet = source.inlet
+    for reading in inlet.readings:
         reading_is_whole(reading, source.driver.streams)
         require(
             began <= reading.arrival,
-            f"{reading.stream.name}: arrival {reading.arrival} lies before the driver was started: use outlet.now()",
+            f"{reading.stream.name}: arrival {reading.arrival} lies before the driver was started: use inlet.now()",
         )
-    late = [r for r in outlet.readings if r.arrival > now + _SPAN]
-    require(not late, f"{len(late)} readings with an arrival in the future: use outlet.now()")
-    times_are_right(outlet)
+    late = [r for r in inlet.readings if r.arrival > now + _SPAN]
+    require(not late, f"{len(late)} readings with an arrival in the future: use inlet.now()")
+    times_are_right(inlet)
     for stream in source.driver.streams:
         if stream.clock == "device":
-            _device_counts_nanoseconds(stream.name, outlet.of(stream.name))
+            _device_counts_nanoseconds(stream.name, inlet.of(stream.name))
 
 
 def reading_is_whole(reading: Reading, streams: Sequence[object]) -> None:
@@ -65,11 +65,11 @@ def reading_is_whole(reading: Reading, streams: Sequence[object]) -> None:
     require(good, f"{name}: device_time must be int64 (n,), ns; found {times.dtype} {times.shape}")
 
 
-def times_are_right(outlet: CollectingOutlet) -> None:
+def times_are_right(inlet: CollectingInlet) -> None:
     """Require arrivals that do not step back, ``asked`` before them, and device time that rises between resets."""
     arrivals: dict[str, int] = {}
     devices: dict[tuple[str, int], int] = {}
-    for reading, epoch in zip(outlet.readings, outlet.epochs, strict=True):
+    for reading, epoch in zip(inlet.readings, inlet.epochs, strict=True):
         name = reading.stream.name
         before = arrivals.get(name, reading.arrival)
         require(reading.arrival >= before, f"{name}: arrival steps back by {before - reading.arrival} ns")
@@ -84,7 +84,7 @@ def times_are_right(outlet: CollectingOutlet) -> None:
             steps = np.diff(reading.device_time, prepend=[] if last is None else [last])
             require(
                 (steps > 0).all(),
-                f"{name}: device_time does not rise (step of {steps.min(initial=1)} ns); call outlet.clock_reset() "
+                f"{name}: device_time does not rise (step of {steps.min(initial=1)} ns); call inlet.clock_reset() "
                 "where the device's clock really changed",
             )
             devices[name, epoch] = int(reading.device_time[-1])

@@ -10,7 +10,7 @@ from typing import Any
 
 from cellwatt.driver import Driver, Identity
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import NotConformingError, Rig, require
 from cellwatt.testing.running import ended, running
 
@@ -22,7 +22,7 @@ async def starts_and_stops(rig: Rig, folder: Path) -> None:
     """Also require a description, valid streams, and nothing left open or running at the end."""
     describes_itself(rig.driver)
     async with EmulatedDevice(rig, folder) as device:
-        declares_streams(rig.make(device.address, CollectingOutlet()))
+        declares_streams(rig.make(device.address, CollectingInlet()))
         await _identifies(rig, device.address)
         await _session(rig, device.address)  # what a library opens once for good is open from here on
         files, tasks = _open_files(), len(asyncio.all_tasks())
@@ -58,7 +58,7 @@ def declares_streams(driver: Driver[Any]) -> None:
 
 
 async def _identifies(rig: Rig, address: str) -> None:
-    driver = rig.make(address, CollectingOutlet())
+    driver = rig.make(address, CollectingInlet())
     try:
         async with asyncio.timeout(rig.patience):
             identity = await driver.identify()
@@ -73,18 +73,18 @@ async def _session(rig: Rig, address: str) -> None:
             await source.samples(_SAMPLES, "after the start" + " of the same driver again" * again)
             if not again:
                 await ended(source.task, rig.patience)
-                await _is_quiet(source.outlet)
+                await _is_quiet(source.inlet)
                 source.start()
-        require(source.outlet.identities, "outlet.connected(identity) was never called")
-        outlet = source.outlet
-    await _is_quiet(outlet)
+        require(source.inlet.identities, "inlet.connected(identity) was never called")
+        inlet = source.inlet
+    await _is_quiet(inlet)
 
 
-async def _is_quiet(outlet: CollectingOutlet) -> None:
+async def _is_quiet(inlet: CollectingInlet) -> None:
     """Require that a cancelled driver emits nothing more."""
-    before = outlet.samples
+    before = inlet.samples
     await asyncio.sleep(0.05)
-    require(outlet.samples == before, "readings came after run() had been cancelled")
+    require(inlet.samples == before, "readings came after run() had been cancelled")
 
 
 def _open_files() -> int:

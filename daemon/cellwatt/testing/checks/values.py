@@ -41,7 +41,7 @@ async def values_are_in_their_units(rig: Rig, folder: Path) -> None:
     for stream in source.driver.streams:
         for channel in stream.channels:
             truth = world.values.get(channel.name)
-            found = source.outlet.channel(channel.name)
+            found = source.inlet.channel(channel.name)
             found = found[np.isfinite(found)]
             if truth is None or not len(found):
                 continue

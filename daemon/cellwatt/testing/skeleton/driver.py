@@ -14,7 +14,7 @@ from cellwatt import (
     ConnectError,
     Driver,
     Identity,
-    Outlet,
+    Inlet,
     ProtocolError,
     Reading,
     SourceSettings,
@@ -51,10 +51,10 @@ class SkeletonDriver(Driver[SkeletonSettings]):
     emulator = "cellwatt.testing.skeleton.emulator:SkeletonEmulator"
     writes = ("ID? on connecting", "READ? at the rate")
 
-    def __init__(self, name: str, settings: SkeletonSettings, outlet: Outlet) -> None:
-        super().__init__(name, settings, outlet)
+    def __init__(self, name: str, settings: SkeletonSettings, inlet: Inlet) -> None:
+        super().__init__(name, settings, inlet)
         self._stream = Stream("measured", CHANNELS, settings.rate, "host")
-        self._slots = Slots(settings.rate, outlet.account.lose)
+        self._slots = Slots(settings.rate, inlet.account.lose)
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -69,24 +69,24 @@ class SkeletonDriver(Driver[SkeletonSettings]):
     async def run(self) -> None:
         """See ``Driver.run``. Each poll that falls due is delivered, or counted as missed with its reason."""
         async with self._connected() as meter:
-            self.outlet.connected(await self._greet(meter))
+            self.inlet.connected(await self._greet(meter))
             async with self._slots as slots:
                 async for _ in slots:
                     await self._poll(meter)
 
     async def _poll(self, meter: Meter) -> None:
-        asked = self.outlet.now()
+        asked = self.inlet.now()
         try:
             sample = wire.parse_sample(await meter.ask(wire.READ))
         except ConnectError:
-            self.outlet.account.lose(1, "no answer")
+            self.inlet.account.lose(1, "no answer")
             raise
         except ProtocolError:
-            self.outlet.account.lose(1, "malformed")
+            self.inlet.account.lose(1, "malformed")
             raise
         values = np.array([[sample.voltage, sample.current, sample.power]])
-        self.outlet.account.expect()
-        self.outlet.emit(Reading(self._stream, values, self.outlet.now(), asked=asked))
+        self.inlet.account.expect()
+        self.inlet.emit(Reading(self._stream, values, self.inlet.now(), asked=asked))
 
     async def _greet(self, meter: Meter) -> Identity:
         try:

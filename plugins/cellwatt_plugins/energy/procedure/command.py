@@ -50,7 +50,7 @@ _least = click.option(
 )
 
 
-@click.group("energy-campaign")
+@click.group("energy-campaign", short_help="Measure a robot's energy step by step.")
 def campaign() -> None:
     """Measure where a robot's energy goes: step by step, with the power analyzer and the cell running.
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.batch import Batch
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
-from cellwatt.publish.reach import link_to
+from cellwatt.outlets.zenoh.reach import link_to
 from cellwatt.subscriber import LinkSettings, Subscriber
 from cellwatt_plugins.energy.procedure.recorded import POWER
 
@@ -106,7 +106,7 @@ class Cell:
 
     @contextmanager
     def feed(self, supply: str | None, source: str | None) -> Iterator[BusFeed]:
-        """Samples from now on. Raises ``SinkError`` where the link cannot be made."""
+        """Samples from now on. Raises ``OutletError`` where the link cannot be made."""
         with Subscriber(self.site, self.name, self.link, want=("raw",)) as subscriber:
             yield BusFeed(subscriber, supply, source)
 

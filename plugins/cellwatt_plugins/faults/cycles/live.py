@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -13,11 +12,9 @@ from cellwatt.progress import steps
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, judge_cycle, stranger
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
-from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.cycles.strangers import new_tasks
-from cellwatt_plugins.robot.meter import Meter
 
 Float = NDArray[np.float64]
 
@@ -50,42 +47,12 @@ class Told:
     over: bool
 
 
-class CycleJudge(ABC):
-    """Says what is wrong in cycles of known tasks."""
-
-    patterns: tuple[Pattern, ...]
-    meter: Meter | None
-
-    @abstractmethod
-    def whole(self, recording: Recording, match: Match) -> CycleFinding:
-        """Judge a cycle that is over."""
-
-    @abstractmethod
-    def begun(self, recording: Recording, match: Match) -> CycleFinding | None:
-        """Judge a cycle under way, as far as its last move that has ended; None if it waits for the end."""
-
-
-class PhysicsJudge(CycleJudge):
-    """By the arm's equations and what is known of it."""
-
-    def __init__(self, known: Known) -> None:
-        self._known, self.patterns, self.meter = known, known.patterns, known.meter
-
-    def whole(self, recording: Recording, match: Match) -> CycleFinding:
-        """See ``CycleJudge``."""
-        return judge_cycle(recording, match, self._known)
-
-    def begun(self, recording: Recording, match: Match) -> CycleFinding:
-        """See ``CycleJudge``."""
-        return judge_begun(recording, match, self._known)
-
-
 class CycleWatch:
     """Takes frames of one arm on an even grid of ``step`` s; tells faults after the move that shows them, and what is
     said of each cycle once it is over."""
 
-    def __init__(self, known: Known | CycleJudge, step: float) -> None:
-        self._judge, self._step = known if isinstance(known, CycleJudge) else PhysicsJudge(known), step
+    def __init__(self, known: Known, step: float) -> None:
+        self._known, self._step = known, step
         longest = max(float(pattern.time[-1]) for pattern in known.patterns)
         self._keep = PATIENCE * longest
         self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
@@ -96,7 +63,7 @@ class CycleWatch:
     @property
     def behind(self) -> float:
         """s that cycles are told later because of a slow meter: its last value of a cycle comes so late."""
-        return 0.0 if self._judge.meter is None else self._judge.meter.delay
+        return 0.0 if self._known.meter is None else self._known.meter.delay
 
     def feed(self, time: Float, position: Float, power: Float) -> list[Told]:
         """Return what n more frames settle: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
@@ -154,12 +121,12 @@ class CycleWatch:
         """Faults that the cycle under way shows already."""
         if len(self._time) < 2 * round(SETTLED / self._step):
             return []
-        recording = Recording(self._time, self._position, self._power, self._judge.meter)
-        match = begun_cycle(recording, find_runs(recording), self._judge.patterns)
+        recording = Recording(self._time, self._position, self._power, self._known.meter)
+        match = begun_cycle(recording, find_runs(recording), self._known.patterns)
         if match is None:
             return []
-        finding = self._judge.begun(recording, match)
-        return [Told(finding, over=False)] if finding is not None and finding.faults else []
+        finding = judge_begun(recording, match, self._known)
+        return [Told(finding, over=False)] if finding.faults else []
 
     def _forget(self) -> None:
         self._drop(len(self._time))
@@ -169,9 +136,9 @@ class CycleWatch:
         """Cycles that are over, with what came before them; their frames are dropped."""
         if len(self._time) < 2 * round(SETTLED / self._step):
             return []
-        recording = Recording(self._time, self._position, self._power, self._judge.meter)
+        recording = Recording(self._time, self._position, self._power, self._known.meter)
         runs = find_runs(recording)
-        matches = find_cycles(recording, runs, self._judge.patterns)
+        matches = find_cycles(recording, runs, self._known.patterns)
         over = list(takewhile(lambda match: ended or self._is_over(match, runs), matches))
         last = len(runs) - 1 if ended else over[-1].last if over else -1
         if not over and len(runs) and self._time[-1] - self._time[runs[0].first] > self._keep:
@@ -180,8 +147,8 @@ class CycleWatch:
         if last < 0:
             self._drop(runs[0].first - self._margin if runs else len(self._time) - self._margin)
             return []
-        strange = new_tasks(runs[: last + 1], over, self._judge.patterns)
-        found = [self._judge.whole(recording, m) for m in over]
+        strange = new_tasks(runs[: last + 1], over, self._known.patterns)
+        found = [judge_cycle(recording, m, self._known) for m in over]
         found += [stranger(recording, runs[first : end + 1]) for first, end in strange]
         # What is told of must leave nothing behind that would be a run again.
         following = runs[last + 1].first if last + 1 < len(runs) else len(self._time)
@@ -190,7 +157,7 @@ class CycleWatch:
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
         """True if nothing more of a cycle can come: a last move that encoders do not show may still be due."""
-        pattern = self._judge.patterns[match.pattern]
+        pattern = self._known.patterns[match.pattern]
         if len(pattern.moves) - 1 in match.unseen:
             return match.last + 1 < len(runs)
         return float(self._time[-1]) > float(match.warp.t[-1]) + SETTLED + self.behind

@@ -13,7 +13,7 @@ from cellwatt.errors import ModelError
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.known import Known, restored
-from cellwatt_plugins.faults.cycles.live import CycleJudge, CycleWatch, Told
+from cellwatt_plugins.faults.cycles.live import CycleWatch, Told
 from cellwatt_plugins.faults.reference import Reference
 from cellwatt_plugins.robot import Arm
 
@@ -35,7 +35,7 @@ def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float)
 class CycleStage:
     """Whole cycles of one arm judged while frames of ``step`` ns come."""
 
-    def __init__(self, known: Known | CycleJudge, step: int, alarms: CycleAlarms) -> None:
+    def __init__(self, known: Known, step: int, alarms: CycleAlarms) -> None:
         self._watch = CycleWatch(known, step * 1e-9)
         self._alarms = replace(alarms, behind=self._watch.behind)
         self._count = 0

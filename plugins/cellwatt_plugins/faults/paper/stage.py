@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cellwatt.alarms import AlarmBook
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
-from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
 from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.course import Course, courses_of
 from cellwatt_plugins.faults.paper.expected import fault_table
@@ -26,18 +25,12 @@ from cellwatt_plugins.faults.paper.judging import (
     by_encoders,
     by_network_or_agreement,
 )
-from cellwatt_plugins.faults.paper.networks import Networks, networks_of
+from cellwatt_plugins.faults.paper.networks import networks_of
 from cellwatt_plugins.faults.paper.pattern import by_equations
 from cellwatt_plugins.faults.reference import columns_of, load
 from cellwatt_plugins.faults.stage import ToleranceSettings
 from cellwatt_plugins.faults.trace import Trace
 
-if TYPE_CHECKING:
-    from cellwatt_plugins.faults.ann.judging import NetworkJudge
-    from cellwatt_plugins.faults.cycles.watch import CycleStage
-
-CLEAR = 1
-"""Cycles without a fault that clear the network's alarm, as they clear those of the thresholds."""
 _WHAT = {
     "joint": "Joint {joint}: power differs by up to {watts:+.0f} W from healthy cycles: a fault in the joint",
     "encoder": "The encoder of joint {joint} is off by up to {degrees:.1f}°, while power is as in healthy cycles",
@@ -56,8 +49,8 @@ class PaperFaultsSettings(StageSettings):
     power: str | None = None
     """Channel of the supply's power; as in the reference where left out."""
     network: Path | None = None
-    """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several. Networks of codes name the
-    joint in place of a comparison with the motion, networks of a motion give alarms of their own beside it."""
+    """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several; it names the joint in place
+    of a comparison with the motion."""
     tolerance: ToleranceSettings = ToleranceSettings()
     """Distance from the reference that is still healthy."""
     equations: Path | None = None
@@ -85,27 +78,15 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
             courses = by_equations(courses, cell.folder / settings.equations)
         follower = CycleFollower(courses, Tolerance(t.position, t.power, t.floor), settings.residual)
         self._seen = CyclesSeen(follower, len(self._positions))
-        networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else Networks()
-        self._isolation = {key: by_network_or_agreement(network) for key, network in networks.codes.items()}
-        self._motions = None if networks.motions is None else self._watch(networks.motions)
+        networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else {}
+        self._isolation = {key: by_network_or_agreement(network) for key, network in networks.items()}
         self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Alarms that changed with this block."""
         block = Trace(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
         intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
-        out = [alarm for cycle in self._seen.feed(block, intervals) for alarm in self._take(cycle)]
-        return out if self._motions is None else [*out, *self._motions.process(block.time, block.position, block.power)]
-
-    def close(self) -> Sequence[Result]:
-        """Alarms that the end of the frames settles."""
-        return [] if self._motions is None else self._motions.close()
-
-    def _watch(self, judge: NetworkJudge) -> CycleStage:
-        """Whole motions judged by their networks; alarms of their own, beside those of the thresholds."""
-        from cellwatt_plugins.faults.cycles.watch import CycleStage
-
-        return CycleStage(judge, self.layout.step, CycleAlarms(f"{self.name}.network", self._source, CLEAR))
+        return [alarm for cycle in self._seen.feed(block, intervals) for alarm in self._take(cycle)]
 
     def _take(self, cycle: CycleSoFar) -> list[Alarm]:
         """Alarms after one more interval: encoders at once, what only codes tell at the end of the cycle."""

@@ -147,7 +147,8 @@ def _variance(solution: Solution, states: States) -> Float:
     variance = np.broadcast_to(np.square(problem.floor), (len(states.time), len(problem.floor)))
     if problem.side == "torque":
         turning = states.arm.column("coulomb_friction") + _turning(solution, problem)
-        variance = variance + np.square(turning * states.moved.sign_spread) * max(1.0, STOP / recorded)
+        unsure = np.square(states.turning.spread) + np.square(states.turning.held)
+        variance = variance + np.square(turning) * unsure * max(1.0, STOP / recorded)
     return np.asarray(variance * recorded / states.step)
 
 

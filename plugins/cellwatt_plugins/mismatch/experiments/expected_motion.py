@@ -25,20 +25,20 @@ def expected_states(name: str, motion: Motion, model: Model, recorded: Sequence[
     spread = np.broadcast_to(velocity_spread(recorded), motion.velocity.shape)
     sign, sign_spread = expected_sign(motion.velocity, spread)
     known = exact(motion.position, motion.velocity, motion.acceleration)
-    moved = replace(known, sign=sign, sign_spread=sign_spread, resolution=first.moved.resolution)
+    moved = replace(
+        known, sign=sign, sign_spread=sign_spread, velocity_spread=spread, resolution=first.moved.resolution
+    )
     states = States(name, -1, motion.time, moved, first.arm, _temperature(motion.time, recorded))
     return states.with_torque(mechanical_torque(model, states))
 
 
 def velocity_spread(recorded: Sequence[States]) -> Float:
-    """Standard deviation (n,) rad/s of the velocities near stops, from what is left open of their sign there."""
-    spreads = np.geomspace(1e-6, 1.0, 80)
-    curve = expected_sign(np.zeros_like(spreads), spreads)[1]
+    """Standard deviation (n,) rad/s of the velocities near stops."""
     out = np.zeros(len(recorded[0].robot.joints))
     for joint in range(len(out)):
-        near = [s.moved.sign_spread[np.abs(s.qd[:, joint]) < SIGN_WIDTH / 2, joint] for s in recorded]
+        near = [s.moved.velocity_spread[np.abs(s.qd[:, joint]) < SIGN_WIDTH / 2, joint] for s in recorded]
         if sum(map(len, near)):
-            out[joint] = np.interp(float(np.median(np.concatenate(near))), curve, spreads, left=0.0)
+            out[joint] = np.median(np.concatenate(near))
     return out
 
 

@@ -18,16 +18,18 @@ from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
 
-FOLDS = 10
-"""Folds at most."""
+FOLDS, FEWEST = 10, 5
+"""Folds at most, and at least of motions that repeat."""
 BLOCK, SHORTEST = 4.0, 1.0
 """s of a block, about; of a short recording at least."""
 LITTLE = 0.003
 """Share of a channel's mean square error below which a fold's error counts as none."""
+ALIKE, STILL = 0.1, 1e-3
+"""Share of a motion's spread, and rad, by which a repeat of it may differ."""
 NOTHING = 1e-3
 """Squared error of a fold, in units of the noise, of a channel that nothing was measured of."""
 KEPT = 400
-"""Blocks whose products are kept."""
+"""Blocks whose products are kept, and fits."""
 
 
 @dataclass(frozen=True)
@@ -86,22 +88,32 @@ class LeaveOut:
         """Coefficients (K, P) of the fit without each fold: the design's, then those of the terms."""
         return self._fitted([self.problem.block(term) for term in terms])[0]
 
-    def residual(self, terms: Sequence[Term]) -> Float:
-        """Residual (N, C) of each row in the fit that did not see it."""
+    def residual(self, terms: Sequence[Term], channels: Sequence[int] | None = None) -> Float:
+        """Residual (N, C) of each row in the fit that did not see it, of some channels alone where they are given."""
         design, blocks = self.problem.design, [self.problem.block(term) for term in terms]
         found = self._fitted(blocks)[0]
-        out = np.empty_like(design.target)
+        asked = range(design.target.shape[1]) if channels is None else channels
+        out = np.empty((len(design.target), len(asked)))
         slices = places(blocks, design.size)
-        for c, fixed in enumerate(design.channels):
+        for i, c in enumerate(asked):
+            fixed = design.channels[c]
             parts = [(block.of(c), place) for block, place in zip(blocks, slices, strict=True)]
             for rows, own in zip(self.products.rows, found, strict=True):
                 fitted = fixed.columns[rows] @ own[fixed.places] / design.root[rows, c]
                 fitted += sum(columns[rows] @ own[place] for columns, place in parts if columns is not None)
-                out[rows, c] = design.target[rows, c] - fitted
+                out[rows, i] = design.target[rows, c] - fitted
         return out
 
     def _fitted(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
-        """Coefficients (K, P) of the fit without each fold, and its squared error (K, C) there."""
+        """Coefficients (K, P) of the fit without each fold, and its squared error (K, C) there; the last are kept."""
+        key, kept = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
+        if key not in kept:
+            if len(kept) > KEPT:
+                kept.clear()
+            kept[key] = self._fit(blocks)
+        return kept[key]
+
+    def _fit(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
         design, products = self.problem.design, self.products
         slices = places(blocks, design.size)
         size = slices[-1].stop if slices else design.size
@@ -151,6 +163,7 @@ class _Products:
         self._fixed = [
             _Own(np.empty(0), *self._with_itself(channel.columns, c)) for c, channel in enumerate(design.channels)
         ]
+        self.fitted: dict[tuple[object, ...], tuple[Float, Float]] = {}
         self._own: dict[tuple[Block, int], _Own] = {}
         self._pairs: dict[tuple[Block, Block, int], Float] = {}
 
@@ -212,16 +225,48 @@ class _Products:
 
 
 def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
-    """Number of the fold of each fitted row (N,), and how many there are; blocks of all runs are dealt out in turn."""
+    """Number of the fold of each fitted row (N,), and how many there are; blocks of all motions are dealt out in turn.
+
+    Runs that repeat a motion share its folds: what was fitted to one of them is no unseen motion in the other. Where a
+    motion is too short for that, each run counts for itself.
+    """
+    shared = _blocks(problem, _motions([s.q for s in problem.states]))
+    block = (
+        shared
+        if max(int(part.max()) for part in shared) >= FEWEST - 1
+        else _blocks(problem, range(len(problem.states)))
+    )
+    count = min(FOLDS, 1 + max(int(part.max()) for part in block))
+    return np.concatenate(block) % count, count
+
+
+def _blocks(problem: Problem, motions: Sequence[int]) -> list[NDArray[np.intp]]:
+    """Number of the block of each fitted row of each run; ``motions`` are the runs whose blocks each run shares."""
     seconds = [float(s.time[-1] - s.time[0]) for s in problem.states]
-    block = float(np.clip(sum(seconds) / FOLDS, SHORTEST, BLOCK))
-    out, first = [], 0
-    for length, part in zip(seconds, problem.target, strict=True):
-        count = max(1, round(length / block))
-        out.append(first + np.arange(len(part)) * count // max(len(part), 1))
-        first += count
-    count = min(FOLDS, first)
-    return np.concatenate(out) % count, count
+    block = float(np.clip(sum(seconds[i] for i in set(motions)) / FOLDS, SHORTEST, BLOCK))
+    counts = [max(1, round(seconds[i] / block)) if i == motion else 0 for i, motion in enumerate(motions)]
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
+    return [
+        first[i] + np.arange(len(part)) * counts[i] // max(len(part), 1)
+        for i, part in zip(motions, problem.target, strict=True)
+    ]
+
+
+def _motions(courses: Sequence[Float]) -> list[int]:
+    """Number of the first run that makes the same motion as each run, whose positions are ``courses`` (N, n) rad."""
+    out = list[int]()
+    for course in courses:
+        same = (i for i, other in enumerate(courses[: len(out)]) if _alike(course, other))
+        out.append(next(same, len(out)))
+    return out
+
+
+def _alike(one: Float, other: Float) -> bool:
+    """True if two motions are within ``ALIKE`` of their way at all times."""
+    if abs(len(one) - len(other)) > ALIKE * len(one):
+        return False
+    common = min(len(one), len(other))
+    return bool(np.all(np.std(one[:common] - other[:common], axis=0) < ALIKE * np.std(one, axis=0) + STILL))
 
 
 def rms(residual: Float) -> Float:

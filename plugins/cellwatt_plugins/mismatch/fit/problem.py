@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
@@ -174,13 +175,9 @@ class Problem:
                     part[:, term.joint or 0] += more
         return out, carried
 
-    def fit(self, blocks: Sequence[Block], factor: Float | None = None, alike: Regression | None = None) -> Regression:
-        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual.
-
-        ``alike`` is a fit of the same blocks with another factor.
-        """
-        given = np.full(len(self.floor), 2.0) if factor is None else factor
-        return Regression(self.design, blocks, given, alike)
+    def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:
+        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual."""
+        return Regression(self.design, blocks, np.full(len(self.floor), 2.0) if factor is None else factor)
 
     def factor(self, residual: Float) -> Float:
         """Correlation factor (C,) of a residual (N, C)."""
@@ -189,6 +186,11 @@ class Problem:
     def chi2(self, residual: Float) -> Float:
         """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise."""
         return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))
+
+    def rms(self, residual: Float) -> Float:
+        """Rms (C,) of a residual (N, C); near stops, where friction may pull either way, samples count less."""
+        weight = np.square(self.design.root)
+        return np.asarray(np.sqrt(np.sum(weight * np.square(residual), axis=0) / np.sum(weight, axis=0)))
 
     def fast_chi2(self, residual: Float) -> Float:
         """The same of what is faster than ``SLOW``: a spring rings and a gap clacks, friction does not."""
@@ -242,12 +244,12 @@ def torque_problem(
     noise = np.where(silent, 1.0, np.maximum(quiet, finest))
     least = 0.03 * spread
     coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
+    at_rest = held_at_rest(states, target, noise) / coulomb
     # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
     variance = tuple(
         noise**2
-        + np.square(coulomb * s.moved.sign_spread) * max(1.0, STOP / run.step)
+        + np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
         + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
-        + np.square(coulomb * s.held_still) * max(1.0, STOP / run.step)
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(
@@ -267,6 +269,15 @@ def torque_problem(
         nuisance=torque_nuisance(states, looseness),
         measured=spread,
     )
+
+
+def _unsure(states: States, at_rest: Float) -> Float:
+    """Variance (N, n) of friction in units of Coulomb's squared: of its sign, and of what holds the arm.
+
+    ``at_rest`` (n,) is the share of Coulomb friction that was seen to hold it at rest.
+    """
+    turning = states.turning
+    return np.square(turning.spread) + np.square(np.where(states.resting, np.minimum(at_rest, 1.0), turning.held))
 
 
 def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:

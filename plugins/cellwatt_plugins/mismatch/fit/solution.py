@@ -22,10 +22,8 @@ class Thresholds:
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
     share: float = 0.1
     """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors."""
-    share_near: float = 0.0
-    """The same near the noise, where it must be ``sure``."""
     near: float = 1.3
-    """Mean square residual, in units of the noise, up to which a channel is near it."""
+    """Mean square residual, in units of the noise, up to which a channel is near it: any share will do, if ``sure``."""
     steady: float = 1.5
     sure: float = 2.5
     much: float = 0.15
@@ -37,6 +35,11 @@ class Thresholds:
     """Mean square residual, in units of the noise."""
     better: float = 0.4
     """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
+    far: float = 4.0
+    """Mean square residual, in units of the noise, from which most of what is left at a channel has no name: what is no
+    usual thing must then take off ``share_far``, or be ``certain``."""
+    share_far: float = 0.35
+    certain: float = 8.0
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""
     rise: float = 0.02
@@ -59,7 +62,7 @@ def by_law(thresholds: Thresholds) -> Thresholds:
 
     So what is near the noise must take off as much as elsewhere, and what is far from it more.
     """
-    return replace(thresholds, share_near=thresholds.share, murky=0.35)
+    return replace(thresholds, near=0.0, murky=0.35)
 
 
 @dataclass(frozen=True)

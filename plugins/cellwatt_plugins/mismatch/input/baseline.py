@@ -48,6 +48,10 @@ MOVES = 0.05
 """rad or m that a joint must go for its friction and rotor to be found from the simulation."""
 SLOW = 0.03
 """rad/s below which simulators turn friction over each in its own way."""
+LEADS = tuple((0.0005 * np.arange(61)).tolist())
+"""s by which friction may turn over before the velocity."""
+SOONER = 0.7
+"""Share of the mean square left to which such a lead must bring it."""
 FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
 
 
@@ -58,6 +62,14 @@ class Baseline:
     arm: Arm
     field: Float | None = None
     """Gravity (3,) m/s² in the base's frame where the arm is mounted otherwise than its simulation says."""
+    lead: float | None = None
+    """s by which friction turns over early in the arm, where that is otherwise than in its simulation."""
+
+    @property
+    def recorded(self) -> Arm:
+        """The arm as it is set up, with the simulation's numbers."""
+        arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
+        return arm if self.lead is None else arm.with_friction_lead(self.lead)
 
     def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
         """The arm along a run, number ``index`` of those explained, as its simulation has it."""
@@ -65,8 +77,8 @@ class Baseline:
 
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
         """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
-        arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
-        return States(run.name, index, run.time, motion, arm, run.temperature, torque, power, drive=run.drive)
+        told = torque, power
+        return States(run.name, index, run.time, motion, self.recorded, run.temperature, *told, drive=run.drive)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""
@@ -114,6 +126,8 @@ def _thinned(told: Sequence[Simulated]) -> Simulated:
 
 
 def _mechanics(said: Simulated, arm: Arm) -> Baseline:
+    if lead := _lead(said, arm.body):
+        arm = arm.with_friction_lead(lead)
     described = Baseline(arm)
     if _left(said, described).max() < SAME:
         return described
@@ -131,7 +145,7 @@ def _mechanics(said: Simulated, arm: Arm) -> Baseline:
 
 def _left(said: Simulated, law: Baseline) -> Float:
     """Rms (n,) of the torque that a law leaves, as a share of its size."""
-    left = np.where(_clear(said.plan), said.torque - law.torque(said.plan), 0.0)
+    left = np.where(_clear(said.plan, law.arm), said.torque - law.torque(said.plan), 0.0)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
 
 
@@ -140,26 +154,46 @@ def _size(said: Simulated) -> Float:
     return np.asarray(np.maximum(size, 0.01 * size.max()))
 
 
-def _clear(plan: Plan) -> NDArray[np.bool_]:
+def _clear(plan: Plan, arm: Arm) -> NDArray[np.bool_]:
     """Samples (N, n) at which friction's sign is the same in every simulator: at rest, or clearly moving."""
-    speed = np.abs(plan.velocity)
+    speed = np.abs(plan.velocity + arm.description.friction_lead * plan.acceleration)
     return np.asarray((speed < 0.01 * SIGN_WIDTH) | (speed > SLOW))
 
 
-def _courses(plan: Plan, joint: int) -> Float:
+def _courses(plan: Plan, joint: int, lead: float) -> Float:
     """(N, 3): what one unit of Coulomb friction, viscous friction and rotor inertia adds at a joint."""
-    speed = plan.velocity[:, joint]
-    return np.column_stack([direction(speed), speed, plan.acceleration[:, joint]])
+    speed, gain = plan.velocity[:, joint], plan.acceleration[:, joint]
+    return np.column_stack([direction(speed + lead * gain), speed, gain])
+
+
+def _lead(said: Simulated, body: Body) -> float:
+    """s by which friction of the simulation turns over before the velocity does; 0 where that explains little."""
+    plan = said.plan
+    rest = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+    size = _size(said)
+
+    def left(lead: float) -> float:
+        """Mean square that each joint's own friction and rotor leave."""
+        out = 0.0
+        for joint in range(body.joints):
+            courses = _courses(plan, joint, lead)
+            apart = rest[:, joint] - courses @ np.linalg.lstsq(courses, rest[:, joint], rcond=None)[0]
+            out += float(np.mean(np.square(apart / size[joint])))
+        return out
+
+    found = {lead: left(lead) for lead in LEADS}
+    best = min(found, key=lambda lead: found[lead])
+    return best if found[best] < SOONER * found[0.0] else 0.0
 
 
 def _with_friction(said: Simulated, arm: Arm) -> Arm:
     """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
     plan = said.plan
     rest = said.torque - arm.body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
-    clear, travelled, joints = _clear(plan), np.ptp(plan.position, axis=0) > MOVES, []
+    clear, travelled, joints = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, []
     for i, joint in enumerate(arm.description.joints):
         own = np.array([getattr(joint, name) for name in FRICTION])
-        courses = _courses(plan, i)[clear[:, i]]
+        courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
         if travelled[i] and np.all(moved > 0):
             found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
@@ -173,7 +207,7 @@ def _with_friction(said: Simulated, arm: Arm) -> Arm:
 def _other_links(said: Simulated, arm: Arm) -> Baseline:
     """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
     own = np.stack([arm.column(name) for name in FRICTION], axis=1).ravel()
-    fit = _LinkFit(said, arm.body, own)
+    fit = _LinkFit(said, arm, own)
     resting = np.repeat(np.ptp(said.plan.position, axis=0) <= MOVES, len(FRICTION))
     fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
     best = fit.left(fixed)
@@ -195,10 +229,10 @@ def _other_links(said: Simulated, arm: Arm) -> Baseline:
 class _LinkFit:
     """Least squares of links, friction and rotors on a simulated torque."""
 
-    def __init__(self, said: Simulated, body: Body, own: Float) -> None:
-        self._own, joints, plan = own, body.joints, said.plan
+    def __init__(self, said: Simulated, arm: Arm, own: Float) -> None:
+        self._own, body, plan = own, arm.body, said.plan
         self._target = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
-        self._variance = np.where(_clear(plan), np.square(FINE * _size(said)), 1e12)
+        self._variance = np.where(_clear(plan, arm), np.square(FINE * _size(said)), 1e12)
         regressor = body.regressor(plan.position, plan.velocity, plan.acceleration)
         links = body.parameters().reshape(-1, PER_LINK)
         priors = [link_prior(each, OFF) for each in links]
@@ -207,7 +241,9 @@ class _LinkFit:
         self._links = [
             Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, prior) for i, prior in enumerate(priors)
         ]
-        self._courses = [(j, _courses(plan, j)[:, k : k + 1]) for j in range(joints) for k in range(len(FRICTION))]
+        lead = arm.description.friction_lead
+        courses = [(j, _courses(plan, j, lead)) for j in range(body.joints)]
+        self._courses = [(j, each[:, k : k + 1]) for j, each in courses for k in range(len(FRICTION))]
         self._wide = [_size(said)[j] / max(float(np.sqrt(np.mean(c**2))), 1e-6) for j, c in self._courses]
 
     def left(self, fixed: dict[int, float]) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import median_filter
 
 from cellwatt.errors import RecordingError
@@ -79,6 +80,8 @@ def even(
             wrong |= _glitches(time, np.where(wrong, np.nan, values))
         if name in lossy and not _few(time, wrong):
             filled[name] = np.where(wrong, np.nan, values)
+            if not wrong.all():
+                notes.append(_lost(place, name, time, wrong))
             continue
         if name not in slow:
             _few_enough(place, name, time, wrong)
@@ -91,8 +94,14 @@ def even(
     if grid is time:
         return Even(_line(time), filled, bad, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
+    curved = [name for name in positions if np.isfinite(filled[name]).all()]
     columns = {
-        name: onto(grid, time, values) if name == power else np.interp(grid, time, values)
+        name: onto(grid, time, values)
+        if name == power
+        # Straight lines leave a position by more than its encoder's noise wherever it speeds up.
+        else Akima1DInterpolator(time, values, method="makima")(grid)
+        if name in curved
+        else np.interp(grid, time, values)
         for name, values in filled.items()
     }
     return Even(grid, columns, gaps, tuple(notes))
@@ -149,6 +158,16 @@ def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
             f"t = {time[wrong][0]:.3f} s, the longest stretch {_longest(time, wrong):.2f} s: record it again or cut "
             "the file there"
         )
+
+
+def _lost(place: str, name: str, time: Float, wrong: Bool) -> str:
+    """A remark on a column that has no number in many rows: a sensor that died, or one that is read now and then."""
+    last = int(np.flatnonzero(~wrong)[-1])
+    if last < len(time) - 1 and _few(time[: last + 1], wrong[: last + 1]):
+        text = f"after t = {time[last]:.3f} s, to the end at {time[-1]:.3f} s: its sensor died or was not read any more"
+    else:
+        text = f"in {100 * float(np.mean(wrong)):.1f} % of its rows, first at t = {time[wrong][0]:.3f} s"
+    return f"{place}: {name} has no number {text}. These rows do not count for it"
 
 
 def _few(time: Float, wrong: Bool) -> bool:

@@ -100,7 +100,7 @@ def _prepared(told: tuple[Source, Signals], known: _Known) -> Run:
         )
     )
     if source.simulation is not None:
-        simulated = read_signals(source.simulation, robot)
+        simulated = read_signals(source.simulation, robot).with_controls(None)
         return _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
     return _with_targets(run, signals) if "target_position" in signals.joints else run
 
@@ -136,7 +136,7 @@ def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) ->
     temperature = signals.joints.get("temperature")
     run = Run(run_name(path), signals.time, position, velocity, np.zeros_like(position), temperature=temperature)
     if simulation is not None:
-        run = _with_simulation(run, read_signals(simulation, robot), cut=False)
+        run = _with_simulation(run, read_signals(simulation, robot).with_controls(None), cut=False)
     if "acceleration" not in signals.joints:
         return run, None
     return replace(run, plan=None), exact(position, *signals.derivatives("position", "velocity", "acceleration"))

@@ -14,7 +14,7 @@ from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import held, onto
-from cellwatt_plugins.robot.motion import rates
+from cellwatt_plugins.robot.motion import slope
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -27,6 +27,8 @@ LOSSY = ("torque", "current")
 """May lack joints, and samples of joints: these are NaN."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
 POWER = "power"
+FOLLOWS = 0.3
+"""Spread of commanded less real positions, as a share of the motion, up to which controls are positions."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +62,28 @@ class Signals:
         raise RecordingError(f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}")
 
     def with_controls(self, gains: Float | None) -> Signals:
-        """A simulator's controls as torques, by ``gains`` (n,) Nm a unit, or as commands where these are NaN."""
-        if gains is None or "control" not in self.joints:
+        """A simulator's controls as torques, by ``gains`` (n,) Nm a unit, or as commands where these are NaN.
+
+        Without gains, controls are torques where the file has no others, but commands where they follow the positions.
+        """
+        if "control" not in self.joints:
             return self
-        control, motors = self.joints["control"], np.isfinite(gains)
+        control = self.joints["control"]
+        if gains is None:
+            gains = np.where(self._followed(control), np.nan, 1.0)
+        motors = np.isfinite(gains)
         found = dict(self.joints)
-        if motors.any():
+        if motors.any() and "current" not in found:
             found.setdefault("torque", control * gains)
         if not motors.all():
             found.setdefault("command", np.where(motors, np.nan, control))
         return replace(self, joints=found)
+
+    def _followed(self, control: Float) -> Bool:
+        """True (n,) where the positions follow the controls."""
+        position = self.needed("position", "target_position")
+        apart = np.std(control - position, axis=0)
+        return np.asarray(apart < FOLLOWS * np.std(position, axis=0), np.bool_)
 
     def slower(self, rate: float) -> Signals:
         """Means of as many samples as bring it to ``rate`` Hz or less; a mean is a gap where one of them is."""
@@ -100,10 +114,10 @@ class Signals:
         """Velocity and acceleration; differentiated where the file lacks them."""
         speed = self.joints.get(velocity)
         if speed is None:
-            speed = rates(self.joints[position], self.step)[1]
+            speed = slope(self.joints[position], self.step)
         gain = self.joints.get(acceleration)
         if gain is None:
-            gain = rates(speed, self.step)[1]
+            gain = slope(speed, self.step)
         return speed, gain
 
 

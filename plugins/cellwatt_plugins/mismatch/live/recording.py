@@ -16,7 +16,10 @@ from cellwatt_plugins.robot import RobotDescription
 Float = NDArray[np.float64]
 
 WHOLE = 0.995
-"""Share of rows that a quantity must be there in to be told at all; the rest is mended in reading."""
+"""Share of rows that a quantity must be there in to be told at all; the rest is mended in reading.
+
+Torques are told anyway: a joint without one is left out by itself.
+"""
 
 
 def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
@@ -24,7 +27,7 @@ def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: F
     columns: dict[str, Float] = {"t": (time - time[0]) * 1e-9}
     for quantity, place in intake.places.items():
         table = rows[:, place] / intake.gain if quantity == "current" else rows[:, place]
-        if not _whole(table):
+        if quantity != intake.measured and not _whole(table):
             continue
         if quantity == "power":
             columns["power"] = table[:, 0]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 from cellwatt.report import Bars, Block, Folded, Section, Table
 from cellwatt.report.numbers import capital, decimals_for, fixed, measured, number, unit
 from cellwatt_plugins.mismatch.report import words
@@ -12,7 +15,21 @@ LEAD = (
     "1× is sensor noise, the best possible. Each step adds one finding to your simulation as it is; only the last step "
     "changes the numbers that your simulation has."
 )
+COLUMNS = ("in your simulation", "on your arm, ± one standard deviation")
+CENTRE = ("com_x", "com_y", "com_z")
 ROLES = {"simulation": "simulation", "finding": "model", "curve": "model", "retuning": "refit"}
+
+
+@dataclass(frozen=True)
+class NumberRow:
+    """A number of the arm as a person reads of it."""
+
+    name: str
+    was: str
+    """In the simulation."""
+    now: str
+    """On the arm."""
+    remark: str
 
 
 def section(findings: Findings) -> Section:
@@ -27,36 +44,50 @@ def section(findings: Findings) -> Section:
 
 def numbers(findings: Findings) -> Section:
     """Each number that is found or retuned: in the simulation, and on the arm."""
-    rows = [row for f in findings.findings if f.effect != words.UNKNOWN for row in _found(f)]
-    for moved in findings.retuned:
-        name = f"{words.effect_name(moved.parameter)}{_place(moved.parameter, moved.joint)}"
-        was = f"{number(moved.was)} {unit(moved.unit)}"
-        rows.append([capital(name), was, f"{measured(moved.now, moved.std)} {unit(moved.unit)}", _allowed(moved)])
-    table = Table("Numbers", ("number", "in your simulation", "on your arm, ± one standard deviation", ""), rows)
+    rows = [(row.name, row.was, row.now, row.remark) for row in number_rows(findings)]
+    table = Table("Numbers", ("number", *COLUMNS, ""), rows)
     return Section("Your simulation in numbers", [table] if rows else [])
 
 
-def _found(finding: Finding) -> list[list[str]]:
-    rows = []
-    for i, (name, parameter) in enumerate(finding.parameters.items()):
-        symbol = unit(parameter.unit)
-        known = finding.was if i == 0 else None
-        was = "not in it" if known is None else f"{number(known)} {symbol}"
-        now = f"{measured((known or 0.0) + parameter.value, parameter.std)} {symbol}"
-        title = f"{capital(words.named(finding))}: {name.replace('_', ' ')}"
-        rows.append([title, was, now, "mistuned" if finding.kind == "mistuned" else "missing"])
-    return rows
+def number_rows(findings: Findings) -> list[NumberRow]:
+    """Each number that is found, then each that is retuned; a centre of mass is one."""
+    rows = [row for f in findings.findings if f.effect != words.UNKNOWN for row in _found(f)]
+    return [*rows, *(_retuned(moved) for moved in findings.retuned)]
 
 
-def _place(parameter: str, joint: int | None) -> str:
-    if joint is None:
-        return ""
-    return f" of {'link' if parameter.startswith(('mass', 'com', 'i')) else 'joint'} {joint}"
+def _found(finding: Finding) -> Iterator[NumberRow]:
+    name = capital(words.named(finding))
+    remark = "off beyond its tolerance" if finding.kind == "mistuned" else "missing"
+    for i, (word, parameter) in enumerate(finding.parameters.items()):
+        symbol, known = unit(parameter.unit), finding.was if i == 0 else None
+        if known is not None:
+            now = f"{measured(known + parameter.value, parameter.std)} {symbol}"
+            yield NumberRow(name, f"{number(known)} {symbol}", now, remark)
+        elif word not in CENTRE:
+            now = f"{measured(parameter.value, parameter.std)} {symbol}"
+            yield NumberRow(f"{name}: {word.replace('_', ' ')}", "not in it", now.rstrip(), remark)
+    centre = [finding.parameters[word] for word in CENTRE if word in finding.parameters]
+    if centre:
+        std = max(p.std for p in centre)
+        place = ", ".join(fixed(p.value, decimals_for(std, 1)) for p in centre)
+        yield NumberRow(f"{name}: centre of mass", "not in it", f"({place}) ± {number(std, 1)} m", remark)
 
 
-def _allowed(moved: Retuned) -> str:
+def _retuned(moved: Retuned) -> NumberRow:
+    place = (
+        ""
+        if moved.joint is None
+        else f" of {'link' if moved.parameter.startswith(('mass', 'com', 'i')) else 'joint'} {moved.joint}"
+    )
+    name = moved.parameter.replace("com_", "centre of mass along ")
+    symbol = unit(moved.unit)
     allowed = "beyond" if moved.beyond else "within"
-    return f"retuned, {allowed} what you allow (± {number(moved.tolerance)} {unit(moved.unit)}, one standard deviation)"
+    return NumberRow(
+        capital(f"{words.effect_name(name)}{place}"),
+        f"{number(moved.was)} {symbol}",
+        f"{measured(moved.now, moved.std)} {symbol}",
+        f"retuned {allowed} your ± {number(moved.tolerance, 2)} {symbol}",
+    )
 
 
 def label(step: Step, first: bool) -> str:

@@ -48,10 +48,10 @@ def report(
         tiles=cards.tiles(findings.fit),
         tiles_remark="Error of the worst channel on data not used for fitting. 1× is sensor noise, the best possible.",
         sections=[
+            falls.numbers(findings),
             falls.section(findings),
             Section("What was found", cards.found(findings)),
             Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
-            falls.numbers(findings),
             Section("Channels", cards.fit_table(findings.fit), "Held-out rms error; dots on a scale of noise floors."),
             *figures.sections(findings, [t for t in traces if len(t.time)], floors),
             Section("Other recordings", cards.others_table(findings.others), OTHERS),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from cellwatt_plugins.mismatch.verdict.estimates import retuned
 
 def traces_of(runs: Sequence[Run], model: Model, torque: Solution, nominal: Solution) -> list[Trace]:
     """Return one trace a run, at all samples; ``torque`` and ``nominal`` are the solutions with and without effects."""
-    refit = Model(model.robot, retuned(nominal, None), (), model.links, model.gravity, model.mount)
+    refit = replace(model, retuned=retuned(nominal, None), terms=())
     out = []
     for run, states in zip(runs, torque.problem.states, strict=True):
         tuned, full = predict_states(refit, states), predict_states(model, states)

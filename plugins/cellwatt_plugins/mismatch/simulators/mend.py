@@ -203,7 +203,7 @@ def _held_out(
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     return tuple(
         ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
-        for c, (b, a, f) in enumerate(zip(rms(before), rms(after), problem.floor, strict=True))
+        for c, (b, a, f) in enumerate(zip(problem.rms(before), problem.rms(after), problem.floor, strict=True))
         if c in problem.told
     )
 

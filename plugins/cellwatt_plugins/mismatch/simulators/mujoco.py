@@ -43,7 +43,7 @@ class Simulator:
         """Torque (N, n) Nm at the joint side that moves the arm so, (N, n) each; other joints rest at their reference.
 
         Inverse dynamics without contacts, limits and equality constraints. MuJoCo softens dry friction to be able to
-        step it in time; here it turns over with the sign of the velocity.
+        step it in time: it brakes towards an acceleration of -b times the velocity, and so turns over 1/b before it.
         """
         import mujoco
 
@@ -54,7 +54,14 @@ class Simulator:
             data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
-        return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity))
+        return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity + self._lead[dof] * acceleration))
+
+    @property
+    def _lead(self) -> Float:
+        """s of each degree of freedom by which dry friction turns over before its velocity does: 1/b of its solver."""
+        time, damping = self.model.dof_solref.T
+        most = self.model.dof_solimp[:, 1]
+        return np.asarray(np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9)))
 
     def unit(self, joint: int, unit: str) -> str:
         """Unit at a ``joint`` (0-based) of what has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""

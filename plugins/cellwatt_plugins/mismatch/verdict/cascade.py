@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
 from cellwatt_plugins.mismatch.fit.retuning import all_fixed
 from cellwatt_plugins.mismatch.fit.solution import Solution
@@ -76,7 +76,7 @@ def falling(solution: Solution) -> Falling:
 
     def error(held: LeaveOut, terms: Sequence[Term]) -> Float:
         gone = sum((once[t.place] for t in terms if t.place in once), start=np.zeros(1))
-        return rms(held.residual([t for t in terms if t.place not in once]) - gone)
+        return best.problem.rms(held.residual([t for t in terms if t.place not in once]) - gone)
 
     before, chosen, out = error(fixed, []), list[Term](), list[Added]()
     laws = _largest_first(fixed, best, [t for t in steady if not isinstance(t.effect, Curve)], once)
@@ -86,7 +86,9 @@ def falling(solution: Solution) -> Falling:
         out.append(Added(term, before, after, float(np.sum(np.square(before / floor) - np.square(after / floor)))))
         before = after
     findings, curves = tuple(out[: len(laws)]), tuple(out[len(laws) :])
-    return Falling(best.problem, rms(best.problem.design.target), findings, curves, error(free, best.terms))
+    return Falling(
+        best.problem, best.problem.rms(best.problem.design.target), findings, curves, error(free, best.terms)
+    )
 
 
 def _once(solution: Solution) -> list[Term]:

@@ -22,15 +22,18 @@ Float = NDArray[np.float64]
 
 def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model:
     """The model that both solutions make, added to ``base``."""
-    states = torque.problem.states[0]
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
         terms += [FittedTerm(term, supply.fit.coefficients[supply.block(term)[1]]) for term in supply.terms]
     body = base.arm.body
     gravity = (
-        None if np.array_equal(body.gravity_field, Arm.of(states.robot).body.gravity_field) else body.gravity_field
+        None
+        if np.array_equal(body.gravity_field, Arm.of(base.arm.description).body.gravity_field)
+        else body.gravity_field
     )
-    return Model(states.robot, retuned(torque, supply), tuple(terms), body.changed, gravity, base.field)
+    return Model(
+        base.arm.description, retuned(torque, supply), tuple(terms), body.changed, gravity, base.field, base.lead
+    )
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:

@@ -22,22 +22,24 @@ def as_mounted(
     runs: Sequence[Run], states: Sequence[States], base: Baseline
 ) -> tuple[Baseline, Sequence[States], Finding | None]:
     """Baseline and states in the gravity that the recordings tell; as given where the simulation's is right."""
-    residual = _residual(runs, states)
-    found = _told(states, residual)
+    q, qd, qdd = (np.concatenate([getattr(s, name) for s in states]) for name in ("q", "qd", "qdd"))
+    found = mount(states[0].arm.body, q, qd, qdd, _residual(runs, states))
     if found is None:
         return base, states, None
     base = replace(base, field=found.field)
-    arm = base.arm.with_gravity(found.field)
+    arm = base.recorded
     new = [
         States(s.name, s.index, s.time, s.moved, arm, s.temperature, s.beyond, s.beyond_power, drive=s.drive)
         for s in states
     ]
-    return base, new, _finding(found, base, residual, _residual(runs, new))
+    return base, new, _finding(found, base, errors(runs, states), errors(runs, new))
 
 
-def _told(states: Sequence[States], residual: Float) -> Mount | None:
-    q, qd, qdd = (np.concatenate([getattr(s, name) for s in states]) for name in ("q", "qd", "qdd"))
-    return mount(states[0].arm.body, q, qd, qdd, residual)
+def errors(runs: Sequence[Run], states: Sequence[States]) -> Float:
+    """Rms (n,) Nm of what was measured less what the simulation says; 0 where no torque was read."""
+    off = _residual(runs, states)
+    read = np.isfinite(off)
+    return np.asarray(np.sqrt(np.sum(np.where(read, off, 0.0) ** 2, axis=0) / np.maximum(np.sum(read, axis=0), 1)))
 
 
 def _residual(runs: Sequence[Run], states: Sequence[States]) -> Float:
@@ -46,8 +48,7 @@ def _residual(runs: Sequence[Run], states: Sequence[States]) -> Float:
 
 def _finding(found: Mount, base: Baseline, before: Float, after: Float) -> Finding:
     was, now = base.arm.body.gravity_field, found.field
-    was_off, is_off = (np.nan_to_num(np.sqrt(np.nanmean(np.square(part), axis=0))) for part in (before, after))
-    gone = was_off - is_off
+    gone = before - after
     best = int(np.argmax(gone))
     felt = tuple(f"tau_{j + 1}" for j in np.flatnonzero(gone > 0.1 * gone[best]))
     parameters = {
@@ -59,7 +60,7 @@ def _finding(found: Mount, base: Baseline, before: Float, after: Float) -> Findi
         f'{_vector(was)}. In an MJCF that is <option gravity="{_vector(now)[1:-1].replace(",", "")}"/> where the base '
         "is not turned."
     )
-    error = Improvement(f"tau_{best + 1}", "N*m", float(was_off[best]), float(is_off[best]), 0.0, False)
+    error = Improvement(f"tau_{best + 1}", "N*m", float(before[best]), float(after[best]), 0.0, False)
     return Finding("gravity_tilt", None, "missing", 0.99, statement, parameters, Where(felt), error)
 
 

@@ -31,6 +31,8 @@ AT_ONCE = 1.0
 """s: what shows from the beginning on has no first time that would tell anything."""
 SIZEABLE = 0.1
 """Share of the error beyond the noise that a finding takes off at least, in its step, to be near certain."""
+SEEN = 0.05
+"""Share of the whole error that it takes off at least for that."""
 
 
 def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[Finding]:
@@ -40,7 +42,7 @@ def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[F
     """
     known = estimates(solution)
     beside = LeaveOut(solution.problem, solution.factor)
-    last = rms(beside.residual(solution.terms))
+    last = solution.problem.rms(beside.residual(solution.terms))
     return [_finding(solution, beside, added, known[added.term.place], last, gain) for added in steps.findings]
 
 
@@ -68,13 +70,13 @@ def _finding(
     step = 1.0 if seen else max(0.0, _share(solution, main, added.before, added.after))
     share = step
     if share < SIZEABLE:
-        without = rms(beside.residual([t for t in solution.terms if t is not term]))
+        without = solution.problem.rms(beside.residual([t for t in solution.terms if t is not term]))
         share = max(share, _share(solution, main, without, last))
     return Finding(
         effect=term.effect.name,
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
-        confidence=min(_confidence(own, rivals), _worth(step, share)),
+        confidence=min(_confidence(term, own, rivals), _worth(step, share, seen or _seen(main, added))),
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
@@ -146,9 +148,9 @@ def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveO
 
 def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
     name, unit = channel_name(solution.problem, left.channel), channel_unit(solution.problem, left.channel)
-    error = float(rms(held.residual(solution.terms))[left.channel])
+    error = float(solution.problem.rms(held.residual(solution.terms))[left.channel])
     best = solution.best
-    after = float(rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
+    after = float(best.problem.rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = ""
     if left.position is not None:
@@ -238,17 +240,25 @@ def _improvement(solution: Solution, added: Added, main: int, held_out: bool) ->
     return Improvement(name, unit, float(added.before[main]), float(added.after[main]), floor, held_out)
 
 
-def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
-    """Share of the name's evidence among all names that were tried in its place."""
-    gains = np.array([own, *(r.gain for r in rivals)])
+def _confidence(term: Term, own: float, rivals: Sequence[Candidate]) -> float:
+    """Share of the name's evidence among all names that were tried in its place.
+
+    Fancier ones have no part in it, which always fit as well and must do better on data left out.
+    """
+    gains = np.array([own, *(r.gain for r in rivals if term.effect.name not in r.term.effect.relations.beats)])
     weights = np.exp(np.minimum(gains - own, 0.0))
     return float(np.clip(1 / np.sum(weights), 0.5, 0.99))
 
 
-def _worth(step: float, share: float) -> float:
+def _seen(main: int, added: Added) -> bool:
+    """True if a term's step shows in its main channel without a statistician."""
+    return bool(added.after[main] < (1 - SEEN) * added.before[main])
+
+
+def _worth(step: float, share: float, seen: bool) -> float:
     """Confidence at most in a finding that takes ``step`` off in its step, and ``share`` there or beside all else."""
     most = 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)
-    return min(most, 0.98) if step < SIZEABLE else most
+    return most if seen and step >= SIZEABLE else min(most, 0.98)
 
 
 def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[Alternative, ...]:

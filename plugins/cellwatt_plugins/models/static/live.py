@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.config import load
 from cellwatt.frames import Frames
-from cellwatt.publish.reach import link_to
+from cellwatt.outlets.zenoh.reach import link_to
 from cellwatt.subscriber import Subscriber
 from cellwatt.tables import read_table
 from cellwatt_plugins.models.static.collect import Collector, Progress, place_of
@@ -31,7 +31,7 @@ def collect(
 ) -> Progress | None:
     """Collect until all of the ``plan`` was held, or ``seconds`` are over; ``tell`` is called after each pose.
 
-    None where not one frame came. Raises ``ConfigError``, ``SinkError`` and ``RecordingError``.
+    None where not one frame came. Raises ``ConfigError``, ``OutletError`` and ``RecordingError``.
     """
     config = load(cell)
     link = link_to(config)

@@ -12,8 +12,8 @@ from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Param
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
-ALIKE = 0.1
-"""Share of the strongest winding's loss that each has at least, for what its resistance may be."""
+APART = 0.2
+"""Share of their variance by which the windings' resistances differ from one another: motors of one arm are alike."""
 
 
 class CopperLoss(Effect):
@@ -22,7 +22,7 @@ class CopperLoss(Effect):
     name = "copper_loss"
     acts_on = "supply"
     depends_on = "fitted torque"
-    acceptance = Acceptance(above=0.0)
+    acceptance = Acceptance(above=0.0, usual=True)
     confusions = (
         Confusion("converter_efficiency", "hold the arm at several loads: at rest only copper heats"),
         Confusion("standby_power", "hold the arm at several loads"),
@@ -36,9 +36,11 @@ class CopperLoss(Effect):
         return np.square(run.torque / np.where(constants > 0, constants, 1.0))
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """Each winding may heat by about ``size`` W; one that hardly carries current has no other resistance for it."""
-        strength = np.sqrt(np.mean(np.square(columns), axis=0)) / size[0]
-        return Prior.spread(1 / np.maximum(strength, max(ALIKE * float(strength.max()), 1e-9)))
+        """Resistances of one size, at which a winding heats by about ``size`` W on average."""
+        scale = size[0] / max(float(np.sqrt(np.mean(np.square(columns)))), 1e-9)
+        joints = columns.shape[1]
+        alike = APART * np.eye(joints) + (1 - APART) * np.ones((joints, joints))
+        return Prior(np.zeros(joints), scale**2 * alike)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {f"resistance_{i + 1}": estimate.coefficient(i, "ohm") for i in range(len(estimate.coefficients))}

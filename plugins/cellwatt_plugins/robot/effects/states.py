@@ -13,7 +13,7 @@ from scipy.ndimage import minimum_filter1d
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
-from cellwatt_plugins.robot.motion import Moved
+from cellwatt_plugins.robot.motion import Moved, Turning
 
 if TYPE_CHECKING:
     from cellwatt_plugins.robot.servo.law import Drive
@@ -84,10 +84,15 @@ class States:
         """Acceleration (N, n) rad/s²."""
         return self.moved.acceleration
 
+    @cached_property
+    def turning(self) -> Turning:
+        """How friction goes with the motion."""
+        return self.moved.turning(self.robot.friction_lead)
+
     @property
     def sign(self) -> Float:
-        """Expected sign of the velocity (N, n), smooth within 4 mrad/s."""
-        return self.moved.sign
+        """Expected sign of friction (N, n), smooth within 4 mrad/s."""
+        return self.turning.sign
 
     @cached_property
     def regressor(self) -> Float:
@@ -102,7 +107,7 @@ class States:
     @property
     def unplanned(self) -> bool:
         """True if the motion had to be differentiated from encoders."""
-        return bool(self.moved.acceleration_spread.any())
+        return not self.moved.planned
 
     @property
     def load(self) -> Float:
@@ -138,11 +143,10 @@ class States:
         return self.nominal if self.fitted is None else self.fitted
 
     @cached_property
-    def held_still(self) -> Float:
-        """(N, n) 1 where a joint rests and its plan is not known, else 0: stiction may hold any torque there."""
-        unplanned = self.moved.acceleration_spread > 0
-        resting = minimum_filter1d(np.abs(self.qd) < MOVING, max(1, round(REST / self.step)), axis=0)
-        return np.asarray(resting & unplanned, np.float64)
+    def resting(self) -> NDArray[np.bool_]:
+        """(N, n) true within a rest of a joint."""
+        still = np.abs(self.qd) < MOVING
+        return np.asarray(minimum_filter1d(still, max(1, round(REST / self.step)), axis=0))
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
@@ -152,7 +156,7 @@ class States:
     def with_torque(self, torque: Float, carried: Float | None = None) -> States:
         """The same run with another fitted torque (and load, where given); what is cached stays."""
         new = replace(self, fitted=torque, carried=self.carried if carried is None else carried)
-        for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving", "held_still"):
+        for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving", "turning", "resting"):
             if name in self.__dict__:
                 new.__dict__[name] = self.__dict__[name]
         return new

@@ -34,7 +34,8 @@ class TorqueSaturation(Effect):
             [np.abs(run.torque[:, joint] + r[:, joint]) for run, r in zip(runs, residual, strict=True)]
         )
         asked = np.concatenate([np.abs(run.torque[:, joint]) for run in runs])
-        spread = float(np.median(np.abs(np.concatenate([r[:, joint] for r in residual])))) / 0.6745
+        # Of the reading alone: what the model does not explain yet is no noise of it.
+        spread = float(np.median(np.abs(np.diff(read)))) / 0.6745
         levels = [float(np.max(read)) - below * spread for below in BELOW]
         greatest = np.argsort(-asked)[: max(AMONG)]
         levels += [float(np.median(read[greatest[:count]])) for count in AMONG]

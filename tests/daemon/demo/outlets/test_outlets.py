@@ -54,7 +54,7 @@ def test_the_cell_has_what_the_demo_has_and_its_outlets(make: Make, tmp_path: Pa
     outlets = make("mosquitto", "prometheus")
     told = cells.environment(tmp_path, "127.0.0.1:1", "127.0.0.1:2", {})
     plain, cell = load(cells.packaged(), told), load(outlets.settings(), told)
-    assert set(cell.sinks) == {*plain.sinks, "metrics", "mqtt", "opc_ua"}
+    assert set(cell.outlets) == {*plain.outlets, "metrics", "mqtt", "opc_ua"}
     assert list(cell.sources) == list(plain.sources)
     assert list(cell.stages) == list(plain.stages)
 
@@ -62,8 +62,8 @@ def test_the_cell_has_what_the_demo_has_and_its_outlets(make: Make, tmp_path: Pa
 def test_what_has_no_program_is_left_out_and_told(make: Make, tmp_path: Path) -> None:
     outlets = make()
     cell = load(outlets.settings(), cells.environment(tmp_path, "127.0.0.1:1", "127.0.0.1:2", {}))
-    assert "mqtt" not in cell.sinks, "it would be tried again and again"
-    assert {"metrics", "opc_ua"} <= set(cell.sinks)
+    assert "mqtt" not in cell.outlets, "it would be tried again and again"
+    assert {"metrics", "opc_ua"} <= set(cell.outlets)
     assert [said.name for said in outlets.said] == ["OPC UA"]
     tell(outlets)
     shown = "\n".join(page(outlets, 110))
@@ -160,8 +160,8 @@ def test_every_missing_extra_is_named() -> None:
     done = subprocess.run([sys.executable, "-c", LACKING], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "sink 'metrics' needs the package prometheus_client.core: pip install 'cellwatt[metrics]'",
-        "sink 'mqtt' needs the package aiomqtt: pip install 'cellwatt[mqtt]'",
+        "outlet 'metrics' needs the package prometheus_client.core: pip install 'cellwatt[metrics]'",
+        "outlet 'mqtt' needs the package aiomqtt: pip install 'cellwatt[mqtt]'",
     ]
 
 

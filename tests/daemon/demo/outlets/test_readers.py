@@ -19,11 +19,11 @@ from cellwatt.demo.cells import free_endpoint
 from cellwatt.demo.outlets import programs, readers
 from cellwatt.demo.outlets.said import CURRENT, POWER, Said
 from cellwatt.errors import CellwattError
-from cellwatt.sinks.opc_ua.settings import OpcUaSinkSettings
-from cellwatt.sinks.opc_ua.sink import OpcUaSink
-from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm
-from tests.daemon.sinks.metrics import cell
-from tests.daemon.sinks.metrics.cell import health, sink_of, source
+from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet
+from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
+from tests.daemon.outlets.metrics import cell
+from tests.daemon.outlets.metrics.cell import health, outlet_of, source
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm
 from tests.patience import eventually
 
 MOSQUITTO, PROMETHEUS = programs.find("mosquitto"), programs.find("prometheus")
@@ -56,13 +56,13 @@ async def reading(work: Any) -> AsyncIterator[None]:
 @pytest.mark.slow
 async def test_prometheus_is_read(tmp_path: Path) -> None:
     assert PROMETHEUS is not None
-    sink, said, at = sink_of(), Said("Prometheus"), await asyncio.to_thread(free_endpoint)
+    outlet, said, at = outlet_of(), Said("Prometheus"), await asyncio.to_thread(free_endpoint)
     up = [cell.alarm("error", "joint_fault"), cell.alarm("info", "meter_timing")]
-    sink.health(health(state="amber", sources={"arm": source(7001)}, alarms=up))
-    sink.offer(frames(1, 231.0625, 1.0))
+    outlet.health(health(state="amber", sources={"arm": source(7001)}, alarms=up))
+    outlet.offer(frames(1, 231.0625, 1.0))
     async with (
         reading(readers.read_prometheus(said, at)),
-        cell.serving(sink) as url,
+        cell.serving(outlet) as url,
     ):
         await eventually(lambda: said.problem.startswith("does not answer"), "nobody is there yet")
         async with programs.prometheus(PROMETHEUS, tmp_path, at, url.removeprefix("http://")):
@@ -71,7 +71,7 @@ async def test_prometheus_is_read(tmp_path: Path) -> None:
             assert [told.key for told in said.frames] == [231.0625]
             assert said.states[-1].values == {"state": "amber", "samples of arm": 7001, "alarms that are up": 2}
             await eventually(lambda: "CellwattAlarm is pending" in said.fault, "our rule")
-            sink.health(health(sources={"arm": source(7501)}))
+            outlet.health(health(sources={"arm": source(7501)}))
             await eventually(lambda: not said.fault, "the alarm is over")
 
 
@@ -116,21 +116,21 @@ async def test_an_opc_ua_server_is_read(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(readers, "_SPACE", f"urn:cellwatt:{SITE}:{CELL}")
     at = await asyncio.to_thread(free_endpoint)
     said = Said("OPC UA")
-    sink = OpcUaSink("opc_ua", OpcUaSinkSettings.model_validate({"listen": at, "rate": "50 Hz"}), FakeView())
-    async with reading(readers.read_opc_ua(said, f"opc.tcp://{at}/cellwatt")), reading(sink.run()):
+    outlet = OpcUaOutlet("opc_ua", OpcUaOutletSettings.model_validate({"listen": at, "rate": "50 Hz"}), FakeView())
+    async with reading(readers.read_opc_ua(said, f"opc.tcp://{at}/cellwatt")), reading(outlet.run()):
         await eventually(lambda: "does not answer" in said.problem, "it starts for seconds")
-        await eventually(lambda: sink.url is not None, "the server")
+        await eventually(lambda: outlet.url is not None, "the server")
         for number in range(1, 5):
-            sink.offer(frames(number, 100.0625 + number, -0.5))
-        sink.health({"state": "green", "sources": {"arm": {"received": 500}}, "alarms": []})
+            outlet.offer(frames(number, 100.0625 + number, -0.5))
+        outlet.health({"state": "green", "sources": {"arm": {"received": 500}}, "alarms": []})
         await eventually(lambda: said.states, "a client that knows the channels")
-        sink.offer(frames(5, 231.0625, 0.25))
-        sink.offer(alarm(1))
+        outlet.offer(frames(5, 231.0625, 0.25))
+        outlet.offer(alarm(1))
         await eventually(lambda: said.complete and said.frames[-1].key == 231.0625 and said.fault, "all of them")
         assert said.frames[-1].values == {POWER: 231.0625, CURRENT: 0.25}
         assert said.frames[-1].time == EPOCH + 5 * LAYOUT.step
         assert said.fault == "condition joint_fault, severity 800: Joint 1 needs more power than it should."
-        sink.offer(alarm(1, active=False))
+        outlet.offer(alarm(1, active=False))
         await eventually(lambda: not said.fault, "the alarm is over")
 
 

@@ -18,12 +18,12 @@ from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes.resume import LAST, Resume
 from cellwatt.runtime.processes.shared import Assignment, Shared
 from cellwatt.runtime.processes.tell import _Telling
-from tests.daemon.publish.fake_cell import task
+from tests.daemon.outlets.zenoh.fake_cell import task
 from tests.daemon.record.making import HEADER, batch_of, numbered_in
 from tests.daemon.runtime.fakes import alarm, config_of, stages
 from tests.patience import PATIENCE
 
-CONFIG = config_of(stages=stages("heat"), sinks={})
+CONFIG = config_of(stages=stages("heat"), outlets={})
 BEGUN = Status({"begun": ["heat"]})
 
 

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.leave_out import BLOCK, FOLDS, LeaveOut, compared, rms
+from cellwatt_plugins.mismatch.fit.leave_out import BLOCK, FOLDS, LeaveOut, compared, folds_of, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
@@ -40,6 +42,21 @@ def test_blocks_are_seconds_long_so_that_neighbours_tell_nothing(problem, held):
         edges = np.flatnonzero(np.diff(part)) + 1
         lengths += list(np.diff([0, *edges, len(part)]) * problem.rows[0].step)
     assert min(lengths) > 0.5 * BLOCK
+
+
+def test_runs_of_one_motion_share_their_folds(problem):
+    """A third run that makes the motion of the first again is left out with it."""
+    again = replace(
+        problem,
+        states=(*problem.states, problem.states[0]),
+        rows=(*problem.rows, problem.rows[0]),
+        target=(*problem.target, problem.target[0]),
+    )
+    fold, count = folds_of(again)
+    first, other, repeated = np.split(fold, np.cumsum([len(part) for part in problem.target]))
+    np.testing.assert_array_equal(first, repeated)
+    assert count == FOLDS
+    assert set(first) | set(other) == set(range(FOLDS))
 
 
 def ridge(problem: Problem, left: np.ndarray) -> np.ndarray:

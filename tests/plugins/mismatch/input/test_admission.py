@@ -6,6 +6,7 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.admission.remarks import LEVELS, remarks
 from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
@@ -406,6 +407,14 @@ def test_cut_off_and_coarse_torques_are_notes(described, arm):
     torque[:, 2] = np.round(torque[:, 2] / steps) * steps
     (note,) = examine([replace(run, torque=torque)], arm)[1]
     assert note == f"run_01: the torque of joint 3 comes in steps of {steps:.3g} Nm: smaller effects cannot be seen"
+
+
+def test_a_run_of_few_samples_has_few_values_and_no_steps(described, arm):
+    run = recorded(described, excitation(1))
+    few = slice(0, LEVELS - 10)
+    parts = {name: getattr(run, name)[::20][few] for name in ("time", "position", "torque")}
+    short = replace(run, **parts, velocity=None, plan=None)
+    assert not [note for note in remarks([short], arm.description) if "steps" in note]
 
 
 def test_notes_of_reading_and_missing_power(described, arm):

@@ -112,7 +112,20 @@ def test_a_stretch_without_numbers_is_left_out_of_that_joint_alone(tmp_path, run
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.torque[:, 2])), np.arange(200, 600))
     assert np.isfinite(found.torque[:, [0, 1, 3, 4, 5]]).all()
     assert found.gaps is None
+    (note,) = [n for n in found.notes if "tau_3" in n]
+    assert (
+        f"tau_3 has no number in {100 * 400 / len(run.time):.1f} % of its rows, first at t = {run.time[200]:.3f} s"
+        in note
+    )
     examine([found], arm)
+
+
+def test_a_sensor_that_dies_in_a_run_is_told(tmp_path, run, arm):
+    torque = run.torque[:, 2].copy()
+    torque[500:] = np.nan
+    found = read(tmp_path, run, arm, tau_3=torque)
+    (note,) = [n for n in found.notes if "tau_3" in n]
+    assert f"after t = {run.time[499]:.3f} s, to the end at {run.time[-1]:.3f} s: its sensor died" in note
 
 
 def test_no_torque_at_all_is_refused(tmp_path, run, arm):

@@ -10,6 +10,7 @@ from cellwatt_plugins.mismatch.fit.acceptance import (
     relieves_tension,
     required_gain,
     seen_by_several,
+    stands_out,
     unconfirmed,
 )
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
@@ -23,20 +24,23 @@ UNSURE = 0.65
 """Share of a term's evidence from which a quite different shape of it fits about as well."""
 
 
-def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
-    """Terms that the later ones made needless leave; the last ``keep`` stay."""
-    for term in list(now.terms[: len(now.terms) - keep]):
+def drop_needless(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
+    """Terms that others made needless leave; only those that ``beside`` can stand for, where it is given."""
+    for term in _weakest_first(now):
+        if term is beside or not shares_channel(term, beside):
+            continue
+        if beside is not None and term.effect.usual and term.joint != beside.joint:
+            continue
         others = [t for t in now.terms if t is not term]
         shaping = any(t.joint == term.joint and t.effect.acts_on == "friction" for t in others)
         if shaping and not has_friction(state, term.joint, others):
             continue
         rest = solve(state, others)
         gain = rest.fit.gain(now.problem.block(term))[0]
-        if gain < required_gain(term, state.robot, state.thresholds):
-            last = solve(state, [*others, term])
-            if unconfirmed(rest, last, state.thresholds, gain) is not None:
-                state.refuse(term, gain, "needless beside the others")
-                now = rest
+        small = gain < required_gain(term, state.robot, state.thresholds)
+        if small and unconfirmed(rest, now, term, state.thresholds, gain) is not None:
+            state.refuse(term, gain, "needless beside the others")
+            now = rest
     return now
 
 
@@ -74,7 +78,7 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             if share < state.thresholds.better or beyond.sure < state.thresholds.steady:
                 gain = rest.fit.gain(rest.problem.block(term))[0]
                 state.refuse(term, gain, f"is no better than {name.replace('_', ' ')} on data left out")
-                now = rest if unconfirmed(rest, plain, state.thresholds, gain) else plain
+                now = rest if unconfirmed(rest, plain, plain.terms[-1], state.thresholds, gain) else plain
                 break
     return now
 
@@ -97,32 +101,43 @@ def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
 
 
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
-    """Terms that data left out do not confirm beside the others leave, the smallest first."""
-    for term in sorted(now.terms, key=lambda t: _size(now, t)):
+    """Terms that data left out do not confirm beside the others leave."""
+    for term in _weakest_first(now):
         rest = without(state, now, term)
-        last = solve(state, [*rest.terms, term])
         gain = rest.fit.gain(rest.problem.block(term))[0]
-        why = unconfirmed(rest, last, state.thresholds, gain)
-        several = not term.effect.acceptance.several_channels or relieves_tension(rest, last, state.thresholds)
-        if why is None and not several and not seen_by_several(rest, last.block(term)[0]):
+        why = unconfirmed(rest, now, term, state.thresholds, gain)
+        several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
+        if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
             why = "only one channel asks for it"
-        if why is None and _murky(state, rest, last):
+        if why is None and _murky(state, rest, now, term):
             why = "takes little off a channel of which much stays unexplained"
+        if why is None and not stands_out(rest, now, term, state.thresholds):
+            why = "is small beside what is left there"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest
     return now
 
 
-def _murky(state: SearchState, rest: Solution, last: Solution) -> bool:
-    """True if the last term takes little off its joint beside what is in no library."""
-    term, asked = last.terms[-1], state.thresholds
+def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> bool:
+    """True if a term takes little off its joint beside what is in no library."""
+    asked = state.thresholds
     if asked.murky == 0.0 or term.joint is None:
         return False
     if term.effect.form.intermittent or np.isfinite(term.effect.acceptance.by_evidence):
         return False
-    left = last.problem.chi2(last.residual)[term.joint]
-    return bool(left > asked.much_left) and held(rest, last, term).share < asked.murky
+    left = now.problem.chi2(now.residual)[term.joint]
+    return bool(left > asked.much_left) and held(rest, now, term).share < asked.murky
+
+
+def shares_channel(term: Term, other: Term | None) -> bool:
+    """True if two terms act on a common channel; with None, always."""
+    return other is None or None in (term.joint, other.joint) or term.joint == other.joint
+
+
+def _weakest_first(now: Solution) -> list[Term]:
+    """The terms by their evidence beside all others: of two that stand for one another the weaker is asked first."""
+    return sorted(now.terms, key=lambda t: now.fit.added(now.block(t)[1]) + t.effect.relations.plainer)
 
 
 def _size(now: Solution, term: Term) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from cellwatt.scheduler.ambient import cluster
+from cellwatt.scheduler.spread import workers
 
 
 def now() -> float:
@@ -12,4 +12,4 @@ def now() -> float:
 
     Where workers do the computing it is the time of day's.
     """
-    return time.process_time() if cluster() is None else time.monotonic()
+    return time.process_time() if workers() is None else time.monotonic()

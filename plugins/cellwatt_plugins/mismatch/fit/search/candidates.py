@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.acceptance import physical, within_prior
 from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.search.solve import without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.robot.blocks import Block
@@ -17,27 +18,56 @@ from cellwatt_plugins.robot.effects.effect import Effect, Shape
 
 Float = NDArray[np.float64]
 
+MOSTLY = 0.5
+"""Share of a joint's residual beyond the noise that is fast, from which effects that ring or clack are tried."""
+SAME_LOAD = 0.05
+"""Share by which a load may change before what swings under it is simulated anew."""
 
-def candidates(state: SearchState, now: Solution, at: int | None = None) -> list[Candidate]:
-    """Return what each effect would add, greatest evidence first; at joint ``at`` only, where it is given.
 
-    What was found at joints of which no term has changed since is as it was.
+def candidates(state: SearchState, now: Solution) -> list[Candidate]:
+    """Return what each effect would add, greatest evidence first."""
+    return _ordered(state, now, now, lambda effect, joint: True)
+
+
+def rivals(state: SearchState, now: Solution, term: Term) -> tuple[Solution, float, list[Candidate]]:
+    """Return the other terms alone, the evidence of a term beside them, and what could stand in its place, best first.
+
+    That is any effect at its joint, and one of the whole arm that can look the same; those alone that cost little once
+    the time is up.
     """
-    chi2 = now.problem.fast_chi2(now.residual)
+    others, spent = without(state, now, term), state.spent()
+    alike = {confusion.effect for confusion in term.effect.confusions}
+
+    def rival(effect: Effect, joint: int | None) -> bool:
+        if spent and not effect.by_motion_alone:
+            return False
+        return term.joint is None or joint == term.joint or (joint is None and effect.name in alike)
+
+    # A term that leaves nothing fast has no rival among what rings and clacks.
+    fast = others if term.effect.form.sample_by_sample else now
+    own = others.fit.gain(others.problem.block(term))[0]
+    return others, own, [c for c in _ordered(state, others, fast, rival) if c.term.place != term.place]
+
+
+def _ordered(
+    state: SearchState, now: Solution, fast: Solution, asked: Callable[[Effect, int | None], bool]
+) -> list[Candidate]:
+    """Candidates at the places asked for; what was found beside the same terms is as it was."""
+    quick, every = fast.problem.fast_chi2(fast.residual) - 1, fast.problem.chi2(fast.residual) - 1
+    rings = (quick > state.thresholds.costly - 1) & (quick > MOSTLY * every)
     places = [
         (effect, joint)
         for effect in state.effects
         for joint in _places(state, effect)
-        if (at is None or joint == at or (joint is None and effect.acts_on != "reading"))
-        and _open(state, now, effect, joint, chi2)
+        if asked(effect, joint) and _open(state, now, effect, joint, rings)
     ]
-    known = state.known(now.terms) if at is None else {}
     out = []
     for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " ")):
-        key = effect.name, joint
-        if key not in known:
-            known[key] = _tried(state, now, effect, joint)
-        out.append(known[key])
+        own = frozenset(t for t in now.terms if joint is None or t.joint in (None, joint))
+        key = effect.name, joint, own
+        if key not in state.known:
+            state.known[key] = _tried(state, now, effect, joint)
+        out.append(state.known[key])
     return sorted((c for c in out if c is not None), key=lambda c: -c.gain - c.term.effect.relations.plainer)
 
 
@@ -66,11 +96,11 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
     return [joint for joint in places if effect.possible(state.robot, joint)]
 
 
-def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, fast_chi2: Float) -> bool:
-    """True if an effect is worth a try beside the terms that are there."""
+def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, rings: NDArray[np.bool_]) -> bool:
+    """True if an effect is worth a try beside the terms that are there; what ``rings`` at joints that do."""
     if any(t.joint == joint and _stands_for(t.effect, effect) for t in now.terms):
         return False
-    if effect.form.sample_by_sample and joint is not None and fast_chi2[joint] <= state.thresholds.costly:
+    if effect.form.sample_by_sample and joint is not None and not rings[joint]:
         return False
     return effect.acts_on != "friction" or has_friction(state, joint, now.terms)
 
@@ -99,12 +129,15 @@ def _best_shape(
 
 
 def _blocks(state: SearchState, now: Solution, effect: Effect, joint: int | None, terms: Sequence[Term]) -> list[Block]:
-    """Blocks of all shapes of an effect; made once where they depend on the motion alone."""
+    """Blocks of all shapes of an effect; made once for a motion, and costly ones for a load."""
     key, problem = (effect.name, joint), now.problem
-    if key in state.blocks:
+    costly = effect.form.sample_by_sample and effect.depends_on == "load"
+    load = np.concatenate([s.load[:, joint or 0] for s in problem.states]) if costly else np.zeros(0)
+    old = state.loads.get(key, np.zeros(0))
+    if key in state.blocks and (not costly or np.std(load - old) < SAME_LOAD * np.std(old)):
         return state.blocks[key]
     per_run = [effect.grid(s, joint, [t.shape for t in terms]) for s in problem.states]
     blocks = [problem.prior_block(t, problem.stack([run[i] for run in per_run])) for i, t in enumerate(terms)]
-    if effect.by_motion_alone:
-        state.blocks[key] = blocks
+    if effect.by_motion_alone or costly:
+        state.blocks[key], state.loads[key] = blocks, load
     return blocks

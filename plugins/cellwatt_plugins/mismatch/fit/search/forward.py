@@ -7,14 +7,15 @@ from collections import Counter
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.acceptance import collinear, rejection
 from cellwatt_plugins.mismatch.fit.problem import Term, said
-from cellwatt_plugins.mismatch.fit.search.candidates import candidates
+from cellwatt_plugins.mismatch.fit.search.backward import shares_channel
+from cellwatt_plugins.mismatch.fit.search.candidates import candidates, rivals
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 
-BEST = 2
-"""Candidates at one place (a joint, the whole arm) that are looked at closely in a step."""
+BEST, USUAL = 2, 5
+"""Candidates at one place (a joint, the whole arm) that are looked at closely in a step, and where one is usual."""
 RIVALS = 3
 """Other names that are fitted in a term's place."""
 AHEAD = 3.0
@@ -29,7 +30,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
         if candidate.gain < state.thresholds.least:
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
-        if looked_at[candidate.term.joint] == BEST:
+        if looked_at[candidate.term.joint] >= (USUAL if candidate.term.effect.usual else BEST):
             state.refuse(candidate.term, candidate.gain, "others at its place add more evidence and were refused")
             state.unlooked.discard(candidate.term.joint)
             continue
@@ -71,15 +72,14 @@ def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solutio
 def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
     """Each term under the name that explains it best, the others held; only what shares a channel with ``beside``."""
     for term in steps(list(now.terms), "other names for", said):
-        if beside is not None and None not in (beside.joint, term.joint) and beside.joint != term.joint:
+        if not shares_channel(term, beside):
             continue
         if state.spent():
             break
-        others = without(state, now, term)
-        own = others.fit.gain(others.problem.block(term))[0]
-        for rival in candidates(state, others, at=term.joint)[:RIVALS]:
+        others, own, found = rivals(state, now, term)
+        for rival in found[:RIVALS]:
             ahead = rival.term.effect.relations.plainer - term.effect.relations.plainer
-            if rival.term.place == term.place or rival.gain + ahead < own - AHEAD:
+            if rival.gain + ahead < own - AHEAD:
                 continue
             new = refine(state, solve(state, [*others.terms, rival.term]), rival.term)
             gain = others.fit.gain(new.problem.block(new.terms[-1]))[0]

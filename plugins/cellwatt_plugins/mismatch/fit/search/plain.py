@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cellwatt_plugins.mismatch.fit.acceptance import physical, unconfirmed
+from cellwatt_plugins.mismatch.fit.acceptance import physical
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
@@ -18,22 +18,17 @@ def plain_terms(state: SearchState, now: Solution) -> Solution:
     """The solution with what every arm has and the simulation knows nothing of, where it holds.
 
     That is friction and an offset of each joint without known friction, or constant power and heat of the windings.
-    All of it is fitted together before each term is asked for beside the others.
+    All of it is fitted together. What is finer is asked for beside it, and only then whether all of it is needed: where
+    nobody knows of a balancer yet, no friction shows.
     """
     asked = _asked(state)
     if not asked:
         return now
     now = reweigh(state, solve(state, [*now.terms, *asked]))
     for term in sorted(asked, key=lambda t: now.fit.added(now.block(t)[1])):
-        gain = now.fit.added(now.block(term)[1])
-        rest = without(state, now, term)
-        backwards = not physical(term, now.coefficients(term), state.robot)
-        small = backwards or gain < state.thresholds.least
-        last = solve(state, [*rest.terms, term])
-        why = "is needless" if small else unconfirmed(rest, last, state.thresholds, gain)
-        if why is not None:
-            state.refuse(term, gain, why)
-            now = rest
+        if not physical(term, now.coefficients(term), state.robot):
+            state.refuse(term, now.fit.added(now.block(term)[1]), "would push with the motion")
+            now = without(state, now, term)
     return reweigh(state, now)
 
 

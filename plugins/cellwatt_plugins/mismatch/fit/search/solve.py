@@ -45,9 +45,9 @@ def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
 def _by_motion_alone(problem: Problem, terms: Sequence[Term]) -> Solution:
     """The same of terms whose columns stay as they are whatever torque is fitted: only the noise is found anew."""
     first = problem.fit([problem.block(t) for t in terms])
-    second = problem.fit(first.blocks, _noise_factor(problem, first), first)
+    second = problem.fit(first.blocks, _noise_factor(problem, first))
     problem, factor = _with_fitted_torque(problem, terms, second), _noise_factor(problem, second)
-    fit = problem.fit(first.blocks, factor, first)
+    fit = problem.fit(first.blocks, factor)
     return Solution(problem, list(terms), fit, _noise_factor(problem, fit))
 
 

@@ -45,7 +45,9 @@ class SearchState:
     problem: Problem
     """Nominal parameters alone; terms are fitted beside them."""
     blocks: dict[Place, list[Block]] = field(default_factory=dict)
-    """All shapes of the effects whose columns depend on the motion alone."""
+    """All shapes of the effects whose columns depend on the motion alone, or are costly."""
+    loads: dict[Place, Float] = field(default_factory=dict)
+    """Load (N,) Nm at the joint with which those of costly effects were simulated."""
     solved: dict[tuple[Term, ...], Solution] = field(default_factory=dict)
     """The last solutions of the present problem."""
     refused: dict[Place, Trial] = field(default_factory=dict)
@@ -57,8 +59,8 @@ class SearchState:
     """What some terms leave at all samples of each run."""
     looseness: float = 1.0
     """Factor on the tolerances of the links."""
-    _known: dict[Place, Candidate | None] = field(default_factory=dict)
-    _beside: tuple[Term, ...] = ()
+    known: dict[tuple[str, int | None, frozenset[Term]], Candidate | None] = field(default_factory=dict)
+    """What an effect would add at a joint (0-based) beside the terms that act there."""
     powered: bool = False
     """True where the supply tells what is friction and what is in the measurement."""
     until: float = float("inf")
@@ -88,18 +90,8 @@ class SearchState:
         old = self.problem
         self.problem = replace(self.make(self.turning, self.looseness), simulated=old.simulated, made=old.made)
         self.solved.clear()
-        self._known.clear()
+        self.known.clear()
         self.left = None
-
-    def known(self, terms: Sequence[Term]) -> dict[Place, Candidate | None]:
-        """What each place would add beside ``terms``, as far as it was found beside the same terms of its joint."""
-        changed = {t.joint for t in set(terms) ^ set(self._beside)}
-        if None in changed:
-            self._known.clear()
-        for place in [p for p in self._known if changed and p[1] in (None, *changed)]:
-            del self._known[place]
-        self._beside = tuple(terms)
-        return self._known
 
     def use(self, problem: Problem) -> None:
         """Go on with the same problem under other priors."""

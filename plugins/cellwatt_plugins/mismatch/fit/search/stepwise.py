@@ -22,13 +22,13 @@ from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_unconfirmed,
     drop_within_model_error,
 )
-from cellwatt_plugins.mismatch.fit.search.candidates import candidates
+from cellwatt_plugins.mismatch.fit.search.candidates import rivals
 from cellwatt_plugins.mismatch.fit.search.curves import drop_ill_formed, with_curves
 from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
 from cellwatt_plugins.mismatch.fit.search.plain import plain_terms
 from cellwatt_plugins.mismatch.fit.search.refine import refine
-from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
-from cellwatt_plugins.mismatch.fit.search.state import Make, SearchState, start
+from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve
+from cellwatt_plugins.mismatch.fit.search.state import Make, Place, SearchState, start
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Candidate, Solution, Thresholds, Trial
 from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -53,54 +53,50 @@ def search(
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
     """
     state = start(make, channels, thresholds, effects, until, powered)
-    now = _found(state)
+    now = _found(state, ())
     loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
     if loose > 1 and not state.spent():
         state.loosen(loose)
-        now = _found(state)
-    free = state.problem
+        now = _found(state, now.terms)
+    free, others = state.problem, _rivals(state, now)
     state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
     now = drop_unconfirmed(state, solve(state, now.terms))
     now.spent, now.free = state.spent(), free
     now.unlooked = tuple(j for j in state.moving if j in state.unlooked) if now.spent else ()
-    now = _compared(state, now)
+    now.rivals = {term.place: others[term.place] for term in now.terms}
+    refused = [trial for place, trial in state.refused.items() if place not in now.rivals]
+    now.tried = [_kept(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
     now.curved = with_curves(state, now)
     return now
 
 
-def _found(state: SearchState) -> Solution:
-    """The terms found from none."""
+def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
+    """The terms found from some on."""
     state.changed(None)
-    now = plain_terms(state, solve(state, []))
+    now = drop_needless(state, reweigh(state, solve(state, terms))) if terms else plain_terms(state, solve(state, []))
     while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
-        now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))
+        now = swap(state, reweigh(state, entered), beside=entered.terms[-1])
+        now = drop_needless(state, now, beside=now.terms[-1])
     now = drop_needless(state, swap(state, now))
     for term in steps(now.terms[:-1], "refining", said):
         if not state.spent():
             now = refine(state, now, term)
-    now = drop_needless(state, now, keep=0)
+    now = drop_needless(state, now)
     for drop in steps(CHECKS, "test of what was found"):
         now = drop(state, now)
     return now
 
 
-def _compared(state: SearchState, now: Solution) -> Solution:
-    """The solution with the rivals of each term, and all that was tried: kept first, then by the evidence."""
-    now.rivals = {term.place: _rivals(state, now, term) for term in steps(now.terms, "other names for", said)}
-    refused = [trial for place, trial in state.refused.items() if place not in now.rivals]
-    now.tried = [_kept(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
-    return now
-
-
-def _rivals(state: SearchState, now: Solution, term: Term) -> tuple[float, tuple[Candidate, ...]]:
-    """Evidence of a term beside the others, and the names that come nearest in its place."""
-    others = without(state, now, term)
-    own = others.fit.gain(others.problem.block(term))[0]
-    found = [c for c in candidates(state, others, at=term.joint) if c.term.place != term.place]
-    return own, tuple(found[:RIVALS])
+def _rivals(state: SearchState, now: Solution) -> dict[Place, tuple[float, tuple[Candidate, ...]]]:
+    """Evidence of each term beside the others, and of the names that come nearest in its place."""
+    out = {}
+    for term in steps(now.terms, "other names for", said):
+        _, own, found = rivals(state, now, term)
+        out[term.place] = own, tuple(found[:RIVALS])
+    return out
 
 
 def _kept(now: Solution, term: Term) -> Trial:
-    gain, rivals = now.rivals[term.place]
-    best = f"{rivals[0].term.effect.name} in its place: {rivals[0].gain:.0f}" if rivals else "no other name fits"
+    gain, others = now.rivals[term.place]
+    best = f"{others[0].term.effect.name} in its place: {others[0].gain:.0f}" if others else "no other name fits"
     return Trial.of(term, gain, True, best)

@@ -22,7 +22,9 @@ CLIPPED = 0.01
 ROW = 3
 """Samples at the extreme in a row that noise does not make."""
 LEVELS = 50
-"""Fewer different values of a torque are steps that can be seen."""
+"""Fewer different values of a torque are steps that can be seen …"""
+OFTEN = 2
+"""… where each was read so many times on average."""
 FROZEN = 1.0
 """s at exactly one value that noise does not leave."""
 PERIOD = 4
@@ -76,8 +78,9 @@ def _cut_off(run: Run, robot: RobotDescription) -> Iterator[str]:
 def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
     moves = travel(run) > MOVES
     for i in np.flatnonzero(moves).tolist():
-        levels = np.unique(_read(run, i))
-        if 1 < len(levels) < LEVELS:
+        torque = _read(run, i)
+        levels = np.unique(torque)
+        if 1 < len(levels) < min(LEVELS, len(torque) / OFTEN):
             yield (
                 f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} "
                 f"{robot.unit(i, 'Nm')}: smaller effects cannot be seen"

@@ -1,0 +1,80 @@
+"""An HTTP application behind a port with bounds."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import ssl
+from typing import Final
+
+from aiohttp import web
+from aiohttp.typedefs import Handler, Middleware
+
+from cellwatt.door.port import Limits, Port
+from cellwatt.door.settings import Listening
+
+BODY: Final = 10.0
+"""s for the body of a request, once its head is there."""
+_STOP: Final = 1.0
+"""s that answers under way get when the door closes."""
+_LINGERS: Final = 0.5
+"""s for the rest of a body that nobody wants, so that the client reads why."""
+_LONGEST: Final = 4096
+"""Bytes of a line of a request's head, of which it may have 64."""
+_MOST: Final = 64
+
+
+class HttpDoor:
+    """Serves ``app`` at the address of ``settings``, within ``limits``; ``counts`` says what was refused."""
+
+    def __init__(self, app: web.Application, settings: Listening, limits: Limits = Limits()) -> None:
+        self._settings = settings
+        self._runner = web.AppRunner(
+            app,
+            access_log=None,
+            logger=logging.getLogger(__name__),
+            keepalive_timeout=limits.idle,
+            shutdown_timeout=_STOP,
+            lingering_time=_LINGERS,
+            max_line_size=2 * _LONGEST,
+            max_field_size=_LONGEST,
+            max_headers=_MOST,
+        )
+        app.middlewares.insert(0, self._bounded())
+        self._port = Port(lambda: self._protocol(), limits)
+        self.counts = self._port.counts
+
+    async def start(self, context: ssl.SSLContext | None) -> str:
+        """Begin to serve; return the address. Raises ``OutletError`` if that cannot be."""
+        await self._runner.setup()
+        try:
+            port = await self._port.open(self._settings.host, self._settings.port, context)
+        except BaseException:
+            await self._runner.cleanup()
+            raise
+        shown = self._settings.listen.rpartition(":")[0]
+        return f"{'http' if context is None else 'https'}://{shown}:{port}"
+
+    async def stop(self) -> None:
+        """Serve no more."""
+        await self._port.close()
+        await self._runner.cleanup()
+
+    def _protocol(self) -> asyncio.Protocol:
+        server = self._runner.server
+        assert server is not None
+        return server()
+
+    def _bounded(self) -> Middleware:
+        @web.middleware
+        async def bounded(request: web.Request, handler: Handler) -> web.StreamResponse:
+            with self._port.busy(request.transport):
+                if request.body_exists:
+                    try:
+                        async with asyncio.timeout(BODY):
+                            await request.read()
+                    except TimeoutError:
+                        raise web.HTTPRequestTimeout(text="the body of the request did not come in time") from None
+                return await handler(request)
+
+        return bounded

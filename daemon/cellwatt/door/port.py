@@ -1,0 +1,233 @@
+"""A listening port with bounds: connections of a peer and in all, and a deadline for what a connection must say."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import logging
+import socket
+import ssl
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from cellwatt.errors import OutletError, why
+
+log = logging.getLogger(__name__)
+
+BACKLOG: Final = 100
+"""Connections that the kernel holds until they are accepted."""
+PAUSE: Final = 0.2
+"""s without accepting after the kernel refused a connection, for want of descriptors or memory."""
+_DISPLACED, _REFUSED = "connections displaced", "connections refused"
+_LATE, _FAILED = "connections timed out", "connections not accepted"
+TURNED_AWAY: Final = (_DISPLACED, _REFUSED, _LATE, _FAILED)
+"""Counts of connections that were not served."""
+SWEEP: Final = 1.0
+"""s between two looks at the deadlines."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds of a port: connections in all and of one peer, s for the first request and for the next."""
+
+    connections: int = 256
+    peer: int = 128
+    head: float = 10.0
+    idle: float = 75.0
+
+
+class _Connection:
+    def __init__(self, sock: socket.socket, peer: str) -> None:
+        self.sock, self.peer = sock, peer
+        self.since = time.monotonic()
+        """When it was accepted, or its last request ended."""
+        self.requests = self.busy = 0
+        self.protocol: asyncio.BaseProtocol | None = None
+        self._transport: asyncio.Transport | None = None
+
+    def joined(self, transport: asyncio.Transport, protocol: asyncio.BaseProtocol) -> None:
+        self._transport, self.protocol = transport, protocol
+
+    @property
+    def open(self) -> bool:
+        return self.sock.fileno() != -1
+
+    def end(self) -> None:
+        """Hang up, whatever waits to be sent."""
+        if self._transport is not None:
+            self._transport.abort()
+        elif self.open:
+            with contextlib.suppress(OSError):
+                self.sock.shutdown(socket.SHUT_RDWR)  # its handshake fails
+
+
+class Port:
+    """Accepts connections for protocols that ``factory`` makes, within ``limits``; ``counts`` says what was refused.
+
+    A connection without a request under way is *idle*. A newcomer beyond the limits takes the place of the oldest idle
+    connection of its own peer, or of the peer that has most; if all are at work, the newcomer is refused.
+    ``serving`` tells whether a protocol is at work, beside the requests that are told by ``busy``.
+    """
+
+    def __init__(
+        self,
+        factory: Callable[[], asyncio.BaseProtocol],
+        limits: Limits,
+        serving: Callable[[Any], bool] = lambda _: False,
+        counts: Counter[str] | None = None,
+    ) -> None:
+        self.counts: Counter[str] = Counter() if counts is None else counts
+        self._factory, self._limits, self._serving = factory, limits, serving
+        self._listeners: list[socket.socket] = []
+        self._connections: dict[int, _Connection] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def open(self, host: str, port: int, context: ssl.SSLContext | None = None) -> int:
+        """Begin to listen, at port 0 anywhere; return the port. Raises ``OutletError`` if that cannot be."""
+        loop = asyncio.get_running_loop()
+        try:
+            found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+            for family, *_, address in dict.fromkeys(found):
+                self._listeners.append(_listener(family, (address[0], port, *address[2:])))
+                port = port or self._listeners[0].getsockname()[1]
+        except OSError as error:
+            await self.close()
+            if "in use" in why(error).lower():
+                raise OutletError(f"{host}:{port} is taken by another program: choose another port in listen") from None
+            raise OutletError(f"{host}:{port} cannot be listened at: {why(error)}") from None
+        for listener in self._listeners:
+            self._spawn(self._accept(listener, context))
+        self._spawn(self._sweep())
+        return port
+
+    async def close(self) -> None:
+        """Listen no more and hang up."""
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for listener in self._listeners:
+            listener.close()
+        self._listeners.clear()
+        for connection in self._connections.values():
+            connection.end()
+
+    @contextlib.contextmanager
+    def busy(self, transport: asyncio.BaseTransport | None) -> Iterator[None]:
+        """A request of a connection is under way."""
+        sock = None if transport is None else transport.get_extra_info("socket")
+        connection = None if sock is None else self._connections.get(sock.fileno())
+        if connection is None:  # it has been lost meanwhile
+            yield
+            return
+        connection.busy += 1
+        try:
+            yield
+        finally:
+            connection.busy -= 1
+            connection.requests += 1
+            connection.since = time.monotonic()
+
+    def __len__(self) -> int:
+        return sum(connection.open for connection in self._connections.values())
+
+    # inside ---------------------------------------------------------------------------------------
+
+    def _spawn(self, work: Any) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _accept(self, listener: socket.socket, context: ssl.SSLContext | None) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                sock, address = await loop.sock_accept(listener)
+            except OSError as error:
+                self.counts[_FAILED] += 1
+                log.warning("a connection cannot be accepted: %s", why(error))
+                await asyncio.sleep(PAUSE)
+                continue
+            connection = _Connection(sock, peer_of(address[0]))
+            if self._make_room(connection.peer):
+                self._connections[sock.fileno()] = connection
+                self._spawn(self._join(connection, context))
+            else:
+                self.counts[_REFUSED] += 1
+                sock.close()
+
+    async def _join(self, connection: _Connection, context: ssl.SSLContext | None) -> None:
+        try:
+            transport, protocol = await asyncio.get_running_loop().connect_accepted_socket(
+                self._factory,
+                connection.sock,
+                ssl=context,
+                ssl_handshake_timeout=None if context is None else self._limits.head,
+            )
+        except OSError:  # ssl.SSLError and TimeoutError are among them
+            self.counts["handshakes failed"] += 1
+            connection.sock.close()
+        else:
+            connection.joined(transport, protocol)
+
+    def _make_room(self, peer: str) -> bool:
+        """Find a place for a connection of a peer, or take one; false where there is none."""
+        self._connections = {number: one for number, one in self._connections.items() if one.open}
+        peers = Counter(one.peer for one in self._connections.values())
+        if peers[peer] >= self._limits.peer:
+            most = peer
+        elif len(self._connections) >= self._limits.connections:
+            most = peers.most_common(1)[0][0]
+        else:
+            return True
+        idle = [one for one in self._connections.values() if one.peer == most and not self._works(one)]
+        if not idle:
+            return False
+        self.counts[_DISPLACED] += 1
+        min(idle, key=lambda one: one.since).end()
+        return True
+
+    def _works(self, connection: _Connection) -> bool:
+        return connection.busy > 0 or (connection.protocol is not None and self._serving(connection.protocol))
+
+    async def _sweep(self) -> None:
+        while True:
+            await asyncio.sleep(SWEEP)
+            now = time.monotonic()
+            for one in list(self._connections.values()):
+                if self._works(one):
+                    one.since = now
+                elif one.open and now - one.since > (self._limits.idle if one.requests else self._limits.head):
+                    self.counts[_LATE] += 1
+                    one.end()
+
+
+def peer_of(address: str) -> str:
+    """The peer at an address: of IPv6 the network of 64 bits, in which a host has any number of addresses."""
+    try:
+        found = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if isinstance(found, ipaddress.IPv6Address):
+        if found.ipv4_mapped is not None:
+            return str(found.ipv4_mapped)
+        return str(found if found.is_loopback else ipaddress.ip_network((found, 64), strict=False))
+    return address
+
+
+def _listener(family: int, address: Any) -> socket.socket:
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        listener.setblocking(False)
+        listener.bind(address)
+        listener.listen(BACKLOG)
+    except OSError:
+        listener.close()
+        raise
+    return listener

@@ -1,0 +1,122 @@
+"""Settings of a door: an address, a certificate, and who may come in."""
+
+from __future__ import annotations
+
+import re
+import ssl
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from pydantic import ConfigDict, ValidationError, field_validator
+from pydantic import model_validator as model_check
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from cellwatt.errors import OutletError
+from cellwatt.files import WRITTEN, open_file
+from cellwatt.host import check_host, stays_here
+from cellwatt.outlet import OutletSettings
+
+_LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
+_LAST_PORT: Final = 65535
+
+
+class Listening(OutletSettings):
+    """Settings of an outlet that listens: on this PC alone, or with certificate and login, unless they are ``open``.
+
+    An outlet says in ``opening`` how strangers get in by its settings, and in ``advice`` what to do about it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+
+    listen: str
+    """Address and port."""
+    certificate: Path | None = None
+    """Certificate (PEM), with the authorities between, if there are any."""
+    key: Path | None = None
+    """Private key of ``certificate``."""
+    open: bool = False
+    """Let the network in without certificate or login."""
+
+    @field_validator("listen")
+    @classmethod
+    def _address(cls, listen: str) -> str:
+        found = _LISTEN.fullmatch(listen)
+        if found is None or int(found[2]) > _LAST_PORT:
+            expected = cls.model_fields["listen"].default
+            raise ValueError(f"{listen!r} is not an address; expected host:port, like {expected}")
+        check_host(found[1].strip("[]"))
+        return listen
+
+    @model_check(mode="after")
+    def _closed(self) -> Listening:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key are needed together")
+        if not self.open and (text := self.opening):
+            kind = PydanticCustomError("value_error", "{error}", {"error": f"{text}; {self.advice}"})
+            problem = InitErrorDetails(type=kind, loc=("listen",), input=self.listen)
+            raise ValidationError.from_exception_data(type(self).__name__, [problem], hide_input=True)
+        return self
+
+    @property
+    def host(self) -> str:
+        """Host name or address to listen at."""
+        return self.listen.rpartition(":")[0].strip("[]")
+
+    @property
+    def port(self) -> int:
+        """Port to listen at; 0 for any that is free."""
+        return int(self.listen.rpartition(":")[2])
+
+    @property
+    def local(self) -> bool:
+        """True if only this PC reaches it."""
+        return stays_here(self.host)
+
+    @property
+    def opening(self) -> str:
+        """Words for the way in that strangers have; empty if there is none."""
+        return ""
+
+    @property
+    def advice(self) -> str:
+        """Words for what closes it."""
+        return "use 127.0.0.1, or set open: true"
+
+    def warnings(self) -> tuple[str, ...]:
+        """Access left open on purpose, and keys and certificates that are missing or expire soon."""
+        ways = (f"listen: {self.listen}: {self.opening} (open: true)",) if self.opening else ()
+        return (*ways, *self._unreadable(), *self._expiring())
+
+    def _unreadable(self) -> Iterator[str]:
+        for option, path in {"certificate": self.certificate, "key": self.key}.items():
+            if path is not None:
+                try:
+                    open_file(path, WRITTEN).close()
+                except OSError as error:
+                    yield f"{option}: {path} cannot be read: {error.strerror}"
+
+    def _expiring(self) -> Iterator[str]:
+        if self.certificate is None:
+            return
+        from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
+        from cellwatt.secure import validity
+
+        tls = TlsSettings(root_ca=self.certificate, certificate=self.certificate, key=self.key)
+        for text in validity.warnings(LinkSettings.model_construct(tls=tls)):
+            if not text.startswith("tls.root_ca"):
+                yield text.removeprefix("tls.")
+
+
+def tls_context(settings: Listening) -> ssl.SSLContext | None:
+    """Context that serves https, if there is a certificate; reads files. Raises ``OutletError``."""
+    if settings.certificate is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(settings.certificate, settings.key, password=lambda: b"")
+    except (OSError, ValueError) as error:
+        text = f"certificate: {settings.certificate} with key {settings.key} cannot be used: {error}"
+        raise OutletError(text) from None
+    return context

@@ -1,0 +1,114 @@
+"""The side of a process that serves for an outlet: it hears the daemon, says what it does, and asks it for orders."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import signal
+import socket
+import sys
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, Final
+
+from cellwatt.errors import CellwattError, OutletError
+from cellwatt.log_lines import log_to_stderr
+from cellwatt.outlets.apart import wire
+from cellwatt.outlets.apart.process import LIMIT
+from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.zenoh.messages import parse_json
+
+log = logging.getLogger(__name__)
+
+BEAT: Final = 1.0
+"""s between two signs of life."""
+ANSWER: Final = 5.0
+"""Longest time, s, for the daemon's answer to an order."""
+
+
+class Daemon:
+    """The daemon at the other end of a socket."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+        self._numbers = itertools.count()
+        self._asked: dict[int, asyncio.Future[Mapping[str, Any]]] = {}
+        self._broken = 0
+
+    def say(self, kind: Kind, body: Any) -> None:
+        """Send a message, unless the daemon has gone."""
+        if not self._writer.is_closing():
+            self._writer.write(wire.json_message(kind, body))
+
+    async def hear(self, take: Callable[[Kind, bytes], Awaitable[None]]) -> None:
+        """Hand on what the daemon says until it goes; a message that breaks ``take`` costs only itself."""
+        while (got := await wire.receive(self._reader)) is not None:
+            try:
+                if got[0] is Kind.ANSWER:
+                    self._answered(parse_json(got[1]))
+                else:
+                    await take(*got)
+            except Exception:  # of one message: the others are worth showing
+                self._broken += 1
+                if self._broken == 1:
+                    log.exception("a message of kind %s cannot be shown", got[0].name)
+
+    def _answered(self, told: Mapping[str, Any]) -> None:
+        waiting = self._asked.get(told["number"])
+        if waiting is not None and not waiting.done():
+            waiting.set_result(told)
+
+    async def order(self, order: Mapping[str, Any]) -> Any:
+        """Have the daemon do or answer something. Raises ``CellwattError`` with its reason."""
+        number = next(self._numbers)
+        answered = self._asked[number] = asyncio.get_running_loop().create_future()
+        try:
+            self.say(Kind.ORDER, {"number": number, **order})
+            async with asyncio.timeout(ANSWER):
+                told = await answered
+        except TimeoutError:
+            raise OutletError("the cell's daemon does not answer: try again") from None
+        finally:
+            del self._asked[number]
+        if told["error"] is not None:
+            raise CellwattError(told["error"])
+        return told["answer"]
+
+    async def beat(self, counts: Callable[[], Mapping[str, int]]) -> None:
+        """Say each second that all is well, with ``counts`` so far."""
+        while True:
+            broken = {"messages not shown": self._broken} if self._broken else {}
+            self.say(Kind.ALIVE, {"counts": {**counts(), **broken}})
+            await asyncio.sleep(BEAT)
+
+
+Work = Callable[[Daemon, Mapping[str, Any]], Awaitable[None]]
+"""Serves what the daemon tells, begun with its first words; raises ``CellwattError`` if that cannot be."""
+
+
+async def serve(connection: socket.socket, work: Work) -> int:
+    """Serve what the other end of a socket tells; return the exit code."""
+    reader, writer = await asyncio.open_connection(sock=connection, limit=LIMIT)
+    loop, here = asyncio.get_running_loop(), asyncio.current_task()
+    assert here is not None
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, here.cancel)
+    try:
+        hello = await wire.receive(reader)
+        if hello is None:
+            return 0
+        await work(Daemon(reader, writer), parse_json(hello[1]))
+    except asyncio.CancelledError:
+        pass  # it was told to end
+    except CellwattError as error:
+        writer.write(wire.json_message(Kind.FAILED, {"error": str(error)}))
+        return 1
+    finally:
+        writer.close()
+    return 0
+
+
+def main(work: Work, level: int) -> None:
+    """Serve what the parent tells through an inherited socket, with messages from a ``level`` on in the log."""
+    log_to_stderr(level)
+    sys.exit(asyncio.run(serve(socket.socket(fileno=int(sys.argv[1])), work)))

@@ -1,0 +1,239 @@
+"""The daemon's side of an outlet that serves from a process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, ClassVar, Final, TypeVar
+
+from cellwatt.batch import Batch
+from cellwatt.errors import CellwattError, OutletError, ProtocolError
+from cellwatt.frames import Frames, Layout
+from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
+from cellwatt.outlets.apart import wire
+from cellwatt.outlets.apart.process import begin, end_of, ending
+from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.together import until_one_ends
+from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.results import Event, Result
+
+log = logging.getLogger(__name__)
+
+S = TypeVar("S", bound=OutletSettings)
+
+BLOCKS: Final = 512
+"""Blocks of frames that may wait for the process that serves."""
+RESULTS: Final = 4096
+"""Results and events that may wait for it."""
+START: Final = 60.0
+"""Longest time, s, for its start."""
+SILENT: Final = 5.0
+"""s without a sign of life after which it counts as stuck; one comes each second."""
+
+
+class Apart(Outlet[S]):
+    """Runs a process that serves strangers, so that nothing they do reaches the daemon, and answers its questions."""
+
+    module: ClassVar[str]
+    """Module that is the process."""
+    what: ClassVar[str]
+    """Its name in words, the subject of a sentence."""
+    memory: ClassVar[int]
+    """Bytes that the process may take; one that asks for more is made anew."""
+
+    def __init__(self, name: str, settings: S, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._heard: float | None = None
+        self._counted: dict[str, int] = {}
+
+    @abstractmethod
+    def hello(self) -> Mapping[str, Any]:
+        """What the process is told first, JSON-ready."""
+
+    @abstractmethod
+    def answer(self, question: Mapping[str, Any]) -> Any:
+        """Do or answer, JSON-ready, what the process asks. Raises ``CellwattError`` with the reason why not."""
+
+    async def tell(self, writer: asyncio.StreamWriter) -> None:
+        """Tell the process what the cell says, until cancelled."""
+        await asyncio.get_running_loop().create_future()
+
+    def starting(self) -> bool:
+        """See ``Outlet.starting``."""
+        return self._heard is None
+
+    def trouble(self) -> str | None:
+        """Reason why nothing moves, in words; ``None`` if all is well."""
+        silent = 0.0 if self._heard is None else time.monotonic() - self._heard
+        return f"{self.what} says nothing for {silent:.0f} s" if silent > SILENT else None
+
+    async def run(self) -> None:
+        """Serve until cancelled. Raises ``OutletError`` with the reason if the process that serves ends."""
+        process, reader, writer = await begin(self.module, self.what, self.memory)
+        async with ending(process, writer):
+            try:
+                with contextlib.suppress(ConnectionError):  # it has ended
+                    await self._serve(reader, writer)
+            finally:
+                self.url = self._heard = None
+        raise OutletError(f"{self.what} ended ({end_of(process)})")
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Tell the process all, and do what it orders, until it ends."""
+        writer.write(wire.json_message(Kind.HELLO, self.hello()))
+        await self._until_ready(reader)
+        self._counted = {}
+        await until_one_ends(self.tell(writer), self._listen(reader, writer))
+
+    async def _until_ready(self, reader: asyncio.StreamReader) -> None:
+        try:
+            async with asyncio.timeout(START):
+                got = await wire.receive(reader)
+        except TimeoutError:
+            raise OutletError(f"{self.what} is not ready after {START:.0f} s") from None
+        if got is None:
+            raise OutletError(f"{self.what} ended while it began; its log says why")
+        kind, body = got
+        told = parse_json(body)
+        if kind is Kind.FAILED:
+            raise OutletError(told["error"])
+        self.url, self._heard = told["url"], time.monotonic()
+        log.info("%s is at %s", self.name, self.url)
+
+    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer what the process asks, until it ends."""
+        try:
+            while (got := await wire.receive(reader)) is not None:
+                kind, body = got
+                self._heard = time.monotonic()
+                told = parse_json(body)
+                if kind is Kind.ORDER:
+                    writer.write(wire.json_message(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
+                    await writer.drain()
+                elif kind is Kind.ALIVE:
+                    self._count(told["counts"])
+                elif kind is Kind.FAILED:
+                    raise OutletError(told["error"])
+        except (ProtocolError, KeyError, ValueError, TypeError, AttributeError) as error:
+            raise OutletError(f"{self.what} speaks nonsense: {error}") from error
+
+    def _answered(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        try:
+            return {"error": None, "answer": self.answer(told)}
+        except CellwattError as error:
+            return {"error": str(error)}
+        except Exception:  # never the end of what serves
+            log.exception("%s: a question of its process", self.name)
+            return {"error": "the daemon broke at it; its log says how"}
+
+    def _count(self, counts: Mapping[str, int]) -> None:
+        for what, number in counts.items():
+            self.account.count(what, number - self._counted.get(what, 0))
+        self._counted = dict(counts)
+
+
+class ApartOutlet(Apart[S]):
+    """Tells a process what the cell says, from bounded queues, and does what people order through it."""
+
+    forgets: ClassVar[type[Result]]
+    """Results of an earlier process that are not told again."""
+
+    def __init__(self, name: str, settings: S, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._blocks: deque[Frames] = deque()
+        self._results: deque[Result | Event] = deque()
+        self._status: Mapping[str, Any] | None = None
+        self._fresh = asyncio.Event()
+
+    @abstractmethod
+    def columns(self, layout: Layout) -> bytes:
+        """The message about the columns of the frames that follow."""
+
+    @abstractmethod
+    def rows(self, block: Frames) -> bytes:
+        """The messages about frames. May raise ``TypeError``, ``ValueError`` or ``AttributeError``."""
+
+    def takes(self, item: Result | Event) -> bool:
+        """True for a result or event that the process is told."""
+        return True
+
+    def offer(self, item: Item) -> None:
+        """Queue one item; without room the oldest frames are dropped, results only beyond 4096 of them."""
+        if isinstance(item, Batch):
+            return
+        if isinstance(item, Frames):
+            self.account.expect(len(item))
+            self._blocks.append(item)
+            if len(self._blocks) > BLOCKS:
+                self.account.drop(len(self._blocks.popleft()), "queue: frames")
+        elif self.takes(item):
+            self.account.expect()
+            self._results.append(item)
+            if len(self._results) > RESULTS:
+                self._results.popleft()
+                self.account.drop(1, "queue: results")
+        self._fresh.set()
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Pass on the cell's health; the newest alone waits."""
+        self._status = status
+        self._fresh.set()
+
+    def _past(self) -> list[Result | Event]:
+        """What an earlier process was told and is to be known for longer, but for what still waits; blocks."""
+        if self.view.journal is None:
+            return []
+        waiting = {repr(item) for item in list(self._results)}
+        past = (item for _, item in self.view.journal.past() if self.takes(item) and not isinstance(item, self.forgets))
+        return [item for item in past if repr(item) not in waiting]
+
+    async def tell(self, writer: asyncio.StreamWriter) -> None:
+        """Pass on what waits, and what comes."""
+        for item in await asyncio.to_thread(self._past):
+            writer.write(wire.item(item))
+            await writer.drain()
+        layout: Layout | None = None
+        while True:
+            await self._fresh.wait()
+            self._fresh.clear()
+            while self._results or self._blocks or self._status is not None:
+                if self._results:
+                    item = self._results.popleft()
+                    self._put(writer, 1, partial(wire.item, item))
+                if self._blocks:
+                    block = self._blocks.popleft()
+                    if block.layout is not layout:
+                        layout = block.layout
+                        writer.write(self.columns(layout))
+                    self._put(writer, len(block), partial(self.rows, block))
+                if self._status is not None:
+                    status, self._status = self._status, None
+                    writer.write(wire.json_message(Kind.HEALTH, status))
+                await writer.drain()
+
+    def _put(self, writer: asyncio.StreamWriter, count: int, encode: Callable[[], bytes]) -> None:
+        """Write an item of ``count`` samples; one that cannot be encoded costs only itself."""
+        try:
+            writer.write(encode())
+        except (TypeError, ValueError, AttributeError):
+            self.account.drop(count, "not encodable")
+            log.exception("an item cannot be told: %s", self.name)
+        else:
+            self.account.receive(count)
+
+    def answer(self, question: Mapping[str, Any]) -> None:
+        """Do what a person orders."""
+        alarm, name, note = question["alarm"], question["name"], question["note"]
+        if question["what"] == "acknowledge":
+            self.view.acknowledge(alarm, name, note)
+        elif question["what"] == "shelve":
+            self.view.shelve(alarm, question["until"], name, note)
+        else:
+            self.view.unshelve(alarm, name)
+        self.account.count(f"{question['what']} by a person")

@@ -1,0 +1,151 @@
+"""Arms in space: transforms of their joints from the encoders, and lines for their links."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from cellwatt.outlets.foxglove.pose import IDENTITY, Quaternion, Vector, joint_pose
+from cellwatt.outlets.foxglove.topics import SCENE, TRANSFORMS, Outgoing, drawn_topic
+
+if TYPE_CHECKING:
+    from foxglove import messages as wellknown
+
+WORLD: Final = "world"
+APART: Final = 1.5
+"""m between the bases of arms whose places nobody told."""
+_THICK: Final = 0.04
+"""m: thickness of a link's line; its joint is a ball of twice that."""
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A joint of an arm in space; ``parent`` is the frame that it sits in, ``channel`` measures its value."""
+
+    frame: str
+    parent: str
+    xyz: Vector
+    rpy: Vector
+    axis: Vector
+    kind: str
+    channel: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a frame stands in its parent: m, and a quaternion (x, y, z, w)."""
+
+    frame: str
+    parent: str
+    place: Vector
+    rotation: Quaternion
+
+
+def joints_of(skeleton: Mapping[str, Any]) -> tuple[Joint, ...]:
+    """The joints of a skeleton, each in a frame ``<source>/<joint>``, the base in ``<source>/base``."""
+    source, joints = skeleton["source"], skeleton["joints"]
+    frames = [f"{source}/{joint['name']}" for joint in joints]
+    return tuple(
+        Joint(
+            frame,
+            f"{source}/base" if joint["parent"] < 0 else frames[joint["parent"]],
+            _vector(joint["xyz"]),
+            _vector(joint["rpy"]),
+            _vector(joint["axis"]),
+            joint["type"],
+            joint["channel"],
+        )
+        for frame, joint in zip(frames, joints, strict=True)
+    )
+
+
+def poses(joints: Iterable[Joint], values: Mapping[str, float]) -> list[Pose]:
+    """The poses of all joints whose values are known; one without a channel stands at 0."""
+    found = []
+    for joint in joints:
+        value = 0.0 if joint.channel is None else values.get(joint.channel, math.nan)
+        if math.isfinite(value):
+            place, rotation = joint_pose(joint.xyz, joint.rpy, joint.axis, joint.kind, value)
+            found.append(Pose(joint.frame, joint.parent, place, rotation))
+    return found
+
+
+class Arms:
+    """The arms of a cell; they stand side by side, since the settings do not tell where."""
+
+    def __init__(self, skeletons: Sequence[Mapping[str, Any]]) -> None:
+        self._joints = tuple(joint for skeleton in skeletons for joint in joints_of(skeleton))
+        self._bases = [
+            Pose(f"{skeleton['source']}/base", WORLD, (0.0, APART * i, 0.0), IDENTITY)
+            for i, skeleton in enumerate(skeletons)
+        ]
+        self._transforms = drawn_topic(TRANSFORMS, "FrameTransforms")
+        self._scene = drawn_topic(SCENE, "SceneUpdate")
+
+    def at(self, time: int, values: Mapping[str, float]) -> Outgoing:
+        """The transforms at ``time``, UTC ns, for the channels' ``values`` in rad or m."""
+        from foxglove import messages as wellknown
+
+        stamp = stamp_of(time)
+        transforms = [
+            wellknown.FrameTransform(
+                timestamp=stamp,
+                parent_frame_id=pose.parent,
+                child_frame_id=pose.frame,
+                translation=_drawn(pose.place),
+                rotation=wellknown.Quaternion(**dict(zip("xyzw", pose.rotation, strict=True))),
+            )
+            for pose in (*self._bases, *poses(self._joints, values))
+        ]
+        return Outgoing(self._transforms, time, wellknown.FrameTransforms(transforms=transforms).encode())
+
+    def links(self, time: int) -> Outgoing:
+        """Lines for the links; each moves with its joint's parent."""
+        from foxglove import messages as wellknown
+
+        entities = [_link(wellknown, joint, stamp_of(time)) for joint in self._joints]
+        return Outgoing(self._scene, time, wellknown.SceneUpdate(entities=entities).encode(), "links")
+
+
+def _link(wellknown: Any, joint: Joint, stamp: Any) -> Any:
+    """A line in the parent's frame from its origin to the joint, and a ball at the joint."""
+    x, y, z = joint.xyz
+    line = wellknown.LinePrimitive(
+        type=wellknown.LinePrimitiveLineType.LineStrip,
+        pose=_still(wellknown, (0.0, 0.0, 0.0)),
+        thickness=_THICK,
+        points=[wellknown.Point3(x=0.0, y=0.0, z=0.0), wellknown.Point3(x=x, y=y, z=z)],
+        color=wellknown.Color(r=0.45, g=0.5, b=0.56, a=1.0),
+    )
+    ball = wellknown.SpherePrimitive(
+        pose=_still(wellknown, joint.xyz),
+        size=wellknown.Vector3(x=2 * _THICK, y=2 * _THICK, z=2 * _THICK),
+        color=wellknown.Color(r=0.9, g=0.45, b=0.1, a=1.0),
+    )
+    return wellknown.SceneEntity(
+        timestamp=stamp, frame_id=joint.parent, id=joint.frame, frame_locked=True, lines=[line], spheres=[ball]
+    )
+
+
+def _still(wellknown: Any, place: Vector) -> Any:
+    return wellknown.Pose(position=_drawn(place), orientation=wellknown.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+
+
+def _drawn(place: Vector) -> wellknown.Vector3:
+    from foxglove import messages as wellknown
+
+    return wellknown.Vector3(x=place[0], y=place[1], z=place[2])
+
+
+def stamp_of(time: int) -> wellknown.Timestamp:
+    """A time in UTC ns as the app's own type."""
+    from foxglove import messages as wellknown
+
+    return wellknown.Timestamp(*divmod(time, 1_000_000_000))
+
+
+def _vector(values: Sequence[float]) -> Vector:
+    x, y, z = map(float, values)
+    return x, y, z

@@ -1,0 +1,232 @@
+"""The Foxglove library's channels, and its WebSocket server, which runs in threads of its own."""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+import time
+from collections import Counter
+from collections.abc import Iterable
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final
+
+from cellwatt.errors import ConfigError, OutletError
+from cellwatt.outlets.foxglove.topics import Moment, Outgoing, Topic
+
+if TYPE_CHECKING:
+    import foxglove
+
+log = logging.getLogger(__name__)
+
+BACKLOG: Final = 1024
+"""Messages that wait for one client, some ten seconds of a cell; beyond that its oldest are dropped."""
+_QUIET: Final = 1.0
+"""s without a frame after which results and health make the clock."""
+_BEHIND: Final = re.compile(r"outbox for client (\S+) full")
+_LIBRARY: Final = logging.getLogger("foxglove")
+
+
+def library() -> Any:
+    """The Foxglove library. Raises ``ConfigError`` that names the extra."""
+    try:
+        import foxglove
+        import foxglove.websocket
+    except ImportError as error:
+        raise ConfigError("Foxglove needs the extra 'foxglove': pip install 'cellwatt[foxglove]'") from error
+    return foxglove
+
+
+class Channels:
+    """A channel of a context for each topic; ``sent`` counts messages by topic."""
+
+    def __init__(self, context: foxglove.Context, topics: Iterable[Topic], sent: Counter[str] | None = None) -> None:
+        self.sent: Counter[str] = Counter() if sent is None else sent
+        self._context = context  # without it the channels are gone
+        self._open = {topic.name: _channel(context, topic) for topic in topics}
+
+    def log(self, outgoing: Outgoing) -> None:
+        """Hand over a message; never waits."""
+        self._open[outgoing.topic.name].log(outgoing.data, log_time=outgoing.time)
+        self.sent[outgoing.topic.name] += 1
+
+    def close(self) -> None:
+        """Take all topics back."""
+        for channel in self._open.values():
+            channel.close()
+
+
+def _channel(context: foxglove.Context, topic: Topic) -> foxglove.Channel:
+    fox = library()
+    schema = fox.Schema(name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema)
+    made: foxglove.Channel = fox.Channel(
+        topic.name, schema=schema, message_encoding=topic.encoding, context=context, metadata=dict(topic.metadata)
+    )
+    return made
+
+
+class _Listener:
+    """Notes which topics clients subscribe to; called in threads of the library."""
+
+    def __init__(self) -> None:
+        self.asked: SimpleQueue[str] = SimpleQueue()
+
+    def on_subscribe(self, _client: object, channel: Any) -> None:
+        self.asked.put(channel.topic)
+
+    def on_unsubscribe(self, _client: object, _channel: object) -> None:
+        pass
+
+
+_RELEASE: Final = 5.0
+"""s in which a port that was ours is free again."""
+
+
+class _Behind(logging.Handler):
+    """Counts the library's notices that a client does not keep up; it drops without saying how many messages."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.notices: Counter[str] = Counter()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if found := _BEHIND.search(record.getMessage()):
+            self.notices[found[1]] += 1
+            log.warning("Foxglove client %s is too slow: its oldest messages are dropped", found[1])
+
+
+class FoxgloveOutlet:
+    """A server on ``host`` and ``port`` (0: a free one), for use with ``with``; it begins to listen with ``open``.
+
+    The library may overlook a client that subscribes at once to a topic made while it serves, and may hang if one is
+    closed then. So a new topic, or one with other fields, starts the server anew, and the apps connect again.
+    """
+
+    def __init__(self, name: str, host: str, port: int, topics: Iterable[Topic]) -> None:
+        self.port = port
+        self.sent: Counter[str] = Counter()
+        self._name, self._host = name, host
+        self._topics = {topic.name: topic for topic in topics}
+        self._listener = _Listener()
+        self._behind = _Behind()
+        self._kept: dict[tuple[str, str], Outgoing] = {}
+        self._told = 0
+        self._framed = -math.inf
+        self._channels: Channels | None = None
+        self._logging = _LIBRARY.level, _LIBRARY.propagate
+
+    def __enter__(self) -> FoxgloveOutlet:
+        _LIBRARY.addHandler(self._behind)
+        _LIBRARY.setLevel(logging.INFO)
+        _LIBRARY.propagate = False  # it tells of each client that comes and goes
+        library().set_log_level(logging.INFO)
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self._shut()
+        _LIBRARY.removeHandler(self._behind)
+        level, _LIBRARY.propagate = self._logging
+        _LIBRARY.setLevel(level)
+
+    @property
+    def is_open(self) -> bool:
+        """True once it listens."""
+        return self._channels is not None
+
+    @property
+    def behind(self) -> Counter[str]:
+        """Notices of the library, by client, that it dropped messages; at most one in 30 s."""
+        return self._behind.notices
+
+    def knows(self, topic: str) -> bool:
+        """True if there is a topic of this name."""
+        return topic in self._topics
+
+    def open(self) -> None:
+        """Begin to listen. Raises ``OutletError`` if the port is taken."""
+        fox = library()
+        context = fox.Context()
+        channels = Channels(context, self._topics.values(), self.sent)
+        try:
+            self._server = fox.start_server(
+                name=self._name,
+                host=self._host,
+                port=self.port,
+                capabilities=[fox.websocket.Capability.Time],
+                server_listener=self._listener,
+                context=context,
+                message_backlog_size=BACKLOG,
+            )
+        except RuntimeError as error:
+            channels.close()
+            raise OutletError(f"Foxglove cannot listen on {self._host}:{self.port}: {error}") from None
+        self._channels = channels
+        self.port = self._server.port
+
+    def send(self, moment: Moment) -> None:
+        """Tell the time and the messages of a moment to all clients that want them; never waits.
+
+        Raises ``OutletError`` if the server has to start anew and its port is taken meanwhile.
+        """
+        self._renew(moment.messages)
+        for outgoing in moment.messages:
+            if outgoing.key is not None:
+                self._kept[outgoing.topic.name, outgoing.key] = outgoing
+            if outgoing.over:
+                del self._kept[outgoing.topic.name, outgoing.key or ""]
+        if self._channels is None:
+            return
+        self._clock(moment)
+        for outgoing in moment.messages:
+            self._channels.log(outgoing)
+
+    def welcome(self) -> None:
+        """Tell what still holds on the topics that clients subscribed to since the last call."""
+        asked = set()
+        while True:
+            try:
+                asked.add(self._listener.asked.get_nowait())
+            except Empty:
+                break
+        for (topic, _), outgoing in self._kept.items():
+            if topic in asked and self._channels is not None:
+                self._channels.log(outgoing)
+
+    def _clock(self, moment: Moment) -> None:
+        now = time.monotonic()
+        framed = moment.after > 0
+        self._framed = now if framed else self._framed
+        # The app takes a clock that goes back for a jump, and forgets what it drew. Frames are a little behind all
+        # else, so they alone make the clock while there are any.
+        if moment.time > self._told and (framed or now - self._framed > _QUIET):
+            self._told = moment.time
+            self._server.broadcast_time(moment.time)
+
+    def _renew(self, messages: Iterable[Outgoing]) -> None:
+        new = [
+            o.topic for o in messages if (known := self._topics.get(o.topic.name)) is not o.topic and known != o.topic
+        ]
+        if not new:
+            return
+        self._topics |= {topic.name: topic for topic in new}
+        if self.is_open:
+            self._shut()
+            self._open_again()
+
+    def _open_again(self) -> None:
+        """Listen where the server was. The library may let go of the port a while after its server has stopped."""
+        end = time.monotonic() + _RELEASE
+        while True:
+            try:
+                return self.open()
+            except OutletError:
+                if time.monotonic() > end:
+                    raise
+            time.sleep(0.02)
+
+    def _shut(self) -> None:
+        if self._channels is not None:
+            self._server.stop()  # first: while it serves, closing channels may hang
+            self._channels.close()
+            self._channels = None

@@ -1,0 +1,146 @@
+"""Streams a live cell to the Foxglove app."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from cellwatt.batch import Batch
+from cellwatt.errors import ConfigError
+from cellwatt.frames import Frames, Layout
+from cellwatt.host import stays_here
+from cellwatt.outlets.foxglove.outlet import FoxgloveOutlet, library
+from cellwatt.outlets.foxglove.pace import Pace
+from cellwatt.outlets.foxglove.topics import Moment
+from cellwatt.outlets.foxglove.translate import Skeletons, Translator
+from cellwatt.record import Health as Recorded
+from cellwatt.record.encoder import FRAME_TOPIC
+from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
+
+log = logging.getLogger(__name__)
+
+WANTED: Final = ("frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")
+PORT: Final = 8765
+"""The port that the app offers by itself."""
+_PATIENCE: Final = 2.0
+"""s that the first frame is waited for before the server listens."""
+_PULSE: Final = 0.1
+"""Longest time, s, without a look at who came."""
+
+
+def serve(
+    link: LinkSettings,
+    site: str,
+    cell: str,
+    *,
+    host: str = "127.0.0.1",
+    port: int = PORT,
+    arms: Mapping[str, Path] | None = None,
+    seconds: float | None = None,
+    verify: Path | None = None,
+    tell: Callable[[str], None] = log.info,
+) -> None:
+    """Serve a cell to Foxglove apps on this PC, for ``seconds`` or until Ctrl-C.
+
+    ``arms`` names the URDF of each source that moves an arm; ``verify`` is as for ``Subscriber``; ``tell`` is given a
+    line at the start and one at the end.
+    Raises ``ConfigError`` for a host beyond loopback and without the extra ``foxglove``, ``OutletError`` if the link or
+    the port cannot be opened.
+    """
+    _refuse_others(host, port)
+    library()
+    translator = Translator(skeletons_of(arms or {}))
+    name = f"cellwatt {site}/{cell}"
+    subscriber = Subscriber(site, cell, link, want=WANTED, verify=verify)
+    with subscriber, FoxgloveOutlet(name, host, port, translator.topics) as outlet:
+        pace = Pace()
+        try:
+            end = math.inf if seconds is None else time.monotonic() + seconds
+            for _ in _stream(subscriber, outlet, translator, pace, end):
+                tell(f"Foxglove: open a connection to ws://{_shown(host)}:{outlet.port}")
+        finally:
+            if outlet.is_open:
+                tell(_summary(outlet, pace, subscriber.counts))
+
+
+def skeletons_of(arms: Mapping[str, Path]) -> Skeletons | None:
+    """A function that gives the arms for a layout of frames; ``None`` without arms. Raises ``ConfigError``."""
+    for source, file in arms.items():
+        if not file.is_file():
+            raise ConfigError(f"there is no URDF of {source} at {file}")
+    if not arms:
+        return None
+
+    def skeletons(layout: Layout) -> Sequence[Mapping[str, Any]]:
+        from cellwatt.outlets.page.skeleton import skeleton
+
+        return [skeleton(source, file, layout.names) for source, file in arms.items()]
+
+    return skeletons
+
+
+def moments(translator: Translator, message: Message) -> Iterator[Moment]:
+    """The moments that a message of the cell tells of."""
+    content = message.content
+    match content:
+        case Frames():
+            yield from translator.frames(content)
+        case Health():
+            yield translator.item(Recorded(content.time, content.status))
+        case Gap():
+            yield translator.lost(time.time_ns(), message.topic, content.count)
+        case Batch():
+            return
+        case _:
+            yield translator.item(content)
+
+
+def _stream(
+    subscriber: Subscriber, outlet: FoxgloveOutlet, translator: Translator, pace: Pace, end: float
+) -> Iterator[None]:
+    """Stream until ``end``; yields once the server listens, which is when the fields of the frames are known."""
+    opens = time.monotonic() + _PATIENCE
+    while (now := time.monotonic()) < end:
+        for moment in pace.due(now):
+            outlet.send(moment)
+        if not outlet.is_open and (outlet.knows(FRAME_TOPIC) or now >= opens):
+            outlet.open()
+            yield
+        outlet.welcome()
+        try:
+            message = subscriber.receive(min(_PULSE, end - now, pace.wait(now)))
+        except TimeoutError:
+            continue
+        now = time.monotonic()
+        for moment in moments(translator, message):
+            pace.add(moment, now)
+
+
+def _refuse_others(host: str, port: int) -> None:
+    if not stays_here(host.strip("[]")):
+        raise ConfigError(
+            f"Foxglove's socket has neither login nor encryption, so it is not opened on {host}; "
+            f"from another PC use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@THIS-PC"
+        )
+
+
+def _shown(host: str) -> str:
+    return f"[{host.strip('[]')}]" if ":" in host else host
+
+
+def _summary(outlet: FoxgloveOutlet, pace: Pace, counts: Mapping[str, int]) -> str:
+    parts = [f"{outlet.sent.total()} messages sent on {len(outlet.sent)} topics"]
+    if lost := counts.get("lost", 0):
+        parts.append(f"{lost} samples and results lost on the way from the cell")
+    bad = ("unreadable", "unsigned", "refused")
+    parts += [f"{counts[kind]} messages {kind}" for kind in bad if counts.get(kind, 0)]
+    if pace.dropped:
+        parts.append(f"{pace.dropped} moments dropped: the cell told them faster than they can be shown")
+    if outlet.behind:
+        slow = ", ".join(outlet.behind)
+        parts.append(f"too slow, so that their oldest messages were dropped (how many is not known): {slow}")
+    return "Foxglove: " + "; ".join(parts)

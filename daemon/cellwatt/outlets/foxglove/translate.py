@@ -1,0 +1,118 @@
+"""What a cell tells, as messages for the Foxglove app."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from cellwatt.frames import Frames, Layout
+from cellwatt.outlets.foxglove.arm import Arms, stamp_of
+from cellwatt.outlets.foxglove.framed import FrameMessages
+from cellwatt.outlets.foxglove.topics import (
+    KINDS,
+    LOG,
+    SCENE,
+    TRANSFORMS,
+    Moment,
+    Outgoing,
+    Topic,
+    channels_topic,
+    drawn_topic,
+    json_topic,
+)
+from cellwatt.record import messages
+from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
+
+Skeletons = Callable[[Layout], Sequence[Mapping[str, Any]]]
+
+_FASTEST: Final = 50.0
+"""Transforms a second, at most: the eye sees no more."""
+_LEVELS: Final = {"info": "Info", "warning": "Warning", "error": "Error"}
+
+
+class Translator:
+    """Turns frames, results, events and health into messages; ``skeletons`` gives the arms for a layout, if any."""
+
+    def __init__(self, skeletons: Skeletons | None = None) -> None:
+        self._skeletons = skeletons
+        self._frames: FrameMessages | None = None
+        self._arms: Arms | None = None
+        self._moved = -math.inf
+        self._up: dict[str, str] = {}
+        self._log = drawn_topic(LOG, "Log")
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """Topics that there are before anything was told; that of the frames comes with the first."""
+        drawn = (drawn_topic(TRANSFORMS, "FrameTransforms"), drawn_topic(SCENE, "SceneUpdate"))
+        known = (*map(json_topic, KINDS), channels_topic(), self._log)
+        return known if self._skeletons is None else (*known, *drawn)
+
+    def frames(self, frames: Frames) -> Iterator[Moment]:
+        """One moment for each frame of a block."""
+        new = self._frames is None or self._frames.layout != frames.layout
+        if new:
+            self._frames = FrameMessages(frames.layout)
+            self._arms = None if self._skeletons is None else Arms(self._skeletons(frames.layout))
+        assert self._frames is not None
+        for i, data in enumerate(self._frames.of(frames)):
+            time = int(frames.time[i])
+            told = [Outgoing(self._frames.topic, time, data)]
+            if new:
+                topic, channels = self._frames.channels()
+                told.append(Outgoing(topic, time, channels, "channels"))
+                told += [self._arms.links(time)] if self._arms is not None else []
+                new = False
+            if self._arms is not None and time - self._moved >= 1e9 / _FASTEST - 1:
+                self._moved = time
+                told.append(self._arms.at(time, dict(zip(frames.layout.names, frames.values[i].tolist(), strict=True))))
+            yield Moment(time, tuple(told), frames.layout.step / 1e9)
+
+    def item(self, item: Result | Event | messages.Health) -> Moment:
+        """The moment of a result, an event or health."""
+        time = messages.time_of(item)
+        over = isinstance(item, Alarm) and not item.active
+        told = [Outgoing(json_topic(type(item)), time, messages.encode(item), _key(item), over)]
+        if isinstance(item, Event):
+            told.append(Outgoing(self._log, time, _line(time, "Info", item.text, item.source or "cellwatt")))
+        elif isinstance(item, Alarm) and self._is_news(item):
+            level = _LEVELS[item.severity] if item.active else "Info"
+            line = _line(time, level, item.statement, item.source or item.stage or "cellwatt")
+            told.append(Outgoing(self._log, time, line, _key(item), over))
+        return Moment(time, tuple(told))
+
+    def _is_news(self, alarm: Alarm) -> bool:
+        """True unless an alarm only tells other figures than before."""
+        if not alarm.active:
+            self._up.pop(alarm.id, None)
+            return True
+        before = self._up.get(alarm.id)
+        self._up[alarm.id] = alarm.severity
+        return before != alarm.severity
+
+    def lost(self, time: int, topic: str, count: int) -> Moment:
+        """The moment at which it became known that samples or results of a topic are lost for ever."""
+        text = f"{count} of {topic} did not arrive: the cell no longer has them"
+        return Moment(time, (Outgoing(self._log, time, _line(time, "Warning", text, "cellwatt")),))
+
+
+def _key(item: Result | Event | messages.Health) -> str | None:
+    """Name of what a message tells the state of, if it is for those who come later as well."""
+    match item:
+        case Alarm():
+            return item.id
+        case Interval() | Task():
+            return item.source
+        case Energy():
+            return f"{item.source}/{item.task}"
+        case messages.Health():
+            return "health"
+    return None
+
+
+def _line(time: int, level: str, text: str, name: str) -> bytes:
+    from foxglove import messages as wellknown
+
+    kind = getattr(wellknown.LogLevel, level)
+    return wellknown.Log(timestamp=stamp_of(time), level=kind, message=text, name=name).encode()

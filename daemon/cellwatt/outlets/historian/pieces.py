@@ -1,0 +1,143 @@
+"""The next file of a table of a lake, made of the record. The same record gives the same file again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from cellwatt.frames import Frames
+from cellwatt.outlets.historian.recorded import Place, Position, frames_after, results_after
+from cellwatt.outlets.historian.tables import frame_table, result_table
+from cellwatt.outlets.past import ARCHIVED, Archived
+from cellwatt.outlets.selection import Picker, Row, Selection
+from cellwatt.record.messages import time_of
+
+VALUES: Final = 4_000_000
+"""Values of a file at most."""
+RESULTS: Final = 50_000
+"""Results of a file at most."""
+_DAY: Final = 86_400 * 10**9  # ns
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A file to be: its path in the lake and its table, ``None`` where nothing is to be written.
+
+    ``end`` is the position that it leads to, ``lost`` the frames up to there that the record does not have.
+    """
+
+    path: str
+    rows: int
+    table: Any
+    end: Position | Place
+    lost: int = 0
+
+
+def root(table: str, site: str, cell: str) -> str:
+    """Folder of a cell in a table."""
+    return f"{table}/site={quote(site, safe='')}/cell={quote(cell, safe='')}"
+
+
+def day_of(time: int) -> str:
+    """Day of a time, UTC ns."""
+    return datetime.fromtimestamp(time // 10**9, UTC).strftime("%Y-%m-%d")
+
+
+class _Rows:
+    """Rows of one file: of one session, one layout and one day."""
+
+    def __init__(self, selection: Selection, session: int, first: Frames, until: Position | None) -> None:
+        self.picker = Picker(selection, first.layout)
+        self.session, self.first = session, first.sequence
+        self.rows: list[Row] = []
+        self.full = False
+        self.seen = Position(session, first.sequence - 1, 0)
+        self._gaps: list[tuple[int, int]] = []
+        self._until = until.sequence if until is not None else None
+        self._most = max(1, VALUES // (len(self.picker.units) + 4))
+
+    def fits(self, session: int, block: Frames) -> bool:
+        layout = self.picker.layout
+        return session == self.session and (block.layout is layout or block.layout == layout)
+
+    def add(self, block: Frames) -> None:
+        if block.sequence > self.seen.sequence + 1:
+            self._gaps.append((block.sequence, block.sequence - self.seen.sequence - 1))
+        self.seen = Position(self.session, block.sequence + len(block) - 1, int(block.time[-1]))
+        self.take(list(self.picker.rows(block)))
+
+    def take(self, rows: list[Row]) -> None:
+        for row in rows:
+            beyond = self._until is not None and row.sequence > self._until
+            other_day = bool(self.rows) and row.time // _DAY != self.rows[0].time // _DAY
+            self.full = self.full or beyond or other_day or len(self.rows) >= self._most
+            if self.full:
+                return
+            self.rows.append(row)
+
+    def lost(self, end: Position, before: Position | None) -> int:
+        ahead = self.first - before.sequence - 1 if before is not None and before.session == self.session else 0
+        return ahead + sum(n for at, n in self._gaps if at <= end.sequence)
+
+
+def next_frames(
+    folder: Path, site: str, cell: str, selection: Selection, after: Position | None, until: Position | None = None
+) -> Piece | None:
+    """The next file of frames; up to ``until`` where that was begun before. ``None`` where no row is whole yet."""
+    rows: _Rows | None = None
+    over = False
+    for session, block in frames_after(folder, cell, after):
+        if rows is None:
+            rows = _Rows(selection, session, block, until)
+        if over := not rows.fits(session, block):
+            break
+        rows.add(block)
+        if rows.full:
+            break
+    if rows is None:
+        return None
+    if over and not rows.full:
+        rows.take(list(rows.picker.rest()))
+    if not rows.rows and not over:
+        return None
+    return _framed(rows, site, cell, after, over)
+
+
+def _framed(rows: _Rows, site: str, cell: str, after: Position | None, over: bool) -> Piece:
+    if not rows.rows:  # none of its channels is asked for
+        return Piece("", 0, None, rows.seen, 0)
+    last = rows.rows[-1]
+    # All frames of a session or layout that is over are dealt with, also those behind the last row.
+    end = rows.seen if over and not rows.full else Position(rows.session, last.sequence, min(last.time, rows.seen.time))
+    table = frame_table(rows.rows, rows.picker.units, rows.session)
+    name = f"{rows.session}_{rows.first}_{last.sequence}.parquet"
+    path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
+    return Piece(path, len(rows.rows), table, end, rows.lost(end, after))
+
+
+def next_results(
+    folder: Path, site: str, cell: str, table: str, after: Place | None, until: Place | None = None
+) -> Piece | None:
+    """The next file of alarms, tasks or energies; up to ``until`` where that was begun before."""
+    kept = list(_alike(results_after(folder, cell, ARCHIVED[table], after), until))
+    if not kept:
+        return None
+    (first, result), (last, _) = kept[0], kept[-1]
+    name = f"{first.session}_{first.number}_{first.count}_{last.count}.parquet"
+    path = f"{root(table, site, cell)}/day={day_of(time_of(result))}/{name}"
+    return Piece(path, len(kept), result_table(table, [r for _, r in kept], first.session), last)
+
+
+def _alike(found: Iterator[tuple[Place, Archived]], until: Place | None) -> Iterator[tuple[Place, Archived]]:
+    """The first of the results that are of one file of the record and one day."""
+    kept: tuple[int, int, int] | None = None
+    for n, (place, result) in enumerate(found):
+        about = place.session, place.number, time_of(result) // _DAY
+        kept = kept or about
+        if about != kept or n >= RESULTS or (until is not None and place.count > until.count):
+            return
+        yield place, result

@@ -1,0 +1,190 @@
+"""Settings of the historian: what goes to InfluxDB, and what into a lake."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlsplit
+
+from pydantic import ConfigDict, Field, PositiveInt, SecretStr, field_validator
+from pydantic import model_validator as model_check
+
+from cellwatt.files import WRITTEN, open_file
+from cellwatt.host import stays_here
+from cellwatt.outlet import OutletSettings
+from cellwatt.outlets.selection import Selection
+from cellwatt.quantity import Seconds
+
+_NAME: Final = r"^[^\x00-\x1f\x7f\"\\]{1,200}$"
+_STRICT: Final = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+
+
+def _web(url: str) -> str:
+    try:
+        parts = urlsplit(url)
+        good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        good = False
+    if not good or re.search(r"\s", url) or parts.query or parts.fragment:
+        raise ValueError("expected an address like https://influx.plant.example:8086")
+    if parts.username is not None or parts.password is not None:
+        raise ValueError("write no user or password into the address; they have keys of their own")
+    return url.rstrip("/")
+
+
+class InfluxSettings(Selection):
+    """InfluxDB by line protocol over HTTP: ``database`` for version 1, ``org`` and ``bucket`` for 2."""
+
+    model_config = _STRICT
+
+    url: str
+    """Address of the server, like ``https://influx.plant.example:8086``."""
+    database: str | None = Field(default=None, pattern=_NAME)
+    """Database (version 1)."""
+    policy: str | None = Field(default=None, pattern=_NAME)
+    """Retention policy of the database; where absent its default."""
+    user: str | None = None
+    """User (version 1)."""
+    password: SecretStr | None = None
+    """Password of the user."""
+    org: str | None = Field(default=None, pattern=_NAME)
+    """Organisation (version 2)."""
+    bucket: str | None = Field(default=None, pattern=_NAME)
+    """Bucket (version 2)."""
+    token: SecretStr | None = None
+    """Token that may write to it."""
+    ca: Path | None = None
+    """Certificate authority (PEM) to trust instead of those of the system."""
+    measurement: str = Field(default="cellwatt", pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")
+    """Measurement of the rows; alarms, tasks and energies have it in front of theirs."""
+    results: bool = True
+    """Write alarms, tasks and energies, too."""
+    batch: PositiveInt = Field(default=1000, le=50_000)
+    """Most lines of one request."""
+    every: Seconds = Field(default=1.0, gt=0)
+    """Time between two requests while all is well."""
+    queue: PositiveInt = 10_000
+    """Lines that may wait; what is beyond is filled in from the record later."""
+    timeout: Seconds = Field(default=10.0, gt=0)
+    """Longest time of one request."""
+    open: bool = False
+    """Allow http without TLS beyond this PC: whoever is in between reads everything, the token as well."""
+
+    @field_validator("url")
+    @classmethod
+    def _address(cls, url: str) -> str:
+        return _web(url)
+
+    @model_check(mode="after")
+    def _whole(self) -> InfluxSettings:
+        if (self.database is None) == (self.bucket is None):
+            raise ValueError("expected one of database (version 1) and bucket (version 2)")
+        if self.bucket is not None and (self.org is None or self.token is None):
+            raise ValueError("bucket needs org and token")
+        if self.database is None and (self.policy is not None or self.user is not None):
+            raise ValueError("policy and user go with database")
+        if (self.user is None) != (self.password is None):
+            raise ValueError("user and password are needed together")
+        if self.user is not None and ":" in self.user:
+            raise ValueError("user: a name has no ':'")
+        if not self.open and self.clear:
+            raise ValueError("http is for this PC alone: use https, or set open: true")
+        return self
+
+    @property
+    def clear(self) -> bool:
+        """True if data leave this PC without encryption."""
+        parts = urlsplit(self.url)
+        return parts.scheme == "http" and not stays_here(parts.hostname or "")
+
+
+class LakeSettings(Selection):
+    """A lake of Parquet files, in a folder or in S3: ``frames/site=…/cell=…/day=…/``, and alarms, tasks, energies."""
+
+    model_config = _STRICT
+
+    folder: str = Field(min_length=1)
+    """Folder, or ``s3://BUCKET/PATH``."""
+    every: Seconds = Field(default=600.0, gt=0)
+    """Time between two files."""
+    results: bool = True
+    """Write alarms, tasks and energies, too."""
+    compact: bool = False
+    """Join the files of a day when it is over."""
+    endpoint: str | None = None
+    """Address of a store that speaks S3, like ``https://minio.plant.example:9000``; where absent Amazon's."""
+    region: str | None = None
+    """Region of the bucket."""
+    access_key: SecretStr | None = None
+    """Access key; where absent as the AWS environment says."""
+    secret_key: SecretStr | None = None
+    """Its secret."""
+    ca: Path | None = None
+    """Certificate authority (PEM) to trust instead of those of the system."""
+    open: bool = False
+    """Allow an ``endpoint`` of http without TLS beyond this PC."""
+
+    @field_validator("endpoint")
+    @classmethod
+    def _address(cls, endpoint: str | None) -> str | None:
+        return None if endpoint is None else _web(endpoint)
+
+    @model_check(mode="after")
+    def _whole(self) -> LakeSettings:
+        if self.dead_band:
+            raise ValueError("dead_band: a lake has every row; Parquet packs what does not change")
+        if (self.access_key is None) != (self.secret_key is None):
+            raise ValueError("access_key and secret_key are needed together")
+        if not self.remote and (self.endpoint is not None or self.access_key is not None or self.region is not None):
+            raise ValueError("endpoint, region and keys go with a folder s3://…")
+        if self.remote and not re.fullmatch(r"s3://[a-z0-9][a-z0-9.-]{1,62}(/[^\s]*)?", self.folder):
+            raise ValueError(f"{self.folder!r:.120} is not a place in S3; expected s3://BUCKET/PATH")
+        if not self.open and self.clear:
+            raise ValueError("http is for this PC alone: use https, or set open: true")
+        return self
+
+    @property
+    def remote(self) -> bool:
+        """True if the lake is in S3."""
+        return self.folder.startswith("s3://")
+
+    @property
+    def clear(self) -> bool:
+        """True if data leave this PC without encryption."""
+        parts = urlsplit(self.endpoint or "https://")
+        return parts.scheme == "http" and not stays_here(parts.hostname or "")
+
+
+class HistorianSettings(OutletSettings):
+    """History of the cell in InfluxDB, in a lake of Parquet files, or both."""
+
+    model_config = _STRICT
+
+    influx: InfluxSettings | None = None
+    """Write to InfluxDB."""
+    lake: LakeSettings | None = None
+    """Write Parquet files."""
+
+    @model_check(mode="after")
+    def _any(self) -> HistorianSettings:
+        if self.influx is None and self.lake is None:
+            raise ValueError("expected influx, lake, or both")
+        return self
+
+    def warnings(self) -> tuple[str, ...]:
+        """Data that pass in the clear, and authorities that cannot be read."""
+        return tuple(self._doubts())
+
+    def _doubts(self) -> Iterator[str]:
+        if self.influx is not None and self.influx.clear:
+            yield f"influx.url: {self.influx.url}: data and token pass in the clear (open: true)"
+        if self.lake is not None and self.lake.clear:
+            yield f"lake.endpoint: {self.lake.endpoint}: data pass in the clear (open: true)"
+        for name, section in {"influx": self.influx, "lake": self.lake}.items():
+            if section is not None and section.ca is not None:
+                try:
+                    open_file(section.ca, WRITTEN).close()
+                except OSError as error:
+                    yield f"{name}.ca: {section.ca} cannot be read: {error.strerror}"

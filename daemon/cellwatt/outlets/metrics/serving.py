@@ -1,0 +1,187 @@
+"""The process that serves the metrics to who may read them, and probes to everybody: started by the outlet."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import binascii
+import hmac
+import logging
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from http import HTTPStatus
+from typing import Any, Final
+
+from aiohttp import hdrs, web
+
+from cellwatt.door.http import HttpDoor
+from cellwatt.door.port import Limits
+from cellwatt.door.settings import tls_context
+from cellwatt.door.tries import Guard
+from cellwatt.errors import CellwattError
+from cellwatt.outlets.apart.daemon import Daemon, main
+from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.metrics.settings import MetricsSettings
+
+STALE: Final = 10.0
+"""s without a look at the cell's health after which it is not ready; one comes each second."""
+FRESH: Final = 0.2
+"""s for which the same answer is given again: many readers cost no more than one."""
+LIMITS: Final = Limits(connections=64, peer=32)
+_LONGEST: Final = 1000
+"""Characters of a reason."""
+_HEADERS: Final = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Server": "cellwatt"}
+_OPEN: Final = "application/openmetrics-text"
+
+Ask = Callable[[Mapping[str, Any]], Awaitable[Any]]
+
+
+class _Known:
+    """The last answer of the daemon to a question, asked again once it is not fresh any more."""
+
+    def __init__(self, ask: Ask, question: Mapping[str, Any]) -> None:
+        self._ask, self._question = ask, question
+        self._answer: Any = None
+        self._at = -FRESH
+        self._asking = asyncio.Lock()
+        self.readers = 0
+        """Readers since the daemon was asked last."""
+
+    async def get(self) -> Any:
+        self.readers += 1
+        async with self._asking:
+            if time.monotonic() - self._at >= FRESH:
+                counted = {"scrapes": self.readers} if "accept" in self._question else {}
+                self.readers = 0
+                self._answer = await self._ask({**self._question, **counted})
+                self._at = time.monotonic()
+        return self._answer
+
+
+class Endpoint:
+    """Serves by the settings what the daemon answers to ``ask``. See ``MetricsOutlet.answer``."""
+
+    def __init__(self, settings: MetricsSettings, ask: Ask) -> None:
+        self._settings = settings
+        # Of the many headers that readers may send, two texts come: a memory of them is bounded so.
+        self._texts = {way: _Known(ask, {"accept": _OPEN if way else ""}) for way in (True, False)}
+        self._state = _Known(ask, {})
+        app = web.Application(client_max_size=1024, middlewares=[_unanswered])
+        app.on_response_prepare.append(_prepare)
+        ways: dict[str, Callable[[web.Request], Awaitable[web.Response]]] = {
+            "/metrics": self._metrics,
+            "/healthz": self._alive,
+            "/readyz": self._ready,
+            "/startupz": self._started,
+        }
+        app.add_routes([web.get(path, handler) for path, handler in ways.items()])
+        self.door = HttpDoor(app, settings, LIMITS)
+        self._guard = Guard("metrics", self.door.counts)
+
+    async def _metrics(self, request: web.Request) -> web.Response:
+        if (refused := self._refused(request)) is not None:
+            return refused
+        told = await self._texts[_OPEN in request.headers.get(hdrs.ACCEPT, "")].get()
+        answer = web.Response(body=told["text"].encode(), headers={hdrs.CONTENT_TYPE: told["type"]})
+        answer.enable_compression()
+        return answer
+
+    async def _alive(self, _: web.Request) -> web.Response:
+        await self._state.get()
+        return _line("alive", HTTPStatus.OK)
+
+    async def _ready(self, request: web.Request) -> web.Response:
+        told = await self._state.get()
+        problem = _unready(told)
+        if problem is None:
+            return _line(str(told["state"]), HTTPStatus.OK)
+        asked = self._settings.asks and hdrs.AUTHORIZATION not in request.headers
+        hidden = asked or self._refused(request) is not None
+        return _line("not ready" if hidden else problem, HTTPStatus.SERVICE_UNAVAILABLE)
+
+    async def _started(self, _: web.Request) -> web.Response:
+        if (await self._state.get())["age"] is None:
+            return _line("starting", HTTPStatus.SERVICE_UNAVAILABLE)
+        return _line("started", HTTPStatus.OK)
+
+    def _refused(self, request: web.Request) -> web.Response | None:
+        """The refusal of a reader that does not show what the settings ask for; ``None`` where it does."""
+        settings = self._settings
+        if not settings.asks:
+            return None
+        ways = [*(["Bearer"] if settings.token else []), *(["Basic"] if settings.password else [])]
+        headers = {"WWW-Authenticate": ", ".join(f'{way} realm="cellwatt"' for way in ways)}
+        if hdrs.AUTHORIZATION not in request.headers:
+            return _line("a token or password is needed", HTTPStatus.UNAUTHORIZED, headers)
+        if self._fits(request.headers[hdrs.AUTHORIZATION]):
+            return None  # even while others have to wait: nobody can lock Prometheus out
+        address, account = request.remote or "", settings.user or ""
+        if wait := self._guard.begin(address, account):
+            text = f"too many tries: wait {wait:.0f} s"
+            return _line(text, HTTPStatus.TOO_MANY_REQUESTS, {"Retry-After": f"{max(wait, 1.0):.0f}"})
+        self._guard.fail(address, account)
+        return _line("this token or password does not fit", HTTPStatus.UNAUTHORIZED, headers)
+
+    def _fits(self, header: str) -> bool:
+        settings = self._settings
+        way, _, shown = header.partition(" ")
+        given = shown.strip().encode("utf-8", "surrogateescape")  # a header is bytes
+        if way.lower() == "bearer" and settings.token is not None:
+            return hmac.compare_digest(given, settings.token.get_secret_value().encode())
+        if way.lower() == "basic" and settings.password is not None:
+            try:
+                given = base64.b64decode(given, validate=True)
+            except (binascii.Error, ValueError):
+                return False
+            return hmac.compare_digest(given, f"{settings.user}:{settings.password.get_secret_value()}".encode())
+        return False
+
+
+def _unready(told: Mapping[str, Any]) -> str | None:
+    """Reason why the cell is not ready, in one line; ``None`` if it is."""
+    if told["age"] is None:
+        return "starting: the cell's health is not known yet"
+    if told["age"] > STALE:
+        return f"the cell's health was last looked at {told['age']:.0f} s ago"
+    if told["state"] != "red":
+        return None
+    return f"red: {'; '.join(told['reasons']) or 'no source delivers, or nothing can be recorded'}"
+
+
+@web.middleware
+async def _unanswered(request: web.Request, handler: Callable[[web.Request], Awaitable[Any]]) -> web.StreamResponse:
+    try:
+        response: web.StreamResponse = await handler(request)
+    except CellwattError as error:
+        return _line(str(error), HTTPStatus.SERVICE_UNAVAILABLE)
+    return response
+
+
+async def _prepare(_: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(_HEADERS)
+
+
+def _line(text: str, status: int, headers: dict[str, str] | None = None) -> web.Response:
+    return web.Response(text=f"{' '.join(text.split())[:_LONGEST]}\n", status=status, headers=headers)
+
+
+async def serve(daemon: Daemon, settings: Mapping[str, Any]) -> None:
+    """Serve what the daemon answers, until it goes. Raises ``OutletError`` if that cannot be."""
+    read = MetricsSettings.model_validate(settings)
+    endpoint = Endpoint(read, daemon.order)
+    url = await endpoint.door.start(await asyncio.to_thread(tls_context, read))
+    daemon.say(Kind.READY, {"url": url})
+    beating = asyncio.create_task(daemon.beat(lambda: endpoint.door.counts))
+    try:
+        await daemon.hear(_ignore)
+    finally:
+        beating.cancel()
+        await endpoint.door.stop()
+
+
+async def _ignore(kind: Kind, _: bytes) -> None:
+    raise CellwattError(f"the daemon does not say {kind.name}")
+
+
+if __name__ == "__main__":
+    main(serve, logging.INFO)

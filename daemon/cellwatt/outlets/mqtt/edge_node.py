@@ -1,0 +1,244 @@
+"""The cell as a Sparkplug B edge node, each of its sources a device: births, deaths, data and their numbers. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from cellwatt.errors import ProtocolError
+from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
+from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
+from cellwatt.outlets.mqtt.settings import SparkplugSettings
+from cellwatt.outlets.mqtt.tags import MS, Device, Tag, Tags, Values, finite, values_of
+from cellwatt.outlets.past import Archived
+from cellwatt.outlets.selection import Row
+from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.results import Alarm, Event, Result
+
+NAMESPACE: Final = "spBv1.0"
+REBIRTH: Final = "Node Control/Rebirth"
+NUMBERS: Final = 256
+"""Sequence numbers of messages, and of connections."""
+
+
+class EdgeNode:
+    """Messages of an edge node. ``births`` is the bdSeq of the next connection.
+
+    ``alarms`` are those that are up when it begins, as health tells them.
+    """
+
+    announced = True
+
+    def __init__(
+        self,
+        settings: SparkplugSettings,
+        site: str,
+        cell: str,
+        births: int = 0,
+        alarms: Iterable[Mapping[str, Any]] = (),
+    ) -> None:
+        self._group = level(settings.group or site)
+        self._node = level(settings.node or cell)
+        self._host = settings.primary_host
+        self._online = self._host is None
+        self._heard_at: int | None = None
+        """Timestamp of the last message of the primary host's state that counted."""
+        self.births = births
+        self._birth = 0
+        self._seq = 0
+        self._tags = Tags()
+        self._labels = Labels({}, {})
+        self._up = {alarm["id"] for alarm in alarms}
+        self._tags.declare(self._tags.node, "health/state", DataType.STRING)
+        self._tags.declare(self._tags.node, "alarms/active", DataType.INT64).value = len(self._up)
+
+    @property
+    def ready(self) -> bool:
+        """True while there is no primary host, or it is online."""
+        return self._online
+
+    # sessions -------------------------------------------------------------------------------------
+
+    def connect(self) -> Message:
+        """Begin a new connection; return the death certificate, its last will."""
+        self._birth, self.births = self.births, (self.births + 1) % NUMBERS
+        self._online = self._host is None
+        for device in self._devices():
+            device.born = False
+        return self._death(0)
+
+    def subscriptions(self) -> Sequence[Subscription]:
+        """Commands to this node, and the state of the primary host."""
+        commands = Subscription(f"{NAMESPACE}/{self._group}/NCMD/{self._node}", 1)
+        return (commands,) if self._host is None else (commands, Subscription(self._state_topic, 1))
+
+    @property
+    def _state_topic(self) -> str:
+        return f"{NAMESPACE}/STATE/{self._host}"
+
+    def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
+        """Take a command or the host's state. Raises ``ProtocolError`` for what is neither."""
+        if self._host is not None and topic == self._state_topic:
+            return self._host_state(payload)
+        if topic == f"{NAMESPACE}/{self._group}/NCMD/{self._node}":
+            wanted = any(name == REBIRTH and value is True for name, _, value in decode(payload))
+            return Order.BIRTH if wanted and self._tags.node.born else ()
+        return ()
+
+    def _host_state(self, payload: bytes) -> Order | Sequence[Message]:
+        """Follow the primary host; what is older than what is known does not count."""
+        try:
+            told = parse_json(payload)
+            online, timestamp = told["online"], told["timestamp"]
+        except (ValueError, TypeError, KeyError):
+            online = timestamp = None
+        if not isinstance(online, bool) or not isinstance(timestamp, int):
+            raise ProtocolError("the state of the primary host is not what Sparkplug says")
+        if self._heard_at is not None and timestamp < self._heard_at:
+            return ()
+        self._heard_at = timestamp
+        before, self._online = self._online, online
+        if online == before:
+            return ()
+        return Order.BIRTH if online else Order.LEAVE
+
+    def birth(self, now: int) -> Sequence[Message]:
+        """The birth certificates of the node and of all devices that have data."""
+        self._seq = 0
+        node, at = self._tags.node, now // MS
+        metrics = [
+            Metric(DataType.INT64, self._birth, at, "bdSeq", declared=True),
+            Metric(DataType.BOOLEAN, False, at, REBIRTH, declared=True),
+            *(tag.born(at) for tag in node.tags.values()),
+        ]
+        node.born, node.grown = True, False
+        messages = [self._message("NBIRTH", None, metrics, at)]
+        for name, device in self._tags.devices.items():
+            device.born = False
+            if device.present:
+                messages.append(self._device_birth(name, device, at))
+        return messages
+
+    def death(self, now: int) -> Sequence[Message]:
+        """The death certificate of the node, if it was born."""
+        return (self._death(now // MS),) if self._tags.node.born else ()
+
+    def _death(self, at: int) -> Message:
+        """The certificate that belongs to the birth of this connection; it has no sequence number."""
+        payload = encode([Metric(DataType.INT64, self._birth, at, "bdSeq", declared=True)], at, None)
+        return Message(f"{NAMESPACE}/{self._group}/NDEATH/{self._node}", payload, 1, False)
+
+    # data -----------------------------------------------------------------------------------------
+
+    def label(self, labels: Labels, now: int) -> Sequence[Message]:
+        """Take the channels of the rows; their devices are born with their first values."""
+        self._labels = labels
+        for name, unit in labels.units.items():
+            self._tags.channel(name, unit)
+        return ()
+
+    def missed(self, row: Row) -> None:
+        """Take a row that nobody is told: its values are the current ones."""
+        for name in row.quality:
+            self._set(self._channel(name)[1], row, name)
+
+    def row(self, row: Row, historical: bool, now: int) -> Sequence[Message]:
+        """What a row changes, device by device; all of it if it is historical."""
+        messages: list[Message] = []
+        by_device: dict[str, list[tuple[str, Tag]]] = {}
+        for name in row.quality:
+            source, tag = self._channel(name)
+            by_device.setdefault(source, []).append((name, tag))
+        for source, members in by_device.items():
+            messages += self._device_row(source, members, row, historical, now // MS)
+        return messages
+
+    def _device_row(
+        self, source: str, members: Sequence[tuple[str, Tag]], row: Row, historical: bool, at: int
+    ) -> Sequence[Message]:
+        device, time = self._tags.devices[source], row.time // MS
+        found: list[Message] = []
+        if historical:
+            if not device.born or device.grown:
+                found.append(self._device_birth(source, device, at))
+            metrics = [tag.data(finite(row.values.get(name)), time, True) for name, tag in members]
+            return [*found, self._message("DDATA", source, metrics, at)]
+        changed = [tag for name, tag in members if self._set(tag, row, name)]
+        if not device.present:
+            return [self._device_death(source, device, at)] if device.born else []
+        if not device.born or device.grown:
+            return [self._device_birth(source, device, at)]
+        metrics = [tag.data(tag.value, time, False) for tag in changed]
+        return [self._message("DDATA", source, metrics, at)] if metrics else []
+
+    def _channel(self, name: str) -> tuple[str, Tag]:
+        return self._tags.channel(name, self._labels.units.get(name))
+
+    def _set(self, tag: Tag, row: Row, name: str) -> bool:
+        """Take a channel's value of a row; true if it is another than before."""
+        value = finite(row.values.get(name))
+        changed = value != tag.value
+        tag.value, tag.time = value, row.time // MS
+        return changed
+
+    def predicted(self, model: str, units: Mapping[str, str], row: Row, now: int) -> Sequence[Message]:
+        """A row of a model's outputs, as metrics of the node."""
+        values: Values = {
+            f"prediction/{model}/{name}": (DataType.DOUBLE, finite(row.values.get(name)), units[name])
+            for name in row.quality
+        }
+        return self._node_data(values, row.time // MS, False, now // MS)
+
+    def result(self, item: Result | Event, historical: bool, now: int) -> Sequence[Message]:
+        """A result as metrics of the node; Sparkplug has no place for events and running intervals."""
+        time, values = values_of(item)
+        messages = list(self._node_data(values, time, historical, now // MS)) if values else []
+        if isinstance(item, Alarm):
+            (self._up.add if item.active else self._up.discard)(item.id)
+            count: Values = {"alarms/active": (DataType.INT64, len(self._up), None)}
+            messages += self._node_data(count, time, False, now // MS)
+        return messages
+
+    def archived(self, result: Archived, now: int) -> Sequence[Message]:
+        """A result of the past as historical metrics."""
+        time, values = values_of(result)
+        return self._node_data(values, time, True, now // MS)
+
+    def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:
+        """The state of the cell, if it changed."""
+        state, node = str(status.get("state", "")), self._tags.node
+        if node.tags["health/state"].value == state:
+            return ()
+        return self._node_data({"health/state": (DataType.STRING, state, None)}, now // MS, False, now // MS)
+
+    def _node_data(self, values: Values, time: int, historical: bool, at: int) -> Sequence[Message]:
+        node, metrics = self._tags.node, []
+        for name, (datatype, value, unit) in values.items():
+            tag = self._tags.declare(node, name, datatype, unit)
+            if not historical:
+                tag.value, tag.time = value, time
+            metrics.append(tag.data(value, time, historical))
+        if not node.born:
+            return ()
+        births = self.birth(at * MS) if node.grown else ()
+        if births and not historical:
+            return births
+        return [*births, self._message("NDATA", None, metrics, at)]
+
+    # messages -------------------------------------------------------------------------------------
+
+    def _device_birth(self, name: str, device: Device, at: int) -> Message:
+        device.born, device.grown = True, False
+        return self._message("DBIRTH", name, [tag.born(at) for tag in device.tags.values()], at)
+
+    def _device_death(self, name: str, device: Device, at: int) -> Message:
+        device.born = False
+        return self._message("DDEATH", name, [], at)
+
+    def _message(self, kind: str, device: str | None, metrics: Sequence[Metric], at: int) -> Message:
+        topic = f"{NAMESPACE}/{self._group}/{kind}/{self._node}"
+        number, self._seq = self._seq, (self._seq + 1) % NUMBERS
+        return Message(topic if device is None else f"{topic}/{level(device)}", encode(metrics, at, number))
+
+    def _devices(self) -> Iterable[Device]:
+        return (self._tags.node, *self._tags.devices.values())

@@ -1,0 +1,151 @@
+"""The outlet over MQTT: JSON topics for any consumer, or Sparkplug B for SCADA hosts."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from cellwatt.batch import Batch
+from cellwatt.errors import OutletError
+from cellwatt.frames import Frames
+from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.outlets.cursor import Cursor
+from cellwatt.outlets.forward import framed_record
+from cellwatt.outlets.mqtt.edge_node import EdgeNode
+from cellwatt.outlets.mqtt.link import Link, tls_context
+from cellwatt.outlets.mqtt.message import Format
+from cellwatt.outlets.mqtt.outbox import Outbox
+from cellwatt.outlets.mqtt.plain import PlainFormat
+from cellwatt.outlets.mqtt.session import HostLeftError, Session
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.record.header import plain_cell
+from cellwatt.results import Prediction
+
+
+class MqttOutlet(Outlet[MqttSettings]):
+    """Publishes rows of the frames, results, alarms and health to a broker.
+
+    While the broker is away rows are left to the record, and sent from there when it is back, beside the live ones;
+    without a record, and results always, they wait in a queue.
+    """
+
+    Settings: ClassVar[type[MqttSettings]] = MqttSettings
+    title = "MQTT: rows, results and alarms for brokers, Home Assistant and Sparkplug B hosts"
+
+    def __init__(self, name: str, settings: MqttSettings, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._record = framed_record(view)
+        path = None
+        if self._record is not None:
+            path = self._record / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
+        self._cursor = Cursor(path, self.account)
+        self._format: Format | None = None
+        self._outbox = Outbox(
+            settings, settings.queue, self.account, self._record is not None, lambda row: self._missed(row)
+        )
+        self._session: Session | None = None
+        self._turn = 0
+        """Number of connections that failed: it tells which broker comes next."""
+        self._refused: str | None = None
+        """Why the broker did not take a message, on this connection."""
+        self._told: tuple[object, float] = None, 0.0
+        """State of the last health that was sent, and when, monotonic s."""
+
+    def _missed(self, row: Any) -> None:
+        if self._format is not None:
+            self._format.missed(row)
+
+    def _take_refusal(self, reason: str) -> None:
+        self.account.count("messages refused")
+        self._refused = reason
+
+    def succeed(self, before: Outlet[Any]) -> None:
+        """Take over what waits for the broker, and what it has."""
+        if isinstance(before, MqttOutlet):
+            self._outbox.succeed(before._outbox)
+            self._cursor.succeed(before._cursor)
+
+    def offer(self, item: Item) -> None:
+        """Make rows of frames; queue results."""
+        if isinstance(item, Frames):
+            self._outbox.frames(item)
+        elif isinstance(item, Prediction):
+            self._outbox.prediction(item)
+        elif not isinstance(item, Batch):
+            self._outbox.result(item)
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Send the health if its state is another, or it was not sent for long."""
+        session, now = self._session, time.monotonic()
+        before, at = self._told
+        if session is None or not self._outbox.serving:
+            return
+        if before != status.get("state") or now - at >= self.settings.health:
+            self._told = status.get("state"), now
+            session.status = status
+            self._outbox.wake.set()
+
+    def starting(self) -> bool:
+        """True while no broker has taken the connection."""
+        return self._session is None
+
+    def trouble(self) -> str | None:
+        """Reason why something is not sent: no primary host, an unreadable record, channels that there are not."""
+        session = self._session
+        if session is not None and session.problem:
+            return session.problem
+        if session is not None and self._format is not None and not self._format.ready:
+            return f"the primary host {self.settings.sparkplug.primary_host} is not online: all waits for it"
+        if self._refused:
+            return f"the broker does not take what we publish ({self._refused}): look at its access rules"
+        if self._outbox.unmatched:
+            return f"channels: no channel of the frames fits {', '.join(self._outbox.unmatched)}"
+        return self._cursor.problem
+
+    async def run(self) -> None:
+        """Connect, publish until cancelled, send what waits, say good-bye. Raises ``OutletError``."""
+        try:
+            await self._serve(self.settings.at(self._turn))
+        except OutletError:
+            self._turn += 1
+            raise
+
+    async def _serve(self, settings: MqttSettings) -> None:
+        await self._cursor.open()
+        tls = await asyncio.to_thread(tls_context, settings)
+        format_ = self._format = self._format or self._made()
+        will = format_.connect()
+        if isinstance(format_, EdgeNode):
+            self._cursor.born(format_.births)
+            await self._cursor.write()
+        self._refused = None
+        link = Link(settings, settings.client or self._client, will, tls, self._take_refusal)
+        await link.open()
+        self._told = None, 0.0
+        session = self._session = Session(
+            settings, (link, format_, self._outbox, self._cursor), self._record, self.view.cell, self.account
+        )
+        try:
+            await session.serve()
+        except (asyncio.CancelledError, HostLeftError):
+            await session.stop()
+            await link.close(with_will=format_.announced)
+            raise
+        finally:
+            self._session = None
+            await session.end()
+            await link.abort()
+            await self._cursor.write()
+
+    def _made(self) -> Format:
+        alarms = self.view.status().get("alarms", ())
+        if self.settings.format == "sparkplug":
+            births = self._cursor.births
+            return EdgeNode(self.settings.sparkplug, self.view.site, self.view.cell, births, alarms)
+        return PlainFormat(self.settings, self.view.site, self.view.cell, alarms)
+
+    @property
+    def _client(self) -> str:
+        return f"cellwatt-{self.view.site}-{self.view.cell}-{self.name}"

@@ -1,0 +1,173 @@
+"""The cell as JSON on plain topics, ``cellwatt/SITE/CELL/…``, with retained states and a last will. Pure."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from cellwatt.outlets.mqtt import discovery
+from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.past import Archived
+from cellwatt.outlets.selection import Row
+from cellwatt.outlets.zenoh.keys import PREFIX
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import encode_item, encode_json, topic_of
+from cellwatt.results import Alarm, Event, Interval, Result
+
+ONLINE, OFFLINE = b"online", b"offline"
+_ROW: Final = "row"
+_RETAINED: Final = ("interval", "task", "energy")
+"""Results whose last one the broker keeps."""
+
+
+class PlainFormat:
+    """Messages of a cell as JSON. ``alarms`` are those that are up when it begins, as health tells them."""
+
+    announced = False
+
+    def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: Iterable[Mapping[str, Any]] = ()) -> None:
+        self._settings = settings
+        self._site, self._cell = site, cell
+        self.root = f"{PREFIX}/{level(site)}/{level(cell)}"
+        self._session = time.time_ns()
+        self._numbers: Counter[str] = Counter()
+        self._labels = Labels({}, {})
+        self._alarms: dict[str, Message] = {}
+        """Retained messages of the alarms that are up, by id."""
+        self._kept: dict[str, str] = {}
+        """Topics of alarms that the broker may keep, by id."""
+        self._open: dict[str, int] = {}
+        """Number of the interval that each source has told to be running."""
+        for alarm in alarms:
+            topic = self._alarm_topic(alarm["severity"], alarm["kind"], alarm["id"])
+            self._alarms[alarm["id"]] = self._message(topic, encode_json(alarm), settings.qos.alarm, True)
+
+    @property
+    def ready(self) -> bool:
+        """True always: a broker keeps for others what they need."""
+        return True
+
+    def connect(self) -> Message:
+        """Begin a new connection; return its last will."""
+        return self._message("availability", OFFLINE, 1, True)
+
+    def subscriptions(self) -> Sequence[Subscription]:
+        """The cell's own alarms: what the broker keeps of a daemon before this one has to go."""
+        return (Subscription(f"{self.root}/alarm/#", 0),)
+
+    def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
+        """Delete a kept alarm that is not up."""
+        if not (retained and payload and topic.startswith(f"{self.root}/alarm/")):
+            return ()
+        if any(message.topic == topic for message in self._alarms.values()) or topic in self._kept.values():
+            return ()
+        return (Message(topic, b"", self._settings.qos.alarm, True),)
+
+    def birth(self, now: int) -> Sequence[Message]:
+        """The cell is online; its units, the alarms that are up, and no other; what Home Assistant wants to know."""
+        over = [self._deleted(id_) for id_ in list(self._kept) if id_ not in self._alarms]
+        for id_, message in self._alarms.items():
+            self._kept[id_] = message.topic
+        return (self._message("availability", ONLINE, 1, True), *over, *self._alarms.values(), *self._labelled())
+
+    def label(self, labels: Labels, now: int) -> Sequence[Message]:
+        """The units of the rows' channels, kept by the broker."""
+        self._labels = labels
+        return self._labelled()
+
+    def _labelled(self) -> Sequence[Message]:
+        if not self._labels.units:
+            return ()
+        found = [self._message("units", encode_json(self._labels.units), 1, True)]
+        if self._settings.discovery is not None:
+            topic = f"{self._settings.discovery_prefix}/device/{discovery.name_of(self.root)}/config"
+            by_channel = self._settings.frame == "channels"
+            told = discovery.device(self.root, self._site, self._cell, self._labels, by_channel)
+            found.append(Message(topic, json.dumps(told).encode(), 1, True))
+        return found
+
+    def missed(self, row: Row) -> None:
+        """Take a row that is not sent, or later: nothing is to be done."""
+
+    def row(self, row: Row, historical: bool, now: int) -> Sequence[Message]:
+        """A row as one message, or one a channel; what is historical is on ``backfill/frame``."""
+        topic = "backfill/frame" if historical else "frame"
+        keep = self._settings.retain and not historical
+        qos = self._settings.qos.frame
+        told: dict[str, Any] = {"time": row.time, "sequence": row.sequence}
+        if historical:
+            told["backfilled"] = True
+        if self._settings.frame == _ROW:
+            less = {name: quality for name, quality in row.quality.items() if quality}
+            body = {**told, "values": row.values, "quality": less}
+            return (self._message(topic, encode_json(body), qos, keep),)
+        return [
+            self._message(f"{topic}/{level(name)}", encode_json(self._channel(row, name, told)), qos, keep)
+            for name in row.quality
+        ]
+
+    def _channel(self, row: Row, name: str, told: Mapping[str, Any]) -> dict[str, Any]:
+        value = {"value": row.values.get(name), "unit": self._labels.units.get(name), "quality": row.quality[name]}
+        return {**told, **value}
+
+    def predicted(self, model: str, units: Mapping[str, str], row: Row, now: int) -> Sequence[Message]:
+        """A row of a model's outputs on ``prediction/MODEL``."""
+        body = {"time": row.time, "sequence": row.sequence, "values": row.values, "units": units}
+        return (self._message(f"prediction/{level(model)}", encode_json(body), self._settings.qos.result, False),)
+
+    def result(self, item: Result | Event, historical: bool, now: int) -> Sequence[Message]:
+        """A result as over Zenoh; an interval at its begin and its end."""
+        if isinstance(item, Alarm):
+            return self._alarm(item)
+        if isinstance(item, Interval) and not item.closed:
+            if self._open.get(item.source) == item.number:
+                return ()
+            self._open[item.source] = item.number
+        topic = topic_of(item)
+        return (self._message(topic, self._encoded(topic, item), self._settings.qos.result, topic in _RETAINED),)
+
+    def _alarm(self, alarm: Alarm) -> Sequence[Message]:
+        """An alarm that is up is kept on its topic; a clear is told there once, and then nothing is kept."""
+        topic = self._alarm_topic(alarm.severity, alarm.kind, alarm.id)
+        body = self._encoded("alarm", alarm)
+        qos, before = self._settings.qos.alarm, self._kept.get(alarm.id)
+        moved = [self._deleted(alarm.id)] if before not in (None, f"{self.root}/{topic}") else []
+        if alarm.active:
+            message = self._alarms[alarm.id] = self._message(topic, body, qos, True)
+            self._kept[alarm.id] = message.topic
+            return (*moved, message)
+        self._alarms.pop(alarm.id, None)
+        self._kept[alarm.id] = f"{self.root}/{topic}"
+        return (*moved, self._message(topic, body, qos, False), self._deleted(alarm.id))
+
+    def _deleted(self, id_: str) -> Message:
+        return Message(self._kept.pop(id_), b"", self._settings.qos.alarm, True)
+
+    def archived(self, result: Archived, now: int) -> Sequence[Message]:
+        """A result of the past below ``backfill``, which the broker does not keep."""
+        topic, qos = f"backfill/{topic_of(result)}", self._settings.qos
+        qos_ = qos.alarm if isinstance(result, Alarm) else qos.result
+        return (self._message(topic, self._encoded(topic, result), qos_, False),)
+
+    def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:
+        """The cell's health, kept by the broker."""
+        return (self._message("health", encode_json(status), self._settings.qos.health, True),)
+
+    def death(self, now: int) -> Sequence[Message]:
+        """The cell is offline."""
+        return (self._message("availability", OFFLINE, 1, True),)
+
+    def _encoded(self, topic: str, item: Result | Event) -> bytes:
+        number = self._numbers[topic]
+        self._numbers[topic] += 1
+        return encode_item(item, Mark(self._session, number, 1, 0))
+
+    def _alarm_topic(self, severity: str, kind: str, id_: str) -> str:
+        return f"alarm/{level(severity)}/{level(kind)}/{level(id_)}"
+
+    def _message(self, topic: str, payload: bytes, qos: int, retain: bool) -> Message:
+        return Message(f"{self.root}/{topic}", payload, qos, retain)

@@ -1,0 +1,205 @@
+"""Settings of the cell over MQTT."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, ValidationError, field_validator
+from pydantic import model_validator as model_check
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from cellwatt.files import WRITTEN, open_file
+from cellwatt.host import check_host, stays_here
+from cellwatt.outlet import OutletSettings
+from cellwatt.outlets.selection import Selection
+from cellwatt.quantity import Hertz, Seconds
+
+LOCAL: Final = "mqtt://127.0.0.1:1883"
+_BROKER = re.compile(r"(mqtts?)://(\[[0-9A-Fa-f:.%]+\]|[^\[\]:/@]+)(?::(\d{1,5}))?/?")
+_PORTS: Final = {"mqtt": 1883, "mqtts": 8883}
+_LAST_PORT: Final = 65535
+_LONGEST_KEEP_ALIVE: Final = 65535.0
+_RESERVED = re.compile(r"[+/#\x00-\x1f\x7f]")
+
+Qos = Annotated[int, Field(ge=0, le=2)]
+
+
+class QosSettings(BaseModel):
+    """Quality of service of each kind of JSON message: 0 at most once, 1 at least once, 2 exactly once a connection."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    frame: Qos = 1
+    """Rows of the frames, live and back-filled."""
+    result: Qos = 1
+    """Intervals, tasks, energies, predictions and events."""
+    alarm: Qos = 1
+    """Alarms."""
+    health: Qos = 0
+    """The cell's health."""
+
+
+class SparkplugSettings(BaseModel):
+    """Place of the cell in a Sparkplug infrastructure."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    group: str | None = None
+    """Group ID; the site's name where absent."""
+    node: str | None = None
+    """Edge Node ID; the cell's name where absent. Each source of the cell is a device of this node."""
+    primary_host: str | None = None
+    """Host ID of the application that must be online before anything is sent; what it misses it gets later."""
+
+    @field_validator("group", "node", "primary_host")
+    @classmethod
+    def _plain(cls, name: str | None) -> str | None:
+        if name is not None and (not name or _RESERVED.search(name)):
+            raise ValueError(f"{name!r} is no Sparkplug ID: it has at least one character, and none of + / #")
+        return name
+
+
+class MqttSettings(OutletSettings, Selection):
+    """The cell over MQTT 5."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+
+    broker: str = LOCAL
+    """Broker, as ``mqtt://host:1883`` on this PC, or ``mqtts://host:8883`` (TLS) anywhere."""
+    fallbacks: tuple[str, ...] = ()
+    """Other brokers of the same plant, tried in turn when the connection to one fails; TLS, user and the rest are the
+    same. What one of them took is not sent to another."""
+    format: Literal["json", "sparkplug"] = "json"
+    """``json``: topics ``cellwatt/SITE/CELL/…`` for any consumer; ``sparkplug``: Sparkplug B for SCADA hosts."""
+    ca: Path | None = None
+    """Authority (PEM) that signed the broker's certificate; where absent, those that this PC trusts."""
+    certificate: Path | None = None
+    """Our own certificate (PEM), for a broker that asks for one."""
+    key: Path | None = None
+    """Private key of ``certificate``."""
+    user: str | None = None
+    """Name that we give to the broker."""
+    password: SecretStr | None = None
+    """Its password; write ``${NAME}`` and set it in the environment."""
+    client: str | None = None
+    """Client ID; made of site, cell and the outlet's name where absent."""
+    keep_alive: Seconds = 30.0
+    """Silence after which the connection is tested; the broker publishes our last will after half as much again."""
+    frame: Literal["row", "channels"] = "row"
+    """JSON: a row as one message on ``frame``, or each channel on ``frame/CHANNEL``."""
+    retain: bool = False
+    """JSON: the broker keeps the last row for those who subscribe later."""
+    qos: QosSettings = QosSettings()
+    """JSON: quality of service; Sparkplug prescribes its own."""
+    discovery: Literal["homeassistant"] | None = None
+    """JSON: tell Home Assistant of all channels, so that they appear there without any setting."""
+    discovery_prefix: Annotated[str, Field(pattern=r"^[^+#/\x00]+(/[^+#/\x00]+)*$")] = "homeassistant"
+    """Topic under which Home Assistant looks for them."""
+    sparkplug: SparkplugSettings = SparkplugSettings()
+    """Names and primary host where ``format`` is ``sparkplug``."""
+    health: Seconds = 10.0
+    """Time between two messages of health that say the same state."""
+    queue: PositiveInt = 4096
+    """Rows, and results, that may wait for the broker; beyond that the oldest are dropped and counted."""
+    backfill: Hertz = 100.0
+    """Rows a second that are sent at most of what the broker missed, from the record, beside the live ones."""
+    open: bool = False
+    """Let data and password pass in the clear through the network."""
+
+    @field_validator("fallbacks")
+    @classmethod
+    def _addresses(cls, brokers: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(cls._address(broker) for broker in brokers)
+
+    @field_validator("broker")
+    @classmethod
+    def _address(cls, broker: str) -> str:
+        found = _BROKER.fullmatch(broker)
+        if found is None or not 0 < int(found[3] or 1) <= _LAST_PORT:
+            raise ValueError(f"expected mqtt://host:port or mqtts://host:port, like {LOCAL}; user and password apart")
+        check_host(found[2].strip("[]"))
+        return broker
+
+    @field_validator("keep_alive")
+    @classmethod
+    def _whole(cls, seconds: float) -> float:
+        if not 1.0 <= seconds <= _LONGEST_KEEP_ALIVE:
+            raise ValueError(f"expected 1 s to {_LONGEST_KEEP_ALIVE:g} s")
+        return seconds
+
+    @model_check(mode="after")
+    def _accepted(self) -> Self:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key are needed together")
+        if self.password is not None and self.user is None:
+            raise ValueError("a password needs a user")
+        if not self.encrypted and (self.ca or self.certificate):
+            raise ValueError("ca, certificate and key need a broker that begins with mqtts://")
+        if any(_parts(broker)[0] != _parts(self.broker)[0] for broker in self.fallbacks):
+            raise ValueError("broker and fallbacks: all mqtts://, or all mqtt://")
+        if self.format == "sparkplug" and self.discovery:
+            raise ValueError("discovery is for format: json")
+        if not self.open and self.opening:
+            kind = PydanticCustomError("value_error", "{error}", {"error": f"{self.opening}; {_ADVICE}"})
+            where = "broker" if self._reaches_out(self.broker) else "fallbacks"
+            problem = InitErrorDetails(type=kind, loc=(where,), input=getattr(self, where))
+            raise ValidationError.from_exception_data(type(self).__name__, [problem], hide_input=True)
+        return self
+
+    def at(self, turn: int) -> MqttSettings:
+        """The same with the broker whose turn it is, from 0 on, and again from the first after the last."""
+        brokers = (self.broker, *self.fallbacks)
+        return self.model_copy(update={"broker": brokers[turn % len(brokers)]})
+
+    @property
+    def host(self) -> str:
+        """Host name or address of the broker."""
+        return _parts(self.broker)[1].strip("[]")
+
+    @property
+    def port(self) -> int:
+        """Port of the broker."""
+        scheme, _, port = _parts(self.broker)
+        return int(port or _PORTS[scheme])
+
+    @property
+    def encrypted(self) -> bool:
+        """True if the connection is TLS."""
+        return _parts(self.broker)[0] == "mqtts"
+
+    @property
+    def opening(self) -> str:
+        """How strangers get in, in words; empty if they do not."""
+        if not any(map(self._reaches_out, (self.broker, *self.fallbacks))):
+            return ""
+        return "no TLS: whoever is on the way reads the data and the password, and can speak in the cell's name"
+
+    @staticmethod
+    def _reaches_out(broker: str) -> bool:
+        scheme, host, _ = _parts(broker)
+        return scheme != "mqtts" and not stays_here(host.strip("[]"))
+
+    def warnings(self) -> tuple[str, ...]:
+        """Access left open on purpose, and files that cannot be read."""
+        ways = (f"broker: {self.broker}: {self.opening} (open: true)",) if self.opening else ()
+        return (*ways, *self._unreadable())
+
+    def _unreadable(self) -> Iterator[str]:
+        for option, path in {"ca": self.ca, "certificate": self.certificate, "key": self.key}.items():
+            if path is not None:
+                try:
+                    open_file(path, WRITTEN).close()
+                except OSError as error:
+                    yield f"{option}: {path} cannot be read: {error.strerror}"
+
+
+_ADVICE: Final = "use mqtts://, or a broker on this PC, or set open: true"
+
+
+def _parts(broker: str) -> tuple[str, str, str | None]:
+    found = _BROKER.fullmatch(broker)
+    assert found is not None
+    return found[1], found[2], found[3]

@@ -1,0 +1,260 @@
+"""Brings one recipient what they are to be told, in order, and tries again where that fails."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+import time
+from collections.abc import Collection
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from cellwatt.account import Account
+from cellwatt.errors import why
+from cellwatt.outlets.notify import rules, undelivered
+from cellwatt.outlets.notify.answer import Answer, Channel, FailedError, RefusedError, cleaned
+from cellwatt.outlets.notify.ledger import Ledger
+from cellwatt.outlets.notify.quiet import passing
+from cellwatt.outlets.notify.rules import Rules
+from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
+from cellwatt.outlets.notify.texts import About
+from cellwatt.outlets.notify.told import Due, Ended, Entry, Item, Message, Settled
+from cellwatt.results import Alarm
+
+log = logging.getLogger(__name__)
+
+LONGEST_PAUSE: Final = 600.0
+"""s between two attempts."""
+GRACE: Final = 3.0
+"""Time, s, that an attempt has to its end when the outlet is ended: what was accepted is noted."""
+FAILING: Final = 60.0
+"""Time, s, for which a recipient may fail before it is in trouble: mail servers put off whom they do not know."""
+LOOK: Final = 1.0
+"""s between two looks at the clock while something depends on it."""
+
+
+@dataclass(slots=True)
+class _Trouble:
+    reason: str
+    since: float  # monotonic s
+    final: bool
+
+
+class Courier:
+    """One recipient at run time; ``ledger`` has what it was told. ``folder`` is for what it cannot be told."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: NotifySettings,
+        about: About,
+        session: int,
+        ledger: Ledger,
+        account: Account,
+        folder: Path | None,
+    ) -> None:
+        self.name = name
+        self._settings, self._to = settings, settings.to[name]
+        self._about, self._session, self._ledger, self._account = about, session, ledger, account
+        self._folder = folder
+        self._told = ledger.of(name)
+        self._rules = _rules(self._to, settings.queue)
+        self._born = dict.fromkeys(self._told.due, time.monotonic())
+        """When an item began to wait, monotonic s."""
+        self._last = dict.fromkeys(self._told.episodes, time.monotonic())
+        """When an alarm was told last, monotonic s."""
+        self._open: Collection[str] = ()
+        self._wake = asyncio.Event()
+        self._trouble: _Trouble | None = None
+
+    # what comes -------------------------------------------------------------------------------------
+
+    def take(self, alarm: Alarm) -> None:
+        """Take a message of the alarm book."""
+        self._put(self._rules.take(self._told, alarm, self._session, self._passing()))
+
+    def shelved(self, alarm_id: str) -> None:
+        """Keep silent of an alarm that a person put on the shelf."""
+        self._put(rules.shelved(self._told, alarm_id))
+
+    def unattended(self, alarm_ids: Collection[str]) -> None:
+        """Take which alarms are up that nobody acknowledged or shelved: they may be told again."""
+        self._open = alarm_ids
+
+    def attended(self, alarm_id: str) -> None:
+        """Note that a person acknowledged an alarm: a repetition that waits is not told."""
+        self._open = [other for other in self._open if other != alarm_id]
+        waits = self._told.due.get((alarm_id, False))
+        if waits is not None and waits.what == "repeated":
+            self._put(rules.shelved(self._told, alarm_id))
+
+    def _put(self, entries: Collection[Entry]) -> None:
+        for entry in entries:
+            self._ledger.put(self.name, entry)
+            if isinstance(entry, Due):
+                self._born.setdefault(entry.item.slot, time.monotonic())
+                if entry.item.held:
+                    self._count("held in quiet time")
+            if getattr(entry, "counted", False):
+                self._count("without room")
+        if entries:
+            self._born = {slot: born for slot, born in self._born.items() if slot in self._told.due}
+            self._wake.set()
+
+    def _passing(self) -> int:
+        return passing(self._to.quiet, datetime.now(UTC), self._settings.zone)
+
+    def _count(self, what: str, number: int = 1) -> None:
+        self._account.count(f"{self.name}: {what}", number)
+
+    # what goes --------------------------------------------------------------------------------------
+
+    def trouble(self) -> str | None:
+        """Reason why this recipient is not reached, in one line; ``None`` while it is."""
+        trouble = self._trouble
+        if trouble is None or not (trouble.final or time.monotonic() - trouble.since >= FAILING):
+            return None
+        return f"{self.name} is not reached ({self._to.place}): {trouble.reason}"
+
+    async def run(self, channel: Channel) -> None:
+        """Send what is to be sent until cancelled."""
+        while True:
+            self._wake.clear()
+            self._look()
+            await self._ledger.flush()
+            if self._told.flight is not None:
+                await self._deliver(channel, self._told.flight)
+                continue
+            try:
+                async with asyncio.timeout(self._pause()):
+                    await self._wake.wait()
+            except TimeoutError:
+                pass
+
+    def _look(self) -> None:
+        """Decide by the clock: withdraw, repeat, make a message."""
+        told, now, allowed = self._told, time.monotonic(), self._passing()
+        self._put(list(self._rules.withdraw(told, self._session, time.time_ns())))
+        if self._rules.repeat is not None:
+            due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._rules.repeat]
+            self._put(list(self._rules.again(told, due, self._session, allowed)))
+        if told.flight is None and (items := self._grouped(now, allowed)):
+            to = f"{self._about.site}/{self._about.cell}/{self.name}"
+            self._put([rules.message(to, items, told.more, time.time_ns())])
+            self._last |= dict.fromkeys((item.alarm.id for item in items), now)
+            self._last = {alarm: at for alarm, at in self._last.items() if alarm in told.episodes}
+            self._count("grouped", len(items) - 1)
+
+    def _grouped(self, now: float, allowed: int) -> list[Item]:
+        """Items of the next message; none while its group is still open."""
+        items = rules.ready(self._told, allowed)
+        oldest = min((self._born.get(item.slot, now) for item in items), default=now)
+        return items if now - oldest >= self._rules.group else []
+
+    def _pause(self) -> float | None:
+        """Time, s, until the clock may change anything; ``None`` if only news can."""
+        told, now = self._told, time.monotonic()
+        if told.due:
+            ends = [self._born.get(slot, now) + self._rules.group - now for slot in told.due]
+            return min([LOOK, *(end for end in ends if end > 0)])
+        waits = self._rules.repeat is not None or any(e.session != self._session for e in told.episodes.values())
+        return LOOK if told.episodes and waits else None
+
+    async def _deliver(self, channel: Channel, message: Message) -> None:
+        """Try to bring a message until it is accepted, refused, or too old."""
+        pause = self._settings.retry
+        while True:
+            failure = await self._attempt(channel, message)
+            current = self._told.flight
+            if failure is None or current is None:
+                return
+            message = current
+            age = (time.time_ns() - message.made) / 1e9
+            if age > self._settings.give_up:
+                reason = f"given up after {age / 3600:.1f} h: {failure}"
+                await self._give_up(message, reason)
+                return
+            self._count("retried")
+            await asyncio.sleep(max(failure.after, pause * random.uniform(0.5, 1.0)))
+            pause = min(2 * pause, max(LONGEST_PAUSE, self._settings.retry))
+
+    async def _attempt(self, channel: Channel, message: Message) -> FailedError | None:
+        """Try once; return why it must be tried again."""
+        work = asyncio.create_task(channel.send(message))
+        try:
+            try:
+                answer = await asyncio.shield(work)
+            except asyncio.CancelledError:
+                await asyncio.wait([work], timeout=GRACE)
+                if not work.done():
+                    work.cancel()
+                    await asyncio.wait([work])
+                if not work.cancelled() and work.exception() is None:
+                    await self._accepted(message, work.result())
+                raise
+            return await self._accepted(message, answer)
+        except RefusedError as error:
+            await self._give_up(message, self._clean(error))
+            return None
+        except FailedError as error:
+            return self._failed(FailedError(self._clean(error), error.after))
+        except Exception as error:
+            log.exception("notify: %s: sending broke", self.name)
+            return self._failed(FailedError(f"sending broke: {type(error).__name__}, see the log"))
+
+    async def _accepted(self, message: Message, answer: Answer) -> FailedError | None:
+        for address, reason in answer.refused.items():
+            await self._keep(message, f"{address}: {self._clean(reason)}")
+        if answer.later:
+            if settled := (*answer.taken, *answer.refused):
+                self._put([Settled(settled)])
+                await self._ledger.flush()
+            address, reason = next(iter(answer.later.items()))
+            return self._failed(FailedError(f"{address}: {self._clean(reason)}"))
+        self._put([Ended(message.id, accepted=True)])
+        await self._ledger.flush()
+        if answer.refused:
+            address, reason = next(iter(answer.refused.items()))
+            self._trouble = _Trouble(f"{address}: {self._clean(reason)}", time.monotonic(), final=True)
+        else:
+            self._trouble = None
+        if answer.taken or not answer.refused:
+            self._count("sent")
+        return None
+
+    def _failed(self, error: FailedError) -> FailedError:
+        if self._trouble is None:
+            self._trouble = _Trouble(str(error), time.monotonic(), final=False)
+            log.warning("notify: %s: %s; trying again", self.name, error)
+        self._trouble.reason = str(error)
+        return error
+
+    async def _give_up(self, message: Message, reason: str) -> None:
+        log.warning("notify: a message to %s is not delivered: %s", self.name, reason)
+        self._trouble = _Trouble(reason, time.monotonic(), final=True)
+        await self._keep(message, reason)
+        self._put([Ended(message.id, accepted=False)])
+        await self._ledger.flush()
+
+    async def _keep(self, message: Message, reason: str) -> None:
+        """Put a message among the undelivered."""
+        if self._folder is not None:
+            path, now = self._folder / undelivered.FILE, datetime.now(UTC).isoformat(timespec="seconds")
+            content = undelivered.line(self._about, self.name, message, reason, now)
+            try:
+                if await asyncio.to_thread(undelivered.keep, path, content):
+                    self._account.count("undelivered: older files thrown away")
+            except OSError as error:
+                self._account.count("undelivered: not written")
+                log.warning("notify: %s cannot be written: %s", path, why(error))
+        self._count("undelivered")
+
+    def _clean(self, reason: Exception | str) -> str:
+        return cleaned(str(reason), self._to.secrets)
+
+
+def _rules(to: RecipientSettings, queue: int) -> Rules:
+    return Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, queue)

@@ -1,0 +1,127 @@
+"""Mail by SMTP."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Mapping
+from email.message import EmailMessage
+from email.policy import SMTP as SMTP_POLICY
+from email.utils import format_datetime
+
+import aiosmtplib
+from aiosmtplib import (
+    SMTPAuthenticationError,
+    SMTPException,
+    SMTPRecipientsRefused,
+    SMTPResponseException,
+    SMTPTimeoutError,
+)
+
+from cellwatt.outlets.notify.answer import Answer, FailedError, RefusedError
+from cellwatt.outlets.notify.settings import MailSettings
+from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
+from cellwatt.outlets.notify.tls import distrusted, trust
+from cellwatt.outlets.notify.told import Message
+
+GOODBYE = 1.0
+"""Longest time, s, to take leave of a server that has taken the mail."""
+_FOR_EVER = 500
+"""From this code on a server refuses for good."""
+
+
+class Mail:
+    """Sends a message as one mail to all addresses that still lack it."""
+
+    def __init__(self, settings: MailSettings, about: About, timeout: float) -> None:
+        self._settings, self._about, self._timeout = settings, about, timeout
+
+    async def send(self, message: Message) -> Answer:
+        """See ``Channel.send``."""
+        left = [address for address in self._settings.to if address not in message.settled]
+        if not left:
+            return Answer()
+        client = await self._client()
+        try:
+            async with asyncio.timeout(self._timeout):
+                await self._connect(client)
+                refused = await _hand_over(client, self._settings.sender, left, self._content(message))
+            with contextlib.suppress(SMTPException, OSError):
+                await client.quit(timeout=GOODBYE)
+        except TimeoutError:
+            raise FailedError(f"no answer within {self._timeout:g} s") from None
+        finally:
+            client.close()
+        taken = tuple(address for address in left if address not in refused)
+        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if code >= _FOR_EVER}
+        later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
+        return Answer(taken, for_ever, later)
+
+    async def _client(self) -> aiosmtplib.SMTP:
+        settings = self._settings
+        return aiosmtplib.SMTP(
+            hostname=settings.host,
+            port=settings.at,
+            username=settings.user,
+            password=None if settings.password is None else settings.password.get_secret_value(),
+            local_hostname="".join(socket.gethostname().split()) or "localhost",  # no question to a name server
+            use_tls=settings.tls == "tls",
+            start_tls=settings.tls == "starttls",
+            tls_context=None if settings.tls == "none" else await trust(settings.ca),
+            timeout=self._timeout,
+        )
+
+    async def _connect(self, client: aiosmtplib.SMTP) -> None:
+        try:
+            await client.connect()
+        except SMTPAuthenticationError as error:
+            raise FailedError(f"the login as {self._settings.user} is refused: {error.code} {error.message}") from None
+        except SMTPTimeoutError as error:
+            raise FailedError(f"no answer: {error.message}") from None
+        except SMTPResponseException as error:
+            raise FailedError(f"{error.code} {error.message}") from None
+        except SMTPException as error:
+            cause = error.__cause__
+            if isinstance(cause, OSError) and not isinstance(cause, SMTPException):
+                raise FailedError(distrusted(cause)) from None
+            no_tls = "STARTTLS" in error.message and self._settings.tls == "starttls"
+            hint = "; nothing is sent in the clear" if no_tls else ""
+            raise FailedError(f"{error.message}{hint}") from None
+        except OSError as error:
+            raise FailedError(distrusted(error)) from None
+
+    def _content(self, message: Message) -> bytes:
+        settings, about = self._settings, self._about
+        mail = EmailMessage(policy=SMTP_POLICY)
+        mail["From"] = settings.sender
+        mail["To"] = ", ".join(settings.to)
+        mail["Subject"] = subject(about, message)
+        mail["Date"] = format_datetime(utc(message.made))
+        mail["Message-ID"] = f"<{message.id}@{settings.sender.rpartition('@')[2]}>"
+        mail["Auto-Submitted"] = "auto-generated"
+        mail["X-Auto-Response-Suppress"] = "All"
+        if severity(message) == "error":
+            mail["Importance"] = "high"
+        mail.set_content(body(about, message), cte="quoted-printable")
+        return mail.as_bytes()
+
+
+async def _hand_over(
+    client: aiosmtplib.SMTP, sender: str, to: list[str], content: bytes
+) -> Mapping[str, tuple[int, str]]:
+    """Give a mail to the server; return code and reason of each address that it does not take."""
+    try:
+        refused, _ = await client.sendmail(sender, to, content)
+    except SMTPRecipientsRefused as error:
+        return {refusal.recipient: (refusal.code, refusal.message) for refusal in error.recipients}
+    except SMTPResponseException as error:
+        reason = f"{error.code} {error.message}"
+        raise (RefusedError(reason) if error.code >= _FOR_EVER else FailedError(reason)) from None
+    except SMTPTimeoutError as error:
+        raise FailedError(f"no answer: {error.message}") from None
+    except SMTPException as error:
+        raise FailedError(error.message) from None
+    except OSError as error:
+        raise FailedError(distrusted(error)) from None
+    return {address: (answer.code, answer.message) for address, answer in refused.items()}

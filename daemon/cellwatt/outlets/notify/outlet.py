@@ -1,0 +1,161 @@
+"""Tells people of alarms."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Iterator, Mapping
+from importlib.util import find_spec
+from typing import Any, ClassVar, Final
+
+from pydantic import TypeAdapter, ValidationError
+
+from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.outlets.notify import channels
+from cellwatt.outlets.notify.courier import Courier
+from cellwatt.outlets.notify.ledger import FILE, Ledger
+from cellwatt.outlets.notify.quiet import zone_of
+from cellwatt.outlets.notify.settings import NotifySettings
+from cellwatt.outlets.notify.texts import About
+from cellwatt.results import Alarm, Event
+
+for _library in ("aiohttp", "aiosmtplib"):  # loaded when the outlet runs, but what is missing is told at once
+    if find_spec(_library) is None:
+        raise ModuleNotFoundError(f"No module named {_library!r}", name=_library)
+
+log = logging.getLogger(__name__)
+
+INBOX: Final = 10_000
+"""Alarms and events that may wait to be looked at."""
+_WORDS: Final = ("acknowledged", "shelved")
+_ALARM: Final = TypeAdapter(Alarm)
+
+
+class NotifyOutlet(Outlet[NotifySettings]):
+    """Sends alarms to people by mail, webhook, ntfy and Home Assistant, each once.
+
+    A task for each recipient sends, so that none waits for another; what each was told is in a ledger on disk.
+    """
+
+    Settings: ClassVar[type[NotifySettings]] = NotifySettings
+    title = "Alarms to people: by mail, webhook, ntfy and Home Assistant"
+
+    def __init__(self, name: str, settings: NotifySettings, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._inbox: deque[Alarm | Event] = deque()
+        self._status: Mapping[str, Any] | None = None
+        self._fresh = asyncio.Event()
+        self._couriers: dict[str, Courier] = {}
+        self._folder = settings.folder or view.record_folder
+        self._ledger = Ledger(None if self._folder is None else self._folder / FILE)
+        self._read = False
+
+    def offer(self, item: Item) -> None:
+        """Queue an alarm, or the word of a person about one; without room the oldest is dropped."""
+        if isinstance(item, Alarm) or (isinstance(item, Event) and item.kind in _WORDS):
+            self._inbox.append(item)
+            if len(self._inbox) > INBOX:
+                self._inbox.popleft()
+                self.account.count("alarms lost, queue full")
+            self._fresh.set()
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Take which alarms are acknowledged and shelved; the newest health alone waits."""
+        self._status = status
+        self._fresh.set()
+
+    def succeed(self, before: Outlet[Any]) -> None:
+        """Go on with what the outlet before has told, and has not looked at yet."""
+        if isinstance(before, NotifyOutlet):
+            self._inbox.extendleft(reversed(before._inbox))
+            if before._read and before._ledger.path == self._ledger.path:
+                self._ledger, self._read = before._ledger, True
+
+    def trouble(self) -> str | None:
+        """The recipients that are not reached, and why, in one line; ``None`` if all is well."""
+        found = [text for courier in self._couriers.values() if (text := courier.trouble())]
+        if self._ledger.problem is not None:
+            found.append(self._ledger.problem)
+        return "; ".join(found) or None
+
+    async def run(self) -> None:
+        """Send until cancelled; an attempt that is under way then has three seconds to its end."""
+        await self._begin()
+        settings, view = self.settings, self.view
+        about = About(view.site, view.cell, settings.page, zone_of(settings.zone))
+        made = {n: await asyncio.to_thread(channels.make, to, about, settings.timeout) for n, to in settings.to.items()}
+        self._couriers = {
+            name: Courier(name, settings, about, view.session, self._ledger, self.account, self._folder)
+            for name in made
+        }
+        for alarm in self._missed():
+            self._take(alarm)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._look())
+            for name, courier in self._couriers.items():
+                group.create_task(courier.run(made[name]))
+
+    async def _begin(self) -> None:
+        """Read the ledger, once."""
+        if self._read:
+            self._ledger.keep(self.settings.to)
+            return
+        await asyncio.to_thread(self._ledger.read)
+        self._read = True
+        if self._ledger.path is None:
+            log.warning("notify: nothing is recorded, so after a restart alarms may be told again")
+        if self._ledger.problem is not None:
+            log.warning("notify: %s; alarms may be told again", self._ledger.problem)
+            self.account.count("ledger: not readable")
+        if self._ledger.unreadable:
+            self.account.count("ledger: lines not readable", self._ledger.unreadable)
+        for name, count in self._ledger.keep(self.settings.to).items():
+            log.warning("notify: %s is no recipient any more: %d alarms are not told", name, count)
+            self.account.count("alarms of former recipients", count)
+
+    def _missed(self) -> Iterator[Alarm]:
+        """The newest message of each alarm of this session: what of it was told already, the ledger knows."""
+        last: dict[str, Alarm] = {}
+        journal = self.view.journal
+        for _, item in journal.past() if journal is not None else ():
+            if isinstance(item, Alarm):
+                last[item.id] = item
+        for plain in self.view.status().get("alarms", ()):
+            try:
+                alarm = _ALARM.validate_python({k: v for k, v in plain.items() if k != "acknowledged"})
+            except (ValidationError, AttributeError):
+                self.account.count("alarms of health not understood")
+                continue
+            if alarm.id not in last or last[alarm.id].time < alarm.time:
+                last[alarm.id] = alarm
+        yield from last.values()
+
+    async def _look(self) -> None:
+        """Give to each recipient what comes, and note what is due before anything else happens."""
+        while True:
+            await self._fresh.wait()
+            self._fresh.clear()
+            while self._inbox:
+                self._take(self._inbox.popleft())
+            if self._status is not None:
+                status, self._status = self._status, None
+                self._heed(status)
+            await self._ledger.flush()
+
+    def _take(self, item: Alarm | Event) -> None:
+        for courier in self._couriers.values():
+            if isinstance(item, Alarm):
+                courier.take(item)
+            elif item.kind == "acknowledged":
+                courier.attended(str(item.data.get("alarm")))
+            else:
+                courier.shelved(str(item.data.get("alarm")))
+
+    def _heed(self, status: Mapping[str, Any]) -> None:
+        """Take from health which alarms people know of."""
+        unattended = [alarm["id"] for alarm in status.get("alarms", ()) if not alarm.get("acknowledged")]
+        for courier in self._couriers.values():
+            courier.unattended(unattended)
+            for alarm in status.get("shelved", ()):
+                courier.shelved(alarm["id"])

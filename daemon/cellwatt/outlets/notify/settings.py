@@ -1,0 +1,308 @@
+"""Settings of the recipients of alarms."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+from urllib.parse import SplitResult, urlsplit
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
+from pydantic import model_validator as model_check
+
+from cellwatt.files import WRITTEN, open_file
+from cellwatt.host import Host, stays_here
+from cellwatt.outlet import OutletSettings
+from cellwatt.outlets.notify.quiet import QuietSettings, check_zone
+from cellwatt.quantity import Seconds
+from cellwatt.results import Severity
+
+CHANNELS: Final = ("mail", "webhook", "ntfy", "home_assistant")
+_LAST_PORT: Final = 65535
+_ADDRESS: Final = re.compile(r"[^\s@<>,;\"\\()\[\]]+@[^\s@<>,;\"\\()\[\]]+")
+_PORTS: Final = {"starttls": 587, "tls": 465, "none": 25}
+
+
+def _address(text: str) -> str:
+    if not _ADDRESS.fullmatch(text) or not text.isascii():
+        raise ValueError(f"found {text!r:.120}, expected a mail address like shift@plant.example")
+    return text
+
+
+Address = Annotated[str, AfterValidator(_address)]
+"""A mail address without a name in front."""
+
+
+def split_url(url: str) -> SplitResult:
+    """Parts of an address of the web. Raises ``ValueError``, without the address itself, if it is none."""
+    try:
+        parts = urlsplit(url)
+        good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        good = False
+    if not good or re.search(r"\s", url):
+        raise ValueError("expected an address like https://plant.example/alarms")
+    if parts.username is not None or parts.password is not None:
+        raise ValueError("write no user or password into the address; tokens have a key of their own")
+    return parts
+
+
+def shown_url(url: str) -> str:
+    """An address of the web as it may be told: without its path, which may be a secret."""
+    parts = split_url(url)
+    return f"{parts.scheme}://{parts.netloc}"
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+
+
+class MailSettings(_Settings):
+    """Mail by way of a server that takes it for others (SMTP)."""
+
+    host: Host
+    """Mail server."""
+    port: int | None = Field(default=None, ge=1, le=_LAST_PORT)
+    """Its port; where absent 587, with ``tls: tls`` 465, with ``tls: none`` 25."""
+    tls: Literal["starttls", "tls", "none"] = "starttls"
+    """``starttls``: encrypted after the greeting, or nothing is sent; ``tls``: from the start; ``none``: only on this
+    PC."""
+    ca: Path | None = None
+    """Certificate authority (PEM) to trust instead of those of the system."""
+    user: str | None = None
+    """User to log in as."""
+    password: SecretStr | None = None
+    """Password of the user."""
+    sender: Address = Field(alias="from")
+    """Address that the mail comes from."""
+    to: tuple[Address, ...] = Field(min_length=1)
+    """Addresses that it goes to."""
+
+    @model_check(mode="after")
+    def _closed(self) -> MailSettings:
+        if self.tls == "none" and not stays_here(self.host):
+            raise ValueError(f"tls: none is for a server on this PC alone, not for {self.host}: use starttls or tls")
+        if (self.user is None) != (self.password is None):
+            raise ValueError("user and password are needed together")
+        return self
+
+    @property
+    def at(self) -> int:
+        """Port in force."""
+        return self.port or _PORTS[self.tls]
+
+
+class _Web(_Settings):
+    ca: Path | None = None
+    """Certificate authority (PEM) to trust instead of those of the system."""
+    open: bool = False
+    """Allow http without TLS beyond this PC: whoever is in between reads everything."""
+
+    def _check(self, url: str) -> None:
+        parts = split_url(url)
+        if parts.scheme == "http" and not stays_here(parts.hostname or "") and not self.open:
+            raise ValueError("http is for this PC alone: use https, or set open: true")
+
+
+class WebhookSettings(_Web):
+    """A POST with JSON to an address of yours."""
+
+    url: SecretStr
+    """Address; it counts as a secret, as many services put a token into it."""
+    secret: SecretStr | None = None
+    """Key of the signature: any text, or ``whsec_`` and base64; without it nothing is signed."""
+
+    @model_check(mode="after")
+    def _closed(self) -> WebhookSettings:
+        self._check(self.url.get_secret_value())
+        if self.secret is not None and not self.secret.get_secret_value():
+            raise ValueError("secret: expected a text that is not empty")
+        return self
+
+    @property
+    def address(self) -> str:
+        """Address that is called."""
+        return self.url.get_secret_value()
+
+
+class NtfySettings(_Web):
+    """A push message by a server of ntfy."""
+
+    url: str
+    """Address of the server, like ``https://ntfy.plant.example``."""
+    topic: SecretStr
+    """Topic; it counts as a secret, as whoever knows it may read along where the server asks for no token."""
+    token: SecretStr | None = None
+    """Access token."""
+
+    @model_check(mode="after")
+    def _closed(self) -> NtfySettings:
+        self._check(self.url)
+        if not re.fullmatch(r"[-_A-Za-z0-9]{1,64}", self.topic.get_secret_value()):
+            raise ValueError("topic: expected 1 to 64 letters, digits, '-' and '_'")
+        return self
+
+    @property
+    def address(self) -> str:
+        """Address that is called."""
+        return self.url
+
+
+class HomeAssistantSettings(_Web):
+    """A notification by Home Assistant: by one of its ``notify`` services, or by a webhook of an automation."""
+
+    url: str
+    """Address of Home Assistant, like ``https://home.plant.example:8123``."""
+    service: str | None = Field(default=None, pattern=r"^[a-z0-9_]+$")
+    """Name of the service behind ``notify.``, like ``mobile_app_shift``; needs ``token``."""
+    token: SecretStr | None = None
+    """Long-lived access token."""
+    webhook: SecretStr | None = None
+    """Id of the webhook of an automation; it needs no token."""
+
+    @model_check(mode="after")
+    def _closed(self) -> HomeAssistantSettings:
+        self._check(self.url)
+        if (self.service is None) == (self.webhook is None):
+            raise ValueError("expected one of service and webhook")
+        if (self.service is None) != (self.token is None):
+            raise ValueError("service and token are needed together")
+        if self.webhook is not None and not re.fullmatch(r"[-_A-Za-z0-9]+", self.webhook.get_secret_value()):
+            raise ValueError("webhook: expected letters, digits, '-' and '_'")
+        return self
+
+    @property
+    def address(self) -> str:
+        """Address that is called."""
+        base = self.url.rstrip("/")
+        if self.webhook is not None:
+            return f"{base}/api/webhook/{self.webhook.get_secret_value()}"
+        return f"{base}/api/services/notify/{self.service}"
+
+
+Web = WebhookSettings | NtfySettings | HomeAssistantSettings
+Channel = MailSettings | Web
+
+
+class RecipientSettings(_Settings):
+    """One recipient: one of ``mail``, ``webhook``, ``ntfy``, ``home_assistant``, and what is sent there."""
+
+    mail: MailSettings | None = None
+    """Send mail."""
+    webhook: WebhookSettings | None = None
+    """Call an address with JSON."""
+    ntfy: NtfySettings | None = None
+    """Push with ntfy."""
+    home_assistant: HomeAssistantSettings | None = None
+    """Notify with Home Assistant."""
+    severity: Severity = "warning"
+    """Least severity: info, warning or error."""
+    kinds: tuple[str, ...] = ("*",)
+    """Kinds of alarms, with ``*`` for any text, like ``joint_*``."""
+    group: Seconds = Field(default=30.0, ge=0)
+    """Alarms that come within this time of the first go as one message; 0: each by itself, if nothing else waits."""
+    quiet: tuple[QuietSettings, ...] = ()
+    """Quiet times."""
+    repeat: Seconds | None = Field(default=None, ge=60)
+    """Tell an active alarm again after this time, until it is acknowledged; at least a minute."""
+    resolved: bool = True
+    """Tell also that an alarm is over, where it was told."""
+
+    @model_check(mode="after")
+    def _one(self) -> RecipientSettings:
+        if sum(getattr(self, name) is not None for name in CHANNELS) != 1:
+            raise ValueError(f"expected exactly one of {', '.join(CHANNELS)}")
+        return self
+
+    @property
+    def kind(self) -> str:
+        """Key of the channel that is set."""
+        return next(name for name in CHANNELS if getattr(self, name) is not None)
+
+    @property
+    def channel(self) -> Channel:
+        """The channel that is set."""
+        found: Channel = getattr(self, self.kind)
+        return found
+
+    @property
+    def place(self) -> str:
+        """Kind and server of the channel, without secrets."""
+        channel = self.channel
+        where = f"{channel.host}:{channel.at}" if isinstance(channel, MailSettings) else shown_url(channel.address)
+        return f"{self.kind} by {where}"
+
+    @property
+    def secrets(self) -> tuple[str, ...]:
+        """Secrets of the channel, which no text may hold; the longest first."""
+        found = list(_secrets(self.channel))
+        if isinstance(self.channel, HomeAssistantSettings | WebhookSettings):
+            found.append(self.channel.address)
+        return tuple(sorted(filter(None, found), key=len, reverse=True))
+
+
+class NotifySettings(OutletSettings):
+    """Messages to people about alarms of the cell."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+
+    to: Mapping[str, RecipientSettings] = Field(min_length=1)
+    """Recipients, each with a name of your own."""
+    page: str | None = None
+    """Address of the page of the cell or plant, for a link in messages, like ``https://weld-3.plant.example:8480``."""
+    zone: str | None = None
+    """Time zone of people, like Europe/Berlin; where absent that of this PC."""
+    timeout: Seconds = Field(default=30.0, gt=0)
+    """Longest time for one attempt to send."""
+    retry: Seconds = Field(default=5.0, gt=0)
+    """Pause before the second attempt; it doubles with each further one, up to 10 min."""
+    give_up: Seconds = Field(default=86400.0, gt=0)
+    """Time after which a message that could not be sent is put among the undelivered."""
+    queue: PositiveInt = 100
+    """Alarms that may wait for a recipient; beyond that the least grave are only counted in the message."""
+    folder: Path | None = None
+    """Folder of the list of what was sent; where absent that of the record, without a record in memory alone."""
+
+    @field_validator("to")
+    @classmethod
+    def _named(cls, to: Mapping[str, RecipientSettings]) -> Mapping[str, RecipientSettings]:
+        for name in to:
+            if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name):
+                raise ValueError(f"found {name!r:.80} as a name, expected letters, digits, '_', '-' and '.'")
+        return to
+
+    @field_validator("page")
+    @classmethod
+    def _page(cls, page: str | None) -> str | None:
+        if page is not None and (split_url(page).query or split_url(page).fragment):
+            raise ValueError("expected an address without ? and #")
+        return page
+
+    @field_validator("zone")
+    @classmethod
+    def _zone(cls, zone: str | None) -> str | None:
+        return check_zone(zone)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Recipients that are told without encryption, and authorities that cannot be read."""
+        return tuple(f"to.{name}: {text}" for name, to in self.to.items() for text in _doubts(to.channel))
+
+
+def _secrets(channel: Channel) -> Iterator[str]:
+    for name in type(channel).model_fields:
+        value: Any = getattr(channel, name)
+        if isinstance(value, SecretStr):
+            yield value.get_secret_value()
+
+
+def _doubts(channel: Channel) -> Iterator[str]:
+    if not isinstance(channel, MailSettings):
+        parts = split_url(channel.address)
+        if parts.scheme == "http" and not stays_here(parts.hostname or ""):
+            yield f"{parts.scheme}://{parts.netloc}: alarms and tokens pass in the clear (open: true)"
+    if channel.ca is not None:
+        try:
+            open_file(channel.ca, WRITTEN).close()
+        except OSError as error:
+            yield f"ca: {channel.ca} cannot be read: {error.strerror}"

@@ -1,0 +1,129 @@
+"""Webhooks, ntfy and Home Assistant: one POST with JSON for each message."""
+
+from __future__ import annotations
+
+import json
+import ssl
+import time
+from http import HTTPStatus
+from typing import Any, Final
+
+import aiohttp
+from pydantic import SecretStr
+
+from cellwatt.outlets.notify.answer import Answer, FailedError, RefusedError
+from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings, split_url
+from cellwatt.outlets.notify.signature import headers
+from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
+from cellwatt.outlets.notify.tls import distrusted, trust
+from cellwatt.outlets.notify.told import Message
+from cellwatt.version import __version__
+
+PUSH: Final = 3800
+"""Bytes of a text that is pushed to telephones; ntfy makes a file of more than 4096."""
+LONGEST_WAIT: Final = 3600.0
+"""Longest pause, s, that a server may ask for."""
+_PRIORITY: Final = {"error": 5, "warning": 4, "info": 3, None: 3}
+_TAGS: Final = {"error": "rotating_light", "warning": "warning", "info": "information_source", None: "white_check_mark"}
+_OURS: Final = (401, 403, 407)
+"""Refusals that are of us, not of the message; a right token or a new rule there ends them."""
+_LATER: Final = (408, 425, 429)
+
+
+class WebChannel:
+    """Posts messages to one address."""
+
+    def __init__(self, settings: Web, about: About, timeout: float) -> None:
+        self._settings, self._about, self._timeout = settings, about, timeout
+
+    async def send(self, message: Message) -> Answer:
+        """See ``Channel.send``."""
+        settings = self._settings
+        content, head = request(settings, self._about, message, int(time.time()))
+        safe = split_url(settings.address).scheme == "https"
+        context: ssl.SSLContext | bool = await trust(settings.ca) if safe else True
+        try:
+            async with (
+                aiohttp.ClientSession(
+                    timeout=aiohttp.ClientTimeout(total=self._timeout), cookie_jar=aiohttp.DummyCookieJar()
+                ) as session,
+                session.post(
+                    settings.address, data=content, headers=head, ssl=context, allow_redirects=False
+                ) as response,
+            ):
+                judge(response.status, response.headers.get("Retry-After", ""))
+                response.close()  # the body says nothing that counts, and may never end
+        except (aiohttp.ClientConnectorCertificateError, aiohttp.ClientConnectorError) as error:
+            raise FailedError(_reason(error)) from None
+        except TimeoutError:
+            raise FailedError(f"no answer within {self._timeout:g} s") from None
+        except aiohttp.ClientError as error:
+            raise FailedError(f"the connection broke: {type(error).__name__}") from None
+        except OSError as error:
+            raise FailedError(distrusted(error)) from None
+        return Answer()
+
+
+def request(settings: Web, about: About, message: Message, now: int) -> tuple[bytes, dict[str, str]]:
+    """Body and headers of one attempt at ``now``, UTC s; only the time and with it the signature ever change."""
+    told: dict[str, Any]
+    token: SecretStr | None = None
+    if isinstance(settings, NtfySettings):
+        told, token = _ntfy(settings, about, message), settings.token
+    elif isinstance(settings, HomeAssistantSettings) and settings.service is not None:
+        told, token = _home_assistant(about, message), settings.token
+    else:
+        told = payload(about, message)
+    content = json.dumps(told, sort_keys=True).encode()
+    head = {"Content-Type": "application/json", "User-Agent": f"cellwatt/{__version__}"}
+    if token is not None:
+        head["Authorization"] = f"Bearer {token.get_secret_value()}"
+    if isinstance(settings, WebhookSettings):
+        secret = None if settings.secret is None else settings.secret.get_secret_value()
+        head |= headers(secret, message.id, now, content)
+    return content, head
+
+
+def judge(status: int, retry_after: str = "") -> None:
+    """Raise ``RefusedError`` or ``FailedError`` unless the status of an answer says that the message is taken."""
+    if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
+        return
+    known = status in HTTPStatus.__members__.values()
+    reason = f"{status} {HTTPStatus(status).phrase}" if known else f"{status}"
+    if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
+        raise RefusedError(f"{reason}: it sends elsewhere, which is not followed; write the address that it means")
+    if status in _OURS:
+        raise FailedError(f"{reason}: are token and address right?")
+    if HTTPStatus.BAD_REQUEST <= status < HTTPStatus.INTERNAL_SERVER_ERROR and status not in _LATER:
+        raise RefusedError(reason)
+    after = min(float(retry_after), LONGEST_WAIT) if retry_after.isascii() and retry_after.isdigit() else 0.0
+    raise FailedError(reason, after)
+
+
+def _ntfy(settings: NtfySettings, about: About, message: Message) -> dict[str, Any]:
+    worst = severity(message)
+    told = {
+        "topic": settings.topic.get_secret_value(),
+        "title": subject(about, message),
+        "message": body(about, message, PUSH),
+        "priority": _PRIORITY[worst],
+        "tags": [_TAGS[worst]],
+        "sequence_id": message.id,  # newer servers show a message that is sent again in place of the first
+    }
+    return told if about.link is None else {**told, "click": about.link}
+
+
+def _home_assistant(about: About, message: Message) -> dict[str, Any]:
+    data = {"tag": message.id}  # telephones show a message that is sent again in place of the first
+    if about.link is not None:
+        data |= {"url": about.link, "clickAction": about.link}
+    return {"title": subject(about, message), "message": body(about, message, PUSH), "data": data}
+
+
+def _reason(error: aiohttp.ClientConnectorCertificateError | aiohttp.ClientConnectorError) -> str:
+    if isinstance(error, aiohttp.ClientConnectorCertificateError):
+        inner = error.certificate_error
+        return distrusted(inner) if isinstance(inner, OSError) else "its certificate is not trusted"
+    if isinstance(error, aiohttp.ClientConnectorDNSError):
+        return f"the host {error.host} is not found"
+    return distrusted(error.os_error)

@@ -1,0 +1,302 @@
+"""What one client may ask at a time, and all of them together: announced to clients, and refused before any work."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from asyncua import Server, ua
+from asyncua.common.connection import TransportLimits
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.user_managers import UserManager
+
+from cellwatt.door.port import Limits, Port
+from cellwatt.door.tries import Guard
+from cellwatt.outlets.opc_ua.conditions import USER
+
+CONNECTIONS: Final = Limits(connections=64, peer=32, head=15.0, idle=15.0)
+"""A connection whose session is not active after ``head`` s is closed."""
+SESSIONS: Final = 64
+SUBSCRIPTIONS: Final = 128
+SUBSCRIPTIONS_OF_SESSION: Final = 8
+ITEMS: Final = 2000
+"""Monitored items of one subscription."""
+VALUES: Final = 100
+"""Values that wait in a monitored item."""
+UNACKNOWLEDGED: Final = 100
+"""Messages of a subscription that are kept until the client says that it has them."""
+FASTEST, SLOWEST = 20.0, 3_600_000.0
+"""Publishing interval, ms."""
+REQUEST: Final = 1 << 18
+"""Bytes of a request."""
+ANSWER: Final = 1 << 22
+"""Bytes of the values of an answer …"""
+REFERENCES: Final = 10_000
+"""… or references between nodes in it."""
+CHUNK: Final = 65535
+OPERATIONS: Final = {
+    "MaxNodesPerRead": 1000,
+    "MaxNodesPerBrowse": 200,
+    "MaxNodesPerTranslateBrowsePathsToNodeIds": 200,
+    "MaxMonitoredItemsPerCall": 500,
+    "MaxNodesPerMethodCall": 20,
+    "MaxNodesPerWrite": 100,
+    "MaxNodesPerRegisterNodes": 1000,
+    "MaxNodesPerNodeManagement": 100,
+    "MaxNodesPerHistoryReadData": 10,
+    "MaxNodesPerHistoryReadEvents": 10,
+}
+"""Most entries of a request, as the standard calls them."""
+_CAPABILITIES: Final = {
+    "MaxSessions": SESSIONS,
+    "MaxSubscriptions": SUBSCRIPTIONS,
+    "MaxSubscriptionsPerSession": SUBSCRIPTIONS_OF_SESSION,
+    "MaxMonitoredItemsPerSubscription": ITEMS,
+    "MaxMonitoredItemsQueueSize": VALUES,
+}
+
+
+class BoundedServer(Server):  # type: ignore[misc]
+    """A server with all limits of this module; ``counts`` says what was refused."""
+
+    def __init__(self, users: UserManager) -> None:
+        self.counts: Counter[str] = Counter()
+        super().__init__(BoundedInternal(Guard("opc_ua", self.counts), user_manager=users))
+        self._bound()
+
+    async def start(self) -> None:
+        """Begin to listen. Raises ``OutletError`` if that cannot be."""
+        await self._announce()
+        await self._setup_server_nodes()
+        await self.iserver.start()
+        host, port = self.socket_address
+        self.bserver = _Listener(self.iserver, host, port, self.limits, self.counts)
+        self.bserver.set_policies(self._policies)
+        await self.bserver.start()
+
+    def _bound(self) -> None:
+        chunks = REQUEST // CHUNK + 1
+        self.limits = TransportLimits(CHUNK, CHUNK, max_chunk_count=chunks, max_message_size=REQUEST)
+        inner = self.iserver
+        inner.max_subscriptions = SUBSCRIPTIONS
+        inner.max_monitored_item_queue_size = VALUES
+        inner.max_unacked_messages_per_subscription = UNACKNOWLEDGED
+        inner.max_pending_messages_per_connection = 50
+        inner.max_session_timeout_ms = 120_000
+        inner.max_pending_activation_seconds = 0  # the port has a deadline for it
+
+    async def _announce(self) -> None:
+        """Tell clients what they may ask, in the nodes that the standard has for it."""
+        limits = {f"OperationLimits_{name}": most for name, most in OPERATIONS.items()} | _CAPABILITIES
+        for name, most in limits.items():
+            number = ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}"))
+            if number in self.iserver.aspace:  # those of later editions may not be there
+                kind = await self.get_node(number).read_data_type_as_variant_type()
+                await self.get_node(number).write_value(ua.Variant(most, kind))
+
+
+class _Listener(BinaryServer):  # type: ignore[misc]
+    """Listens through a port with limits."""
+
+    def __init__(
+        self, inner: InternalServer, host: str, port: int, limits: TransportLimits, counts: Counter[str]
+    ) -> None:
+        super().__init__(inner, host, port, limits)
+        self._door = Port(self._make_protocol, CONNECTIONS, serving=_serving, counts=counts)
+
+    def _make_protocol(self) -> OPCUAProtocol:
+        return _Protocol(self.iserver, self._policies, self.clients, self.closing_tasks, self.limits)
+
+    async def start(self) -> None:
+        """Begin to listen. Raises ``OutletError`` if that cannot be."""
+        self.port: int = await self._door.open(self.hostname, self.port)
+        self.cleanup_task = asyncio.create_task(self._close_task_loop())
+
+    async def stop(self) -> None:
+        """Hang up on all clients."""
+        await self._door.close()
+        await super().stop()
+
+
+class _Protocol(OPCUAProtocol):  # type: ignore[misc]
+    """Keeps no more of a message that is not whole yet than a chunk may have."""
+
+    def data_received(self, data: bytes) -> None:
+        """See ``OPCUAProtocol.data_received``."""
+        super().data_received(data)
+        if len(self._buffer) > CHUNK and self.transport is not None:
+            self.transport.abort()
+
+
+def _serving(protocol: OPCUAProtocol) -> bool:
+    session = protocol.processor.session if protocol.processor is not None else None
+    return session is not None and session.is_activated()
+
+
+class BoundedSession(InternalSession):  # type: ignore[misc]
+    """Refuses what is too much, knows for whom a method is called; no client writes a value or changes nodes."""
+
+    guard: Guard
+
+    def activate_session(self, params: Any, peer_certificate: Any) -> Any:
+        """See ``InternalSession.activate_session``; tries at passwords have to wait."""
+        token = params.UserIdentityToken
+        if not self.external or not isinstance(token, ua.UserNameIdentityToken):
+            return super().activate_session(params, peer_certificate)
+        address, account = str(self.name[0]), token.UserName or ""
+        if self.guard.begin(address, account):
+            raise ServiceError(ua.StatusCodes.BadUserAccessDenied)
+        try:
+            result = super().activate_session(params, peer_certificate)
+        except Exception:
+            self.guard.fail(address, account)
+            raise
+        self.guard.succeed(address, account)
+        return result
+
+    async def read(self, params: Any) -> Any:
+        """See ``InternalSession.read``."""
+        self._check(params.NodesToRead, "MaxNodesPerRead")
+        results = await super().read(params)
+        if self.external and sum(_size(result) for result in results) > ANSWER:
+            raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
+        return results
+
+    async def browse(self, params: Any) -> Any:
+        """See ``InternalSession.browse``."""
+        self._check(params.NodesToBrowse, "MaxNodesPerBrowse")
+        results: list[Any] = []
+        left = REFERENCES
+        for node in params.NodesToBrowse:
+            results += await super().browse(replace(params, NodesToBrowse=[node]))
+            left -= len(results[-1].References)
+            if self.external and left < 0:
+                raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
+        return results
+
+    async def browse_next(self, parameters: Any) -> Any:
+        """Refuse: answers are never cut, so there is nothing to go on with."""
+        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+
+    async def translate_browsepaths_to_nodeids(self, params: Any) -> Any:
+        """See ``InternalSession.translate_browsepaths_to_nodeids``."""
+        self._check(params, "MaxNodesPerTranslateBrowsePathsToNodeIds")
+        return await super().translate_browsepaths_to_nodeids(params)
+
+    async def create_subscription(self, params: Any, callback: Any, request_callback: Any = None) -> Any:
+        """See ``InternalSession.create_subscription``."""
+        if self.external:
+            mine = [s for s in self.subscription_service.subscriptions.values() if s.session_id == self.session_id]
+            if len(mine) >= SUBSCRIPTIONS_OF_SESSION:
+                raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
+            params.RequestedPublishingInterval = min(max(FASTEST, params.RequestedPublishingInterval), SLOWEST)
+        return await super().create_subscription(params, callback, request_callback)
+
+    async def create_monitored_items(self, params: Any) -> Any:
+        """See ``InternalSession.create_monitored_items``."""
+        self._check(params.ItemsToCreate, "MaxMonitoredItemsPerCall")
+        self._own(params.SubscriptionId)
+        there = self.subscription_service.subscriptions.get(params.SubscriptionId)
+        known = 0 if there is None else len(there.monitored_item_srv._monitored_items)
+        if self.external and known + len(params.ItemsToCreate) > ITEMS:
+            raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
+        return await super().create_monitored_items(params)
+
+    async def modify_monitored_items(self, params: Any) -> Any:
+        """See ``InternalSession.modify_monitored_items``."""
+        self._check(params.ItemsToModify, "MaxMonitoredItemsPerCall")
+        self._own(params.SubscriptionId)
+        return await super().modify_monitored_items(params)
+
+    async def delete_monitored_items(self, params: Any) -> Any:
+        """See ``InternalSession.delete_monitored_items``."""
+        self._own(params.SubscriptionId)
+        return await super().delete_monitored_items(params)
+
+    async def delete_subscriptions(self, ids: Any) -> Any:
+        """See ``InternalSession.delete_subscriptions``."""
+        self._own(*ids)
+        return await super().delete_subscriptions(ids)
+
+    async def set_publishing_mode(self, params: Any) -> Any:
+        """See ``InternalSession.set_publishing_mode``."""
+        self._own(*params.SubscriptionIds)
+        return await super().set_publishing_mode(params)
+
+    async def set_monitoring_mode(self, params: Any) -> Any:
+        """See ``InternalSession.set_monitoring_mode``."""
+        self._own(params.SubscriptionId)
+        return await super().set_monitoring_mode(params)
+
+    async def history_read(self, params: Any) -> Any:
+        """Refuse: the past is in the recordings."""
+        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+
+    async def add_nodes(self, params: Any) -> Any:
+        """Refuse, from outside."""
+        self._check(params, "MaxNodesPerNodeManagement")
+        return await super().add_nodes(params)
+
+    async def call(self, params: Any) -> Any:
+        """See ``InternalSession.call``."""
+        self._check(params, "MaxNodesPerMethodCall")
+        token = USER.set(self.user.name if self.user is not None else None)
+        try:
+            return await super().call(params)
+        finally:
+            USER.reset(token)
+
+    async def write(self, params: Any) -> Any:
+        """Refuse, from outside."""
+        if not self.external:
+            return await super().write(params)
+        self._check(params.NodesToWrite, "MaxNodesPerWrite")
+        return [ua.StatusCode(ua.StatusCodes.BadNotWritable) for _ in params.NodesToWrite]
+
+    def _own(self, *subscriptions: int) -> None:
+        """Refuse what is about subscriptions of others: their numbers can be guessed."""
+        there = self.subscription_service.subscriptions
+        if self.external and any(n in there and there[n].session_id != self.session_id for n in subscriptions):
+            raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
+
+    def _check(self, entries: Sequence[Any] | None, limit: str) -> None:
+        if self.external and len(entries or ()) > OPERATIONS[limit]:
+            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+
+
+def _size(value: Any) -> int:
+    """Bytes of a value at least, without encoding it."""
+    inner = value.Value.Value if value.Value is not None else None
+    return len(inner) if isinstance(inner, str | bytes | list) else 8
+
+
+class BoundedInternal(InternalServer):  # type: ignore[misc]
+    """Makes sessions that know their users and limits; one connection has one session."""
+
+    def __init__(self, guard: Guard, **more: Any) -> None:
+        self._guard = guard
+        self._closing: set[asyncio.Task[None]] = set()
+        super().__init__(**more)
+
+    def create_session(self, name: Any, user: Any = None, external: bool = False) -> BoundedSession:
+        """See ``InternalServer.create_session``. Raises ``ServiceError`` beyond the limit."""
+        if external:
+            same = [session for session in self._external_sessions.values() if session.name == name]
+            if len(self._external_sessions) - len(same) >= SESSIONS:
+                raise ServiceError(ua.StatusCodes.BadTooManySessions)
+            for session in same:  # its connection makes another one
+                self._external_sessions.pop(session.auth_token)
+                task = asyncio.create_task(session.close_session(True))
+                self._closing.add(task)
+                task.add_done_callback(self._closing.discard)
+        user = User(role=UserRole.Anonymous) if user is None else user
+        made = BoundedSession(self, self.aspace, self.subscription_service, name, user=user, external=external)
+        made.guard = self._guard
+        return made

@@ -1,0 +1,61 @@
+"""Serves a cell over OPC UA, from a process of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import Any, ClassVar, Final
+
+from cellwatt.frames import Frames, Layout
+from cellwatt.outlet import CellView
+from cellwatt.outlets.apart.outlet import ApartOutlet
+from cellwatt.outlets.apart.wire import Kind, json_message
+from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
+from cellwatt.outlets.selection import Picker, Row
+from cellwatt.results import Alarm, Energy, Event, Result
+
+if find_spec("asyncua") is None:  # only the process that serves imports it, but what is missing is told at once
+    raise ModuleNotFoundError("No module named 'asyncua'", name="asyncua")
+
+ACKNOWLEDGED: Final = "acknowledged"
+"""Kind of the event that tells that a person knows of an alarm."""
+
+
+class OpcUaOutlet(ApartOutlet[OpcUaOutletSettings]):
+    """Serves a cell's values, energies, health and alarms to OPC UA clients, from a process of its own."""
+
+    Settings: ClassVar[type[OpcUaOutletSettings]] = OpcUaOutletSettings
+    title = "The cell as an OPC UA server, with the types of OPC UA for Robotics"
+    module = "cellwatt.outlets.opc_ua.serving"
+    what = "the OPC UA server"
+    memory = 512 << 20
+    forgets = Energy
+
+    def __init__(self, name: str, settings: OpcUaOutletSettings, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._picker: Picker | None = None
+
+    def hello(self) -> Mapping[str, Any]:
+        """See ``ApartOutlet.hello``."""
+        return {**self.settings.told(), "site": self.view.site, "cell": self.view.cell}
+
+    def takes(self, item: Result | Event) -> bool:
+        """True for what the server has a node for: alarms, words about them and energies."""
+        return isinstance(item, Alarm | Energy) or (isinstance(item, Event) and item.kind == ACKNOWLEDGED)
+
+    def columns(self, layout: Layout) -> bytes:
+        """See ``ApartOutlet.columns``."""
+        self._picker = picker = Picker(self.settings, layout)
+        channels = [{"name": name, "unit": unit} for name, unit in picker.units.items()]
+        return json_message(Kind.LAYOUT, {"channels": channels})
+
+    def rows(self, block: Frames) -> bytes:
+        """See ``ApartOutlet.rows``: those of the rate that clients are to see, one message each."""
+        assert self._picker is not None
+        return b"".join(json_message(Kind.FRAMES, _row(row)) for row in self._picker.rows(block))
+
+
+def _row(row: Row) -> dict[str, Any]:
+    values = {name: value for name, value in row.values.items() if math.isfinite(value)}
+    return {"time": row.time, "values": values, "quality": row.quality}

@@ -1,0 +1,213 @@
+"""Answers about one cell: its state, streams, curves, alarms and reports, and what people say of its alarms."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+from typing import Any, Final
+from urllib.parse import quote
+
+from aiohttp import web
+
+from cellwatt.outlets.page.access import VISITOR, Visitor, answer, refusal
+from cellwatt.outlets.page.browsers import encoded
+from cellwatt.outlets.page.rooms import Room, Rooms, prefix
+from cellwatt.outlets.zenoh.messages import parse_json
+
+CELL: Final = "/api/cells/{site}/{cell}"
+REPORT_POLICY: Final = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+)
+"""Reports are pages of their own with scripts inside; they reach nothing of ours."""
+MOST_CHANNELS: Final = 100
+MOST_POINTS: Final = 4000
+MOST_ALARMS: Final = 1000
+LONGEST_SHELF: Final = 31 * 24 * 60
+"""Minutes for which an alarm may be shelved."""
+LONGEST_NAME, LONGEST_NOTE = 100, 1000
+_RATES: Final = (0.1, 25.0)
+_HOUR: Final = 3.6e6
+
+
+class CellApi:
+    """Answers about cells of ``rooms``."""
+
+    def __init__(self, rooms: Rooms) -> None:
+        self._rooms = rooms
+
+    def routes(self) -> Sequence[web.AbstractRouteDef]:
+        """Routes below ``CELL``."""
+        return (
+            web.get(f"{CELL}/state", self._state),
+            web.get(f"{CELL}/stream", self._stream, allow_head=False),
+            web.get(f"{CELL}/curves", self._curves),
+            web.get(f"{CELL}/alarms", self._alarms),
+            web.get(f"{CELL}/reports", self._reports),
+            web.get(f"{CELL}/reports/{{path:.+}}", self._report),
+            web.get(f"{CELL}/mismatch", self._mismatch),
+            web.post(f"{CELL}/{{what:acknowledge|shelve|unshelve}}", self._act),
+        )
+
+    async def _room(self, request: web.Request) -> Room:
+        site, cell = request.match_info["site"], request.match_info["cell"]
+        try:
+            return await self._rooms.room(site, cell)
+        except KeyError:
+            raise web.HTTPNotFound(text=f"no cell is heard as {site:.100}/{cell:.100}") from None
+
+    async def _state(self, request: web.Request) -> web.StreamResponse:
+        room, visitor = await self._room(request), visitor_of(request)
+        may_act = visitor.may_act and room.order is not None
+        record = room.archive.folder is not None
+        return answer({**room.feed.state(), "may_act": may_act, "record": record})
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        room = await self._room(request)
+        rate = min(max(number(request, "rate", 10.0), _RATES[0]), _RATES[1])
+        wanted = tuple(dict.fromkeys((*_channels(request), *room.feed.joints)))
+        status = room.feed.live.status
+        first = [encoded("health", status)] if status else []
+        return await room.feed.hub.serve(request, wanted, rate, visitor_of(request).token, first)
+
+    async def _curves(self, request: web.Request) -> web.StreamResponse:
+        room = await self._room(request)
+        start, end = _span(request)
+        points = round(min(max(number(request, "points", 1200), 1), MOST_POINTS))
+        return answer(await room.archive.curves(room.feed.live, _channels(request), start, end, points))
+
+    async def _alarms(self, request: web.Request) -> web.StreamResponse:
+        room = await self._room(request)
+        start, end = _span(request)
+        limit = round(min(max(number(request, "limit", 200), 1), MOST_ALARMS))
+        told = await room.archive.alarms(room.feed.live, start, end, limit)
+        return answer({**told, "alarms": [_with_evidence(room, alarm) for alarm in told["alarms"]]})
+
+    async def _reports(self, request: web.Request) -> web.StreamResponse:
+        room = await self._room(request)
+        told = await room.archive.reports()
+        return answer({**told, "reports": [_with_address(room, report) for report in told["reports"]]})
+
+    async def _report(self, request: web.Request) -> web.StreamResponse:
+        room = await self._room(request)
+        file = await room.archive.report(request.match_info["path"])
+        if file is None:
+            raise web.HTTPNotFound(text="there is no such report")
+        headers = {"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
+        return web.FileResponse(file, headers=headers)
+
+    async def _mismatch(self, request: web.Request) -> web.StreamResponse:
+        room = await self._room(request)
+        return answer(_with_address(room, await room.archive.mismatch()))
+
+    # what people say ------------------------------------------------------------------------------
+
+    async def _act(self, request: web.Request) -> web.StreamResponse:
+        room, visitor, what = await self._room(request), visitor_of(request), request.match_info["what"]
+        feed = room.feed
+        if room.order is None:
+            url = self._rooms.url_of(feed.site, feed.cell)
+            return refusal(HTTPStatus.FORBIDDEN, f"acknowledge on the cell's own page{f': {url}' if url else ''}")
+        if not visitor.may_act:
+            return refusal(HTTPStatus.FORBIDDEN, "you may look, but not act: ask for a login that may")
+        body = await body_of(request)
+        alarm = text_of(body, "id", 500)
+        order: dict[str, Any] = {
+            "what": what,
+            "alarm": alarm,
+            "name": visitor.name or text_of(body, "name", LONGEST_NAME),
+            "note": text_of(body, "note", LONGEST_NOTE, needed=False),
+        }
+        if what == "shelve":
+            order["until"] = time.time_ns() + round(_minutes(body) * 60e9)
+        if not (feed.is_shelved(alarm) if what == "unshelve" else feed.is_up(alarm)):
+            where = "on the shelf" if what == "unshelve" else "active"
+            return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be over")
+        await room.order(order)
+        return answer({})
+
+
+def visitor_of(request: web.Request) -> Visitor:
+    """Who asks."""
+    return request[VISITOR]
+
+
+async def body_of(request: web.Request) -> Mapping[str, Any]:
+    """The body of a request, a JSON object. Raises ``HTTPBadRequest``, ``HTTPUnsupportedMediaType``."""
+    if request.content_type != "application/json":
+        raise web.HTTPUnsupportedMediaType(text="expected a JSON object (Content-Type: application/json)")
+    try:
+        body = parse_json(await request.read())
+    except ValueError:
+        body = None
+    if not isinstance(body, dict):
+        raise web.HTTPBadRequest(text="expected a JSON object")
+    return body
+
+
+def text_of(body: Mapping[str, Any], name: str, longest: int, *, needed: bool = True) -> str:
+    """A text in a body, without control characters. Raises ``HTTPBadRequest``."""
+    value = body.get(name)
+    if value is None and not needed:
+        return ""
+    if not isinstance(value, str) or len(value) > longest:
+        raise web.HTTPBadRequest(text=f"{name}: expected a text of at most {longest} characters")
+    text = "".join(c if c.isprintable() else " " for c in value).strip()
+    if needed and not text:
+        raise web.HTTPBadRequest(text=f"{name}: expected a text that is not empty")
+    return text
+
+
+def number(request: web.Request, name: str, default: float | None = None) -> float:
+    """A number in the address. Raises ``HTTPBadRequest``."""
+    text = request.query.get(name)
+    if text is None and default is not None:
+        return default
+    try:
+        found = float(text or "")
+    except ValueError:
+        found = math.nan
+    if not math.isfinite(found):
+        raise web.HTTPBadRequest(text=f"{name}: expected a number")
+    return found
+
+
+def _channels(request: web.Request) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name for name in request.query.get("channels", "").split(",") if name))
+    if len(names) > MOST_CHANNELS:
+        raise web.HTTPBadRequest(text=f"channels: expected at most {MOST_CHANNELS}")
+    return names
+
+
+def _span(request: web.Request) -> tuple[float, float]:
+    """Start and end, ms; the last hour unless told."""
+    end = number(request, "to", time.time() * 1e3)
+    start = number(request, "from", end - _HOUR)
+    if not 0 <= start < end < 1e14:
+        raise web.HTTPBadRequest(text="from, to: expected two UTC times in ms, from before to")
+    return start, end
+
+
+def _minutes(body: Mapping[str, Any]) -> float:
+    minutes = body.get("minutes")
+    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not 0 < minutes <= LONGEST_SHELF:
+        raise web.HTTPBadRequest(text=f"minutes: expected a number above 0 and up to {LONGEST_SHELF}")
+    return float(minutes)
+
+
+def _with_address(room: Room, report: Mapping[str, Any]) -> dict[str, Any]:
+    """A report with the address at which it is served here."""
+    path = report.get("path")
+    return dict(report) if path is None else {**report, "href": _address(room, path)}
+
+
+def _with_evidence(room: Room, alarm: Mapping[str, Any]) -> dict[str, Any]:
+    """An alarm of the record with the address of its evidence."""
+    path = alarm.get("evidence_page")
+    return dict(alarm) if path is None else {**alarm, "evidence_page": _address(room, path)}
+
+
+def _address(room: Room, path: str) -> str:
+    return f"{prefix(room.feed.site, room.feed.cell)}/reports/{quote(path, errors='replace')}"

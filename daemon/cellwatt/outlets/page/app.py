@@ -1,0 +1,149 @@
+"""The whole page as a web application: its files, logins, the plant, cells."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any, Final
+
+from aiohttp import web
+from aiohttp.typedefs import Handler
+
+from cellwatt.door.http import HttpDoor
+from cellwatt.door.port import Limits
+from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, refusal
+from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
+from cellwatt.outlets.page.assets import INDEX, Assets
+from cellwatt.outlets.page.browsers import Browsers, encoded
+from cellwatt.outlets.page.passwords import LONGEST
+from cellwatt.outlets.page.rooms import Rooms
+from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.version import __version__
+
+PAGES: Final = ("/", "/plant", "/login", "/cell/{site}/{cell}", "/cell/{site}/{cell}/{part}")
+_PACKED: Final = 1024
+"""Bytes of JSON from which on it is packed."""
+LIMITS: Final = Limits(connections=384, peer=256)
+
+
+class Page:
+    """The application for ``rooms``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow."""
+
+    def __init__(self, settings: PageSettings, gate: Gate, rooms: Rooms, assets: Assets, browsers: Browsers) -> None:
+        self._settings, self._gate, self._rooms, self._assets = settings, gate, rooms, assets
+        self._browsers = browsers
+        self._door = HttpDoor(self.application(), settings, LIMITS)
+
+    def application(self) -> web.Application:
+        """The aiohttp application."""
+        app = web.Application(client_max_size=LARGEST_BODY, middlewares=[_pack, self._gate.middleware])
+        app.on_response_prepare.append(self._gate.prepare)
+        app.add_routes(self._routes())
+        return app
+
+    def _routes(self) -> Sequence[web.AbstractRouteDef]:
+        return (
+            *(web.get(path, self._index) for path in PAGES),
+            web.get("/assets/{name:.+}", self._asset),
+            web.get("/favicon.svg", self._asset),
+            web.get("/api/site", self._site),
+            web.post("/api/login", self._log_in),
+            web.post("/api/logout", self._log_out),
+            web.get("/api/plant", self._plant),
+            web.get("/api/plant/stream", self._plant_stream, allow_head=False),
+            *CellApi(self._rooms).routes(),
+        )
+
+    async def _index(self, request: web.Request) -> web.StreamResponse:
+        return self._assets.answer(request, INDEX)
+
+    async def _asset(self, request: web.Request) -> web.StreamResponse:
+        return self._assets.answer(request, request.path.removeprefix("/"))
+
+    async def _site(self, request: web.Request) -> web.StreamResponse:
+        visitor = visitor_of(request)
+        known = visitor.name is not None or not self._settings.users
+        told: dict[str, Any] = {
+            "mode": self._rooms.mode,
+            "site": self._rooms.site if known else None,
+            "cells": [{"site": site, "cell": cell} for site, cell in self._rooms.cells] if known else [],
+            "user": visitor.name,
+            "may_act": visitor.may_act and self._rooms.acts,
+            "login_needed": not known,
+            "csrf": self._gate.sessions.csrf(visitor.token),
+            "version": __version__,
+        }
+        made = answer(told)
+        if visitor.new:
+            self._gate.set_cookie(made, visitor.token)
+        if self._gate.sessions.changed:
+            await self._gate.save()
+        return made
+
+    async def _log_in(self, request: web.Request) -> web.StreamResponse:
+        body = await body_of(request)
+        name, password = text_of(body, "name", 100), body.get("password")
+        if not isinstance(password, str) or not 0 < len(password) <= LONGEST:
+            raise web.HTTPBadRequest(text=f"password: expected a text of 1 to {LONGEST} characters")
+        return await self._gate.log_in(request, name, password)
+
+    async def _log_out(self, request: web.Request) -> web.StreamResponse:
+        token = visitor_of(request).token
+        made = await self._gate.log_out(request)
+        self._browsers.end(lambda login: login == token)
+        return made
+
+    async def _plant(self, request: web.Request) -> web.StreamResponse:
+        return answer({"cells": self._rooms.summary()})
+
+    async def _plant_stream(self, request: web.Request) -> web.StreamResponse:
+        hub = self._rooms.hub
+        if hub is None:
+            return refusal(HTTPStatus.NOT_FOUND, "this page shows one cell: there is no plant to follow")
+        first = [encoded("plant", {"cells": self._rooms.summary()})]
+        return await hub.serve(request, None, 1.0, visitor_of(request).token, first)
+
+    # serving --------------------------------------------------------------------------------------
+
+    async def start(self, context: ssl.SSLContext | None) -> str:
+        """Begin to serve; return the address. Raises ``OutletError`` if that cannot be."""
+        return f"{await self._door.start(context)}/"
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Connections and logins that were refused."""
+        return {**self._door.counts, **self._gate.counts}
+
+    async def stop(self) -> None:
+        """End all streams and serve no more."""
+        self._browsers.end()
+        await self._door.stop()
+
+
+def names_in(certificate: Path | None) -> tuple[str, ...]:
+    """Host names that a certificate is for; none where the package cryptography, which reads it, is missing."""
+    if certificate is None:
+        return ()
+    try:
+        from cryptography import x509
+    except ImportError:
+        return ()
+    try:
+        found = x509.load_pem_x509_certificates(certificate.read_bytes())[0]
+        names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        return tuple(names.get_values_for_type(x509.DNSName))
+    except (OSError, ValueError, x509.ExtensionNotFound):
+        return ()
+
+
+@web.middleware
+async def _pack(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Pack long JSON for browsers that unpack it."""
+    response = await handler(request)
+    if isinstance(response, web.Response):
+        body = response.body if response.content_type == "application/json" else None
+        if isinstance(body, bytes) and len(body) > _PACKED:
+            response.enable_compression()
+    return response

@@ -1,0 +1,199 @@
+"""Curves of a cell's record for a browser: lowest and highest values in as many steps as it asked for."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import CellwattError, RecordingError, why
+from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting
+from cellwatt.outlets.page.levels.keeping import Keeper
+from cellwatt.outlets.page.levels.moments import Moments, Reader
+from cellwatt.outlets.page.levels.sources import Held, Source
+from cellwatt.outlets.page.levels.store import Store, ends_at, near
+from cellwatt.outlets.page.levels.telling import marks
+from cellwatt.outlets.page.shapes import significant
+from cellwatt.record.retention import Kept
+
+PATIENCE: Final = 5.0
+"""s after which an answer is given as far as it goes."""
+MOMENTS: Final = 60 * 10**9
+"""Longest span, ns, that is answered from the frames themselves, …"""
+FINER: Final = STEPS[0] // 2
+"""… where the step asked for is shorter than this, ns."""
+BESIDE: Final = 10**9
+"""ns, more than the step of most frames."""
+EXACT: Final = 9
+"""Significant digits that tell a single-precision number from all others."""
+
+Float = NDArray[np.float64]
+
+
+class Curves:
+    """Answers about the recordings of ``cell`` in ``folder``, which it only reads.
+
+    Level files stand in ``levels``, of the newest recordings as far as ``most`` bytes go.
+    """
+
+    def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
+        self.store = Store(folder, cell, most=most)
+        self._reader = Reader(self.store)
+        self._keeper = Keeper(self.store)
+
+    def start(self) -> None:
+        """Begin to keep level files up to date, in a thread."""
+        self._keeper.start()
+
+    def close(self) -> None:
+        """End that thread."""
+        self._keeper.close()
+
+    def stats(self) -> dict[str, Any]:
+        """Figures for health messages."""
+        return self.store.stats()
+
+    def curves(self, channels: Sequence[str], start_ms: float, end_ms: float, points: int) -> dict[str, Any]:
+        """Curves from ``start_ms`` to before ``end_ms`` UTC ms, and the intervals and alarms there, JSON-ready.
+
+        There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
+        samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
+        Where a step is one frame, ``t`` are the frames' own times and there is no ``max``. Channels are those of the
+        frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``complete`` is false
+        where something is left out, for want of time or because it is too much. Never call it on an event loop.
+
+        Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
+        """
+        start, end = span_of(start_ms, end_ms)
+        points, until = max(points, 2), time.monotonic() + PATIENCE
+        names = list(dict.fromkeys(channels))
+        recordings = self.store.recordings()
+        try:
+            found = self._moments(recordings, names, start, end, points, until)
+            found = found or self._levels(recordings, names, start, end, points, until)
+            told = marks(self.store, recordings, start, end, until)
+        except OSError as error:
+            raise RecordingError(f"record.folder {self.store.folder} cannot be read: {why(error)}") from error
+        complete = found.pop("complete") and told.pop("complete")
+        return {**found, **told, "from_record": True, "complete": complete}
+
+    # short spans ----------------------------------------------------------------------------------
+
+    def _moments(
+        self, recordings: Sequence[Kept], names: list[str], start: int, end: int, points: int, until: float
+    ) -> dict[str, Any] | None:
+        """Curves out of the frames; None where levels serve better."""
+        if end - start > MOMENTS or end - start >= points * FINER:
+            return None
+        beside = (end - start) // (points - 1) + BESIDE  # the first and the last step reach beyond the span
+        first, last = start - beside, end + beside
+        try:
+            found = self._reader.read(near(recordings, first, last), first, last, names, until)
+        except TimeoutError:
+            return None
+        samples = {name: found.of(name, start, end) for name in names}
+        times, step = _times(found, [time for time, _ in samples.values()])
+        if len(times) <= points:
+            values = {name: {"min": _plain(_placed(times, *samples[name]))} for name in names}
+            return {"t": (times / 1e6).tolist(), "v": values, "step_ms": step / 1e6, "complete": True}
+        grid = fitting(start, end, points, max(step, 1))
+        if grid.start < first or grid.end > last:
+            return None
+        canvas = Canvas(grid, len(names))
+        for row, name in enumerate(names):
+            at, samples_ = found.of(name, grid.start, grid.end)
+            known = np.isfinite(samples_)
+            canvas.add(row, grid.step, at[known] // grid.step, samples_[known], samples_[known])
+        return {**_drawn(canvas, names), "complete": True}
+
+    # long spans -----------------------------------------------------------------------------------
+
+    def _levels(
+        self, recordings: Sequence[Kept], names: list[str], start: int, end: int, points: int, until: float
+    ) -> dict[str, Any]:
+        """Curves out of the level files; those that are missing are made, newest first, as far as there is time."""
+        level, grid = chosen(start, end, points)
+        canvas, complete = Canvas(grid, len(names)), True
+        for kept in reversed(near(recordings, grid.start, grid.end)):
+            try:
+                source = self._source(kept, until)
+            except TimeoutError:
+                complete = False
+                continue
+            if source is not None and source.start < grid.end and source.end >= grid.start:
+                complete &= self._drawn(kept, source, level, names, canvas)
+        return {**_drawn(canvas, names, EXACT), "complete": complete}
+
+    def _source(self, kept: Kept, until: float) -> Source | None:
+        """Source of a recording, None where nothing in it can be read. Raises ``TimeoutError``."""
+        if kept.closed:
+            source = self.store.made(kept, until, ends_at(until))
+            if source is None and time.monotonic() > until:
+                raise TimeoutError
+            return source
+        growing = self.store.growing(kept)
+        try:
+            with growing.lock:
+                if not growing.grow(until):
+                    raise TimeoutError
+                return Held(growing.gathered)
+        except FileNotFoundError:
+            return None
+
+    def _drawn(self, kept: Kept, source: Source, level: int, names: list[str], canvas: Canvas) -> bool:
+        """Put the levels of a recording on the canvas; false where the level file is damaged, or went meanwhile."""
+        try:
+            found = source.levels(level, names)
+        except FileNotFoundError:
+            return not kept.path.exists()  # with its recording, or to keep to the budget
+        except ValueError as error:
+            self.store.spoiled(kept, str(error))
+            return False
+        for columns, buckets in found:
+            place = {name: i for i, name in enumerate(columns)}
+            for row, name in enumerate(names):
+                if (i := place.get(name)) is not None:
+                    canvas.add(row, STEPS[level], buckets.index, buckets.low[i], buckets.high[i])
+        return True
+
+
+def span_of(start_ms: float, end_ms: float) -> tuple[int, int]:
+    """A span in UTC ns. Raises ``CellwattError`` for one that is none."""
+    if not (math.isfinite(start_ms) and math.isfinite(end_ms) and 0 <= start_ms < end_ms < 2**62 / 1e6):
+        raise CellwattError(f"no span from {start_ms:g} to {end_ms:g} ms: it must end after it begins")
+    return round(start_ms * 1e6), max(round(end_ms * 1e6), round(start_ms * 1e6) + 1)
+
+
+def _times(found: Moments, times: list[NDArray[np.int64]]) -> tuple[NDArray[np.int64], int]:
+    """All times of the samples, one more in each gap, and the usual step from one to the next, ns."""
+    every = np.unique(np.concatenate([np.empty(0, np.int64), *times]))
+    apart = np.diff(every)
+    step = found.step or (round(float(np.median(apart))) if len(apart) else 0)
+    gaps = every[:-1][apart > 1.5 * step] + step
+    return np.sort(np.concatenate([every, gaps])), step
+
+
+def _placed(times: NDArray[np.int64], at: NDArray[np.int64], values: Float) -> Float:
+    """Values at some of the times, NaN at the others."""
+    out = np.full(len(times), np.nan)
+    out[np.searchsorted(times, at)] = values
+    return out
+
+
+def _drawn(canvas: Canvas, names: Sequence[str], digits: int | None = None) -> dict[str, Any]:
+    grid: Grid = canvas.grid
+    times = (grid.first + np.arange(grid.count)) * grid.step
+    low, high = (v if digits is None else significant(v, digits) for v in (canvas.low, canvas.high))
+    values = {name: {"min": _plain(low[row]), "max": _plain(high[row])} for row, name in enumerate(names)}
+    return {"t": (times / 1e6).tolist(), "v": values, "step_ms": grid.step / 1e6}
+
+
+def _plain(values: Float) -> list[float | None]:
+    """Values for JSON, None for what is no number."""
+    plain: list[float | None] = np.where(np.isfinite(values), values, np.array(None)).tolist()
+    return plain

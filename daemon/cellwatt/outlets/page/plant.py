@@ -1,0 +1,249 @@
+"""All cells of a site: heard by their tokens and their health; one that somebody looks at is followed in full."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Literal
+from urllib.parse import unquote
+
+from cellwatt.errors import ProtocolError
+from cellwatt.outlets.page.archive import Desk
+from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.followed import Followed
+from cellwatt.outlets.page.rooms import Room
+from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
+from cellwatt.outlets.page.watching import UNREADABLE
+from cellwatt.outlets.zenoh.asking import Question
+from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys, escape
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.order import Hole
+from cellwatt.outlets.zenoh.received import Health, read_answer, read_health, read_message
+from cellwatt.results import Energy
+
+if TYPE_CHECKING:
+    import zenoh
+
+log = logging.getLogger(__name__)
+
+LOOK: Final = 2.0
+"""s between two messages to browsers."""
+MOST_CELLS: Final = 2000
+"""Cells that are listed."""
+FORGOTTEN: Final = 86400.0
+"""s after which a cell that is gone is no longer listed."""
+AT_ONCE: Final = 50
+"""Cells whose health is read before something else may have its turn."""
+_AGE: Final = 5.0
+"""s without health from which on the age of the last is told anew."""
+_TIMEOUT: Final = 5.0
+
+
+@dataclass
+class _Cell:
+    """What is known of one cell; times are monotonic, s. ``waiting`` is its newest health, still to be read."""
+
+    token: bool = False
+    heard: float | None = None
+    gone: float | None = None
+    waiting: zenoh.Sample | None = None
+    health: Health | None = None
+    energy: EnergyToday = field(default_factory=EnergyToday)
+    asked: set[int] = field(default_factory=set)
+    """Sessions whose earlier energies were asked for."""
+
+
+class Plant:
+    """The cells of a site behind a link, as ``Rooms``; ``run`` follows them.
+
+    Zenoh calls back in threads of its own: what they bring is taken on the loop.
+    """
+
+    mode: Literal["cell", "plant"] = "plant"
+    acts = False
+
+    def __init__(self, link: LinkSettings, site: str, browsers: Browsers, desk: Desk) -> None:
+        self.site: str | None = site
+        self.hub: Hub | None = Hub(browsers)
+        self._link, self._name = link, site
+        self._known: dict[str, _Cell] = {}
+        self._told: dict[str, dict[str, Any]] = {}
+        self._followed = Followed(link, browsers, desk)
+        self._loop = asyncio.get_running_loop()
+        self._session: zenoh.Session | None = None
+        self._unreadable = 0
+
+    # rooms ----------------------------------------------------------------------------------------
+
+    @property
+    def cells(self) -> Sequence[tuple[str, str]]:
+        """See ``Rooms.cells``."""
+        return [(self._name, cell) for cell in sorted(self._known)]
+
+    async def room(self, site: str, cell: str) -> Room:
+        """See ``Rooms.room``."""
+        if site != self._name or cell not in self._known:
+            raise KeyError(cell)
+        return self._followed.room(site, cell, self._known[cell].health)
+
+    def summary(self) -> list[dict[str, Any]]:
+        """See ``Rooms.summary``."""
+        return [self._summary(cell) for cell in sorted(self._known)]
+
+    def url_of(self, site: str, cell: str) -> str | None:
+        """See ``Rooms.url_of``."""
+        known = self._known.get(cell)
+        return page_of(known.health.status) if known is not None and known.health is not None else None
+
+    def _summary(self, name: str) -> dict[str, Any]:
+        cell = self._known[name]
+        age = None if cell.heard is None else round(time.monotonic() - cell.heard, 1)
+        status = cell.health.status if cell.health is not None else {}
+        energy = cell.energy.total(time.time())
+        gone = cell.gone is not None
+        try:
+            return plant_cell(self._name, name, status, age_s=age, gone=gone, energy_J=energy, task=cell.energy.task)
+        except UNREADABLE:
+            self._unreadable += 1
+            return plant_cell(self._name, name, {}, age_s=age, gone=gone, energy_J=energy, task=cell.energy.task)
+
+    # what is heard --------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Follow the site until cancelled. Raises ``OutletError`` if the link cannot be opened."""
+        try:
+            async with self._opened():
+                while True:
+                    await asyncio.sleep(LOOK)
+                    await self._look()
+        finally:
+            await self._followed.close()  # a cell may be looked at as soon as it is heard, before the link is all open
+
+    @asynccontextmanager
+    async def _opened(self) -> AsyncIterator[None]:
+        stopped = threading.Event()
+        opening = asyncio.ensure_future(asyncio.to_thread(self._open, stopped.is_set))
+        try:
+            await asyncio.shield(opening)
+            yield
+        finally:
+            stopped.set()
+            await asyncio.wait([opening])
+            opening.exception()  # where nobody waited for it any more
+            session, self._session = self._session, None  # Zenoh's threads hold this object: it must not hold Zenoh
+            if session is not None:
+                await asyncio.to_thread(session.close)
+
+    def _open(self, stopped: Callable[[], bool]) -> None:
+        session = self._session = open_session(self._link, stopped)
+        root = f"{PREFIX}/{escape(self._name)}/*"
+        session.liveliness().declare_subscriber(root, self._later(self._on_token), history=True)
+        session.declare_subscriber(f"{root}/health", self._later(self._on_health))
+        session.declare_subscriber(f"{root}/energy", self._later(self._on_energy))
+
+    def _later(self, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
+        """Take a sample on the loop, with the name of its cell."""
+
+        def call(sample: Any) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(take, unquote(str(sample.key_expr).split("/")[2]), sample)
+
+        return call
+
+    def _of(self, name: str) -> _Cell | None:
+        cell = self._known.get(name)
+        if cell is None and len(self._known) < MOST_CELLS:
+            cell = self._known[name] = _Cell()
+        return cell
+
+    def _on_token(self, name: str, sample: Any) -> None:
+        import zenoh
+
+        if (cell := self._of(name)) is not None:
+            cell.token = sample.kind == zenoh.SampleKind.PUT
+            cell.gone = None if cell.token else time.monotonic()
+
+    def _on_health(self, name: str, sample: Any) -> None:
+        if (cell := self._of(name)) is not None:
+            cell.waiting, cell.heard = sample, time.monotonic()
+
+    def _on_energy(self, name: str, sample: Any) -> None:
+        if (cell := self._of(name)) is None:
+            return
+        with self._reading(name):
+            mark, energy = read_message(sample, "energy")
+            if isinstance(energy, Energy):
+                cell.energy.add(mark.session, mark.sequence, energy.end, energy.total, energy.task)
+
+    @contextlib.contextmanager
+    def _reading(self, name: str) -> Any:
+        try:
+            yield
+        except ProtocolError as error:
+            self._unreadable += 1
+            if self._unreadable == 1:
+                log.warning("%s: a message cannot be read: %.300s", name, error)
+
+    async def _look(self) -> None:
+        """Read the newest health of each cell, and tell browsers which cells have changed."""
+        now = time.monotonic()
+        for place, (name, cell) in enumerate(list(self._known.items())):
+            if place % AT_ONCE == 0:
+                await asyncio.sleep(0)
+            if cell.waiting is not None:
+                with self._reading(name):
+                    cell.health = read_health(cell.waiting)[1]
+                    self._ask_past(name, cell)
+                cell.waiting = None
+            if cell.gone is not None and now - cell.gone > FORGOTTEN:
+                del self._known[name]
+                self._told.pop(name, None)
+        changed = [told for name in self._known if (told := self._changed(name)) is not None]
+        if changed and self.hub is not None:
+            self.hub.tell("plant", {"cells": changed})
+        self._followed.leave(now)
+
+    def _changed(self, name: str) -> dict[str, Any] | None:
+        told = self._summary(name)
+        quiet = (told["age_s"] or 0.0) < _AGE
+        before = self._told.get(name)
+        self._told[name] = kept = {k: v for k, v in told.items() if k != "age_s" or not quiet}
+        return None if kept == before else told
+
+    # energies of before -----------------------------------------------------------------------------
+
+    def _ask_past(self, name: str, cell: _Cell) -> None:
+        """Ask a cell once a session for the energies that it told before we listened."""
+        if cell.health is None or "energy" not in cell.health.positions or self._session is None:
+            return
+        session, following = cell.health.positions["energy"]
+        if session in cell.asked or not following:
+            return
+        cell.asked.add(session)
+        import zenoh
+
+        first = max(0, following - 500)
+        question = Question("energy", Hole(session, first, following - first, True))
+
+        def answered(reply: Any) -> None:
+            if reply.ok is not None:
+                with contextlib.suppress(RuntimeError):
+                    self._loop.call_soon_threadsafe(self._on_past, name, reply.ok)
+
+        selector = question.selector(CellKeys(self._name, name))
+        with contextlib.suppress(zenoh.ZError):
+            self._session.get(selector, answered, timeout=_TIMEOUT, priority=zenoh.Priority.DATA_LOW)
+
+    def _on_past(self, name: str, sample: Any) -> None:
+        cell = self._known.get(name)
+        with self._reading(name):
+            for mark, energy in read_answer(sample, "energy"):
+                if cell is not None and isinstance(energy, Energy):
+                    cell.energy.add(mark.session, mark.sequence, energy.end, energy.total, energy.task)

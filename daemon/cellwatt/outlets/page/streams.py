@@ -1,0 +1,176 @@
+"""Streams of what cells tell to browsers; blocks of frames are made once for all that want the same."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from aiohttp import web
+
+from cellwatt.frames import Frames
+from cellwatt.outlets.page import shapes
+from cellwatt.outlets.page.browsers import Browser, Browsers, encoded
+
+log = logging.getLogger(__name__)
+
+_SENT: Final = 65536
+"""Bytes that the system may keep for one browser."""
+_FRESH: Final = 4096
+"""Blocks that may wait for one tick of a group."""
+
+Body = Mapping[str, Any]
+
+
+class Group:
+    """Browsers that want the same channels at the same rate; their blocks are made once."""
+
+    def __init__(self, channels: Sequence[str], rate: float) -> None:
+        self.channels, self.period = channels, 1.0 / rate
+        self.members: set[Browser] = set()
+        self._frames: deque[Frames] = deque(maxlen=_FRESH)
+        self._predictions: dict[tuple[str, tuple[str, ...]], list[Body]] = {}
+        self._task = asyncio.create_task(self._run())
+
+    def frames(self, frames: Frames) -> None:
+        """Keep a block for the next tick."""
+        self._frames.append(frames)
+
+    def prediction(self, body: Body) -> None:
+        """Keep a model's output for the next tick."""
+        kept = self._predictions.setdefault((body["model"], tuple(body["outputs"])), [])
+        kept.append(body)
+        del kept[:-_FRESH]
+
+    def close(self) -> None:
+        """Make no more blocks."""
+        self._task.cancel()
+
+    async def _run(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            due = max(due + self.period, loop.time())
+            await asyncio.sleep(due - loop.time())
+            try:
+                for data in self._blocks():
+                    for browser in self.members:
+                        browser.put(data, frames=True)
+            except Exception:
+                log.exception("a block for browsers cannot be made")
+
+    def _blocks(self) -> Iterator[bytes]:
+        blocks, self._frames = self._frames, deque(maxlen=_FRESH)
+        newest = [block for block in blocks if block.layout == blocks[-1].layout and len(block)]
+        if newest:
+            yield encoded("frames", shapes.frames(newest, self.channels))
+        made, self._predictions = self._predictions, {}
+        for (model, _), bodies in made.items():
+            yield encoded("prediction", shapes.prediction(model, bodies))
+
+
+class Hub:
+    """Passes on what one cell tells to all browsers that follow it."""
+
+    def __init__(self, browsers: Browsers) -> None:
+        self._browsers = browsers
+        self._groups: dict[tuple[tuple[str, ...], float], Group] = {}
+        self._plain: set[Browser] = set()
+        """Browsers that want no frames."""
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self._all())
+
+    def _all(self) -> Iterator[Browser]:
+        for group in self._groups.values():
+            yield from group.members
+        yield from self._plain
+
+    def frames(self, frames: Frames) -> None:
+        """Pass on frames."""
+        for group in self._groups.values():
+            group.frames(frames)
+
+    def prediction(self, body: Body) -> None:
+        """Pass on a model's output."""
+        for group in self._groups.values():
+            group.prediction(body)
+
+    def tell(self, event: str, data: Any) -> None:
+        """Pass on an event at once."""
+        if not self._groups and not self._plain:
+            return
+        message = encoded(event, data)
+        for browser in self._all():
+            browser.put(message)
+
+    def end(self) -> None:
+        """End all streams of this cell; their browsers ask anew by themselves."""
+        for browser in list(self._all()):
+            browser.end()
+
+    async def serve(
+        self,
+        request: web.Request,
+        channels: Sequence[str] | None,
+        rate: float,
+        login: object = None,
+        first: Sequence[bytes] = (),
+    ) -> web.StreamResponse:
+        """Stream to one browser until either side ends; ``channels`` ``None``: events without frames.
+
+        ``first`` is sent before all else.
+        """
+        with self._browsers.one(login) as browser:
+            for data in first:
+                browser.put(data)
+            with self._member(browser, channels, rate):
+                response = web.StreamResponse(headers={"Content-Type": "text/event-stream", "X-Accel-Buffering": "no"})
+                response.headers["Cache-Control"] = "no-store"
+                _bound(request)
+                await response.prepare(request)
+                try:
+                    await browser.send(response)
+                except TimeoutError:
+                    self._browsers.counts["browsers too slow"] += 1
+                    _cut(request)
+                except ConnectionError:
+                    pass  # it has left
+            return response
+
+    @contextlib.contextmanager
+    def _member(self, browser: Browser, channels: Sequence[str] | None, rate: float) -> Iterator[None]:
+        if channels is None:
+            self._plain.add(browser)
+            try:
+                yield
+            finally:
+                self._plain.discard(browser)
+            return
+        key = tuple(channels), rate
+        group = self._groups.get(key) or self._groups.setdefault(key, Group(*key))
+        group.members.add(browser)
+        try:
+            yield
+        finally:
+            group.members.discard(browser)
+            if not group.members:
+                del self._groups[key]
+                group.close()
+
+
+def _bound(request: web.Request) -> None:
+    """Let the system keep little for this browser, so that what it does not take shows here."""
+    if request.transport is not None:
+        kept = request.transport.get_extra_info("socket")
+        if kept is not None:
+            kept.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SENT)
+
+
+def _cut(request: web.Request) -> None:
+    if isinstance(request.transport, asyncio.Transport):
+        request.transport.abort()

@@ -1,0 +1,81 @@
+"""Serves a page by itself, fed from the bus: of one cell, or of all cells of a site."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+from cellwatt.door.settings import tls_context
+from cellwatt.outlets.page.access import Gate, proof_of
+from cellwatt.outlets.page.app import Page, names_in
+from cellwatt.outlets.page.archive import Archive, Desk
+from cellwatt.outlets.page.arms import follow
+from cellwatt.outlets.page.assets import Assets
+from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.plant import Plant
+from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, prefix
+from cellwatt.outlets.page.sessions import Sessions
+from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.watching import watch
+from cellwatt.runtime.tasks import plain_errors
+from cellwatt.subscriber import LinkSettings
+
+
+async def view(
+    settings: PageSettings,
+    link: LinkSettings,
+    site: str,
+    cell: str | None,
+    verify: Path | None,
+    seconds: float | None,
+    tell: Callable[[str], object],
+) -> None:
+    """Serve the page of a cell, ``None`` for all of the site, for ``seconds`` or until cancelled.
+
+    ``tell`` is given the address. Logins end with this call. Raises ``OutletError`` if the page cannot be served.
+    """
+    browsers, desk, assets = Browsers(settings.browsers), Desk(), Assets()
+    sessions = Sessions(None, lambda name: proof_of(settings, name))
+    context = await asyncio.to_thread(tls_context, settings)
+    names = await asyncio.to_thread(names_in, settings.certificate)
+    await asyncio.to_thread(assets.load)
+    try:
+        with plain_errors():
+            async with asyncio.TaskGroup() as group:
+                rooms, following = _rooms(settings, link, site, cell, verify, browsers, desk)
+                tasks = [group.create_task(work) for work in following]
+                page = Page(settings, Gate(settings, sessions, names), rooms, assets, browsers)
+                try:
+                    tell(f"the page is at {await page.start(context)}")
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(seconds):
+                            await asyncio.Event().wait()
+                finally:
+                    await page.stop()
+                for task in tasks:  # where this is cancelled, the group does it, and twice would cut their ends short
+                    task.cancel()
+    finally:
+        await asyncio.to_thread(desk.close)
+
+
+def _rooms(
+    settings: PageSettings,
+    link: LinkSettings,
+    site: str,
+    cell: str | None,
+    verify: Path | None,
+    browsers: Browsers,
+    desk: Desk,
+) -> tuple[Rooms, list[Coroutine[Any, Any, None]]]:
+    """What is shown, and what follows it."""
+    if cell is None:
+        plant = Plant(link, site, browsers, desk)
+        return plant, [plant.run()]
+    feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
+    room = Room(feed, Archive(None, cell, settings.reports, desk))
+    return OneRoom(room), [watch(link, feed, verify), follow(feed, settings.arms, desk)]

@@ -1,0 +1,312 @@
+"""Zenoh sessions: settings, opening, and the reason when opening fails.
+
+zenoh is imported on first use. Nothing listens and nothing is discovered unless the settings say so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import re
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SecretStr, field_validator, model_validator
+
+from cellwatt.config.secret import SecretKeys
+from cellwatt.errors import OutletError
+from cellwatt.files import WRITTEN, open_file
+from cellwatt.host import check_host
+from cellwatt.outlet import OutletSettings
+
+if TYPE_CHECKING:
+    import zenoh
+
+LARGEST_MESSAGE: Final = 64 * 1024 * 1024
+"""Bytes of a message that is taken at all; 2000 samples of 1000 channels have 36 MB. Zenoh's own limit is 1 GiB."""
+_ATTEMPTS: Final = (1.0, 2.0, 2.0)
+"""Longest time, s, of an attempt to reach a router; a stop waits for it.
+
+The next in turn is for an endpoint where somebody answered and yet no session came about. Only when all have failed is
+that a refusal: it may have been a router that just began to listen, or a PC whose cores are taken.
+"""
+PATIENCE: Final = 10.0
+"""Time, s, that a client tries to reach its router."""
+_PAUSE: Final = 0.2  # s
+_PROBE: Final = 1.0  # s
+_LAST_PORT: Final = 65535
+_ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/([^/]+):(\d+)(?:[?#].*)?")
+_OTHER_ADDRESS = re.compile(r"(unixsock-stream|unixpipe|serial|vsock)/.+")
+_ZENOH_DETAIL = re.compile(r'msg: "((?:[^"\\]|\\.)*)"|Str\("([^"]*)"\)')
+_ZENOH_PLACE = re.compile(r"\s*at /\S+:\d+\.?")
+
+
+_QUEUE: Final = "transport/link/tx/queue"
+_QUEUES: Final = (
+    # One receiver's queue of samples, in batches of 64 kB made when needed: a receiver that is not scheduled for
+    # some milliseconds must not lose any.
+    (f"{_QUEUE}/size/data", 16),
+    # While that is full the first put waits this long, µs; then this receiver's samples are dropped until it takes
+    # some again. So a receiver that hangs holds up the others once, for this long.
+    (f"{_QUEUE}/congestion_control/drop/wait_before_drop", 100_000),
+    # A receiver that takes no results for this long, µs, is cut off and has to ask for what it missed.
+    (f"{_QUEUE}/congestion_control/block/wait_before_close", 1_000_000),
+)
+
+
+_SECRET: Final = SecretKeys(("password", "private_key", "secret"))
+"""Which of Zenoh's own options are secrets."""
+
+
+class TlsSettings(BaseModel):
+    """Certificates in PEM files."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    root_ca: Path
+    """Authority that signed the other side's certificate."""
+    certificate: Path | None = None
+    """Our own certificate: needed to listen, and to connect to a router that asks for one."""
+    key: Path | None = None
+    """Private key of ``certificate``."""
+    mutual: bool = True
+    """Ask for the other side's certificate when we listen; show ours when we connect."""
+    verify_name: bool = True
+    """The certificate must name the host that we connect to."""
+    _written: tuple[int, ...] = PrivateAttr(())
+    """When the files were written: a renewed certificate is a change of the settings."""
+
+    def model_post_init(self, _: object) -> None:
+        """Check the files; those that cannot be checked here are reported when they are needed."""
+        with contextlib.suppress(OSError):
+            self._written = tuple(p.stat().st_mtime_ns for p in (self.root_ca, self.certificate, self.key) if p)
+
+    @model_validator(mode="after")
+    def _paired(self) -> TlsSettings:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key are needed together")
+        return self
+
+
+class LinkSettings(OutletSettings):
+    """Settings of a Zenoh session."""
+
+    mode: Literal["peer", "client", "router"] = "peer"
+    """``peer`` serves whoever connects, ``client`` goes through a router, ``router`` also relays for others."""
+    listen: tuple[str, ...] = ()
+    """Endpoints to listen on, like ``tcp/127.0.0.1:7447``; none by default, so nothing is exposed."""
+    connect: tuple[str, ...] = ()
+    """Endpoints to connect to, like ``tls/plant-router:7447``; tried again for ever when they are away."""
+    scouting: bool = False
+    """Find and be found by others on the local network by multicast and gossip."""
+    tls: TlsSettings | None = None
+    """Certificates for ``tls/`` and ``quic/`` endpoints."""
+    user: str | None = None
+    """Name that we give where we connect."""
+    password: SecretStr | None = None
+    """Its password; write ``${NAME}`` and set it in the environment."""
+    users: Path | None = None
+    """File of lines ``user:password`` that may connect to us."""
+    namespace: str | None = None
+    """Put before every key of this session, both ways."""
+    options: Annotated[Mapping[str, Any], _SECRET] = Field(default_factory=dict, repr=False)
+    """Any other Zenoh configuration by path, like ``access_control: {…}`` or ``transport/link/tx/lease: 5000``."""
+
+    @field_validator("listen", "connect")
+    @classmethod
+    def _endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
+        for endpoint in endpoints:
+            found = _ADDRESS.fullmatch(endpoint)
+            if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > _LAST_PORT):
+                raise ValueError(
+                    f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
+                )
+            if _SECRET.name(endpoint.partition("#")[2]):
+                raise ValueError("a secret in an endpoint is shown with it: use tls: {key: FILE, …}, user and password")
+            if found is not None:
+                check_host(found[2].strip("[]"))
+        return endpoints
+
+    @model_validator(mode="after")
+    def _accepted(self) -> LinkSettings:
+        if self.mode == "client" and not self.connect and not self.scouting:
+            raise ValueError("mode client needs an endpoint in connect, like tcp/plant-router:7447")
+        if (self.user is None) != (self.password is None):
+            raise ValueError("user and password are needed together")
+        secure = [e for e in (*self.listen, *self.connect) if e.startswith(("tls/", "quic/"))]
+        if secure and self.tls is None:
+            raise ValueError(f"{secure[0]} needs tls: {{root_ca: FILE, …}}")
+        served = [e for e in self.listen if e in secure]
+        if served and self.tls is not None and self.tls.certificate is None:
+            raise ValueError(f"to listen, {served[0]} needs tls: {{root_ca: FILE, certificate: FILE, key: FILE}}")
+        session_config(self)
+        return self
+
+
+def session_config(
+    settings: LinkSettings, timeout: float = _ATTEMPTS[0], largest: int = LARGEST_MESSAGE
+) -> zenoh.Config:
+    """Zenoh's configuration: ``timeout`` s to reach a router, messages of up to ``largest`` bytes.
+
+    Raises ``ValueError`` that names the option if Zenoh refuses one.
+    """
+    import zenoh
+
+    config = zenoh.Config()
+    for path, value in _options(settings, timeout, largest):
+        try:
+            config.insert_json5(path, json.dumps(value))
+        except zenoh.ZError as error:
+            raise ValueError(f"Zenoh refuses {_where(path)} = {_shown(path, value)}: {_plain(error)}") from None
+    return config
+
+
+def open_session(
+    settings: LinkSettings,
+    stopped: Callable[[], bool] = lambda: False,
+    patience: float | None = None,
+    largest: int = LARGEST_MESSAGE,
+) -> zenoh.Session:
+    """Open a session; blocks, so call it in a thread.
+
+    A client tries its endpoints in turn for ``patience`` s (``PATIENCE``), unless all of them refuse it. Raises
+    ``OutletError`` that says of each endpoint what to check, or when ``stopped()`` turns true meanwhile. Fragmented
+    messages (Zenoh's fragments hold 64 kB) of more than ``largest`` bytes are discarded before they are reassembled.
+    """
+    import zenoh
+
+    zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
+    for problem in unreadable(settings):
+        raise OutletError(problem)
+    end = time.monotonic() + (PATIENCE if patience is None else patience)
+    order = settings.connect or ("",)
+    refusals, reasons = dict.fromkeys(order, 0), dict.fromkeys(order, "")
+    for at in itertools.cycle(range(len(order))):
+        # Zenoh gives up at the first endpoint that is away: each is the first in turn. All stay known to the session.
+        first = order[at]
+        turned = settings.model_copy(update={"connect": settings.connect[at:] + settings.connect[:at]})
+        attempt = min(refusals[first], len(_ATTEMPTS) - 1)
+        try:
+            return zenoh.open(session_config(turned, _ATTEMPTS[attempt], largest))
+        except zenoh.ZError as error:
+            refused, reasons[first] = _explain(first, error)
+            refusals[first] = refusals[first] + 1 if refused else 0
+        tried = all(reasons.values()) or not settings.connect
+        hopeless = min(refusals.values()) >= len(_ATTEMPTS)
+        if hopeless or stopped() or (tried and time.monotonic() > end):
+            raise OutletError("; ".join(filter(None, dict.fromkeys(reasons.values()))))
+        time.sleep(_PAUSE)
+    raise AssertionError("a cycle has no end")
+
+
+def _options(settings: LinkSettings, timeout: float, largest: int) -> Iterator[tuple[str, Any]]:
+    yield "mode", settings.mode
+    yield "listen/endpoints", settings.listen
+    yield "connect/endpoints", settings.connect
+    if settings.mode == "client":
+        yield "connect/timeout_ms", round(1e3 * timeout)
+    yield "scouting/multicast/enabled", settings.scouting
+    yield "scouting/gossip/enabled", settings.scouting
+    if not settings.scouting:
+        yield "scouting/delay", 0
+    # Shared memory gains nothing at our message sizes, costs 30 MB, and put() was seen to take 24 ms with it.
+    yield "transport/shared_memory/enabled", False
+    yield "transport/link/rx/max_message_size", largest
+    yield from _QUEUES
+    yield from _tls(settings.tls)
+    if settings.user is not None and settings.password is not None:
+        yield "transport/auth/usrpwd/user", settings.user
+        yield "transport/auth/usrpwd/password", settings.password.get_secret_value()
+    if settings.users is not None:
+        yield "transport/auth/usrpwd/dictionary_file", str(settings.users)
+    if settings.namespace is not None:
+        yield "namespace", settings.namespace
+    yield from settings.options.items()
+
+
+def _tls(tls: TlsSettings | None) -> Iterator[tuple[str, Any]]:
+    if tls is None:
+        return
+    at = "transport/link/tls"
+    yield f"{at}/root_ca_certificate", str(tls.root_ca)
+    yield f"{at}/verify_name_on_connect", tls.verify_name
+    if tls.certificate is not None:
+        for role in ("listen", "connect"):
+            yield f"{at}/{role}_certificate", str(tls.certificate)
+            yield f"{at}/{role}_private_key", str(tls.key)
+        yield f"{at}/enable_mtls", tls.mutual
+
+
+def _where(path: str) -> str:
+    named = {"listen/endpoints": "listen", "connect/endpoints": "connect", "mode": "mode", "namespace": "namespace"}
+    return named.get(path, f"options: {path}")
+
+
+def _shown(path: str, value: object) -> str:
+    return "…" if _SECRET.name(path) else json.dumps(value)
+
+
+def _plain(error: Exception) -> str:
+    """Zenoh's error text without positions in its source code."""
+    text = str(error)
+    found = _ZENOH_DETAIL.search(text)
+    return _ZENOH_PLACE.sub("", (found[1] or found[2]) if found else text).strip()
+
+
+def _explain(endpoint: str, error: Exception) -> tuple[bool, str]:
+    """True if another try at an endpoint is useless for now, and the text for the person at the cell."""
+    text = _plain(error)
+    if "Unable to connect" not in text:
+        return True, f"Zenoh session: {text}"
+    answer = _probe(endpoint)
+    return answer is None, f"{endpoint}: {answer or _REFUSED}"
+
+
+def why_unconnected(settings: LinkSettings) -> str:
+    """Reason why a session has no link to any endpoint of ``connect``. Blocks for up to 1 s per endpoint."""
+    return "; ".join(f"{endpoint}: {_probe(endpoint) or _NOT_YET}" for endpoint in settings.connect)
+
+
+def unreadable(settings: LinkSettings) -> list[str]:
+    """One line for each file named in the settings that cannot be used."""
+    tls = settings.tls
+    named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
+    found = []
+    for option, path in {**named, "users": settings.users}.items():
+        if path is None:
+            continue
+        try:
+            open_file(path, WRITTEN).close()
+        except OSError as error:
+            found.append(f"{option}: {path} cannot be read: {error.strerror}")
+    return found
+
+
+_REFUSED: Final = (
+    "somebody answers but refuses the session: check user and password, the certificates, and that this is a Zenoh port"
+)
+
+_NOT_YET: Final = (
+    "somebody answers, but there is no session yet: if it stays so, check user and password, the certificates, and "
+    "that this is a Zenoh port"
+)
+
+
+def _probe(endpoint: str) -> str | None:
+    """Reason why an endpoint does not accept a plain TCP connection; ``None`` if it does."""
+    found = _ADDRESS.fullmatch(endpoint)
+    if found is None or found[1] not in ("tcp", "tls", "ws"):
+        return "no Zenoh session could be opened there"
+    try:
+        socket.create_connection((found[2].strip("[]"), int(found[3])), timeout=_PROBE).close()
+    except TimeoutError:
+        return "nobody answers; is the address right and the host up?"
+    except socket.gaierror:
+        return f"the host name {found[2]!r} is not known"
+    except OSError as error:
+        return f"nobody answers ({(error.strerror or str(error)).lower()})"
+    return None

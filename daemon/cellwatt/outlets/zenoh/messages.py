@@ -1,0 +1,114 @@
+"""Results, events and health as JSON. Pure.
+
+A message is the flat object of the dataclass in ``cellwatt.results`` plus its ``mark``, for consumers that cannot
+read attachments. A number that is not finite becomes ``null``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+import pydantic_core
+from pydantic import TypeAdapter, ValidationError
+
+from cellwatt.errors import ProtocolError
+from cellwatt.outlets.zenoh.keys import ALARM, EVENT, topic_of_series
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task, series_of
+
+TYPES: Final[Mapping[str, type[Result | Event]]] = {
+    "interval": Interval,
+    "task": Task,
+    "energy": Energy,
+    "prediction": Prediction,
+    ALARM: Alarm,
+    EVENT: Event,
+}
+"""Content of the messages of each kind of topic."""
+
+LONGEST_REASON: Final = 500
+"""Characters of what is wrong with a message; it may repeat what was in it."""
+_NUMBERS: Final = ("speed", "total", "uncertainty", "positive_mechanical", "motion_efficiency_percent")
+_NUMBER_LISTS: Final = ("displacement", "pose", "peak_speed")
+
+
+def topic_of(item: Result | Event) -> str:
+    """The topic whose numbering an item belongs to."""
+    return topic_of_series(series_of(item))
+
+
+def encode_item(item: Result | Event, mark: Mark) -> bytes:
+    """Encode a result or event as JSON."""
+    body = {f.name: getattr(item, f.name) for f in fields(item)}
+    return encode_json({"mark": _told(mark), **body})
+
+
+def encode_json(value: Any) -> bytes:
+    """Encode JSON-like data, numpy's numbers and paths included; non-finite numbers become ``null``."""
+    return pydantic_core.to_json(value, inf_nan_mode="null", fallback=_plain)
+
+
+def decode_item(kind: str, payload: bytes) -> Result | Event:
+    """Decode a JSON message of a kind of topic into a result or event. Raises ``ProtocolError``."""
+    try:
+        body = parse_json(payload)
+    except ValueError as error:
+        raise ProtocolError(f"a message of {kind} is not JSON: {error}") from error
+    return from_json(kind, body)
+
+
+def parse_json(payload: bytes) -> Any:
+    """Parse JSON. Raises ``ValueError`` also if it is nested too deeply."""
+    return pydantic_core.from_json(payload)
+
+
+def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
+    """Build a result or event from parsed JSON. Raises ``ProtocolError``."""
+    try:
+        found: Result | Event = adapter(kind).validate_python(_with_nan(body))
+        return found
+    except (ValidationError, KeyError, TypeError, AttributeError) as error:
+        reason = " ".join(str(error).split())[:LONGEST_REASON]
+        raise ProtocolError(f"a message of {kind} is not what its schema says: {reason}") from error
+
+
+def health(mark: Mark, session: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:
+    """Encode the health message of a daemon session at the mark's time."""
+    body = {"session": session, "time": mark.arrival, "positions": positions, "status": status}
+    return encode_json({"mark": _told(mark), **body})
+
+
+def _told(mark: Mark) -> dict[str, int]:
+    return {"session": mark.session, "sequence": mark.sequence}
+
+
+@cache
+def adapter(kind: str) -> TypeAdapter[Any]:
+    """The pydantic adapter that validates the messages of a kind of topic."""
+    return TypeAdapter(TYPES[kind])
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)
+
+
+def _with_nan(body: dict[str, Any]) -> dict[str, Any]:
+    changed: dict[str, Any] = {name: math.nan for name in _NUMBERS if body.get(name, 0.0) is None}
+    changed |= {name: _numbers(body[name]) for name in _NUMBER_LISTS if name in body}
+    if "outputs" in body:
+        changed["outputs"] = {name: _numbers(values) for name, values in body["outputs"].items()}
+    for name in ("groups", "group_uncertainty"):
+        if name in body:
+            changed[name] = dict(zip(body[name], _numbers(body[name].values()), strict=True))
+    return body | changed
+
+
+def _numbers(values: Iterable[float | None]) -> tuple[float, ...]:
+    return tuple(math.nan if value is None else value for value in values)

@@ -1,0 +1,209 @@
+"""Publishes a cell over Zenoh."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, PositiveInt, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from cellwatt.batch import Batch
+from cellwatt.frames import Frames
+from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.outlets.zenoh.answers import Answers
+from cellwatt.outlets.zenoh.backlog import Backlog
+from cellwatt.outlets.zenoh.exposure import Opening, openings
+from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
+from cellwatt.outlets.zenoh.link import LinkSettings, unreadable
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import health, topic_of
+from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
+from cellwatt.outlets.zenoh.publisher import Publisher
+from cellwatt.outlets.zenoh.signing import Seal
+from cellwatt.quantity import Bytes, BytesPerSecond
+from cellwatt.signing import unusable
+
+log = logging.getLogger(__name__)
+
+
+class PublishSettings(BaseModel):
+    """Streams to publish live; results, alarms, events and health are always published."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    raw: bool = True
+    """The samples as they come from the sources."""
+    frames: bool = True
+    """The aligned frames."""
+
+
+class ZenohSettings(LinkSettings):
+    """Publication over Zenoh."""
+
+    publish: PublishSettings = PublishSettings()
+    """Items that are put on the bus live."""
+    queue: PositiveInt = 4096
+    """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
+    frame_memory: Bytes = 4e6
+    """Memory for frames that a consumer may ask for after a cut; older ones it gets from the record, if they are
+    recorded (``record: frames``), and raw samples always."""
+    backfill: BytesPerSecond | None = None
+    """Most that answers about the past take of the line, all consumers together; by default no limit. Set it below
+    what the line carries, less the live data."""
+    sign: Path | None = None
+    """Private key (Ed25519, PEM) that signs every message and answer; ``cellwatt secure`` makes one for each cell."""
+    open: bool = False
+    """Let the network in without TLS and access rules: anybody there can then read all and speak in the cell's name."""
+
+    @model_validator(mode="after")
+    def _closed(self) -> ZenohSettings:
+        if not self.open:
+            found = [_refusal(opening) for opening in openings(self)]
+            if found:
+                raise ValidationError.from_exception_data(type(self).__name__, found)
+        return self
+
+    def warnings(self) -> tuple[str, ...]:
+        """Access left open on purpose, and keys and certificates that are missing or expire soon."""
+        from cellwatt.secure import validity
+
+        ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
+        return (*ways, *unreadable(self), *unusable(self.sign), *validity.warnings(self))
+
+
+def _refusal(opening: Opening) -> InitErrorDetails:
+    text = f"{opening.text}; use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
+    kind = PydanticCustomError("value_error", "{error}", {"error": text})
+    return InitErrorDetails(type=kind, loc=opening.at, input=opening.value)
+
+
+class ZenohOutlet(Outlet[ZenohSettings]):
+    """Publishes raw samples, frames, results, alarms, events and health, and answers questions.
+
+    A thread opens the session and sends results and answers, so that a receiver or router that hangs does not hold
+    up the event loop. Samples leave from the loop itself, which is faster, as long as all receivers keep up.
+    """
+
+    Settings: ClassVar[type[ZenohSettings]] = ZenohSettings
+    title = "Zenoh: raw samples, frames, results and alarms, live and for those who missed some"
+
+    def __init__(self, name: str, settings: ZenohSettings, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._keys = CellKeys(view.site, view.cell)
+        self._outbox = Outbox(settings.queue, self.account)
+        numbering = time.time_ns() if view.journal is None else view.session
+        self._backlog = Backlog(numbering, settings.frame_memory, view.journal, view.session)
+        self._seal = Seal(self._keys.root, settings.sign)
+        self._answers = Answers(
+            view, self._keys, self._backlog, self._outbox.count, self._health, self._seal, settings.backfill
+        )
+        self._beats = Mark(time.time_ns(), -1, 1, 0)
+        """Of the last health message; their numbering is this outlet's own."""
+        self._topics: dict[tuple[str, str], str] = {}
+        self._status: Mapping[str, Any] = {}
+        self._publisher: Publisher | None = None
+        self._sending = False
+
+    def offer(self, item: Item) -> None:
+        """Number one item and hand it to the publishing thread."""
+        if isinstance(item, Batch):
+            if self.settings.publish.raw and len(item):
+                topic = self._raw_topic(item)
+                mark = Mark(self.view.session, item.sequence, len(item), item.arrival)
+                self._put_samples(Lane.RAW, Outgoing(topic, (topic,), item, mark))
+        elif isinstance(item, Frames):
+            if self.settings.publish.frames and len(item):
+                mark = self._backlog.add_frames(item)
+                self._put_samples(Lane.FRAMES, Outgoing(FRAME, (FRAME,), item, mark))
+        else:
+            mark, paths = self._backlog.add(item)
+            self._outbox.put(Lane.RESULTS, Outgoing(topic_of(item), paths, item, mark))
+
+    def succeed(self, before: Outlet[Any]) -> None:
+        """Keep the frames that the outlet before this one kept."""
+        if isinstance(before, ZenohOutlet):
+            self._backlog.succeed(before._backlog)
+
+    def _put_samples(self, lane: Lane, outgoing: Outgoing) -> None:
+        """Send all waiting samples from the event loop if no receiver blocks."""
+        publisher = self._publisher
+        direct = publisher is not None and publisher.direct
+        self._outbox.put(lane, outgoing, wake=not direct)
+        if direct and not self._sending:
+            self._sending = True
+            asyncio.get_running_loop().call_soon(self._send)
+
+    def _send(self) -> None:
+        self._sending = False
+        if self._publisher is not None:
+            self._publisher.send()
+        else:
+            self._outbox.wake()
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Publish the cell's health with the positions reached."""
+        self._status = status
+        if self._publisher is not None:
+            self._publisher.beat()
+
+    @property
+    def awaited(self) -> bool:
+        """True if somebody subscribes to samples or frames."""
+        publisher = self._publisher
+        return publisher is not None and publisher.awaited
+
+    def trouble(self) -> str | None:
+        """The thread that is dead or stuck, in words; ``None`` if all is well."""
+        publisher = self._publisher
+        return None if publisher is None else publisher.trouble()
+
+    async def run(self) -> None:
+        """Open, publish until cancelled, drain, close. Raises ``OutletError`` if no session can be opened."""
+        await asyncio.to_thread(self._seal.open)
+        publisher = self._publisher = Publisher(
+            self.settings, self._keys, self._outbox, self._answers, self._beat, self._seal
+        )
+        done = asyncio.wrap_future(publisher.done)
+        publisher.start()
+        try:
+            await asyncio.shield(done)
+        except asyncio.CancelledError:
+            publisher.stop()
+            await asyncio.wait([done])
+            self._outbox.clear("shut down")
+            if error := done.exception():
+                log.info("zenoh: while it was stopped: %s", error)
+            raise
+        finally:
+            self._publisher = None
+
+    def _beat(self) -> tuple[Mark, bytes]:
+        """Encode the next health message."""
+        self._beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
+        return self._beats, self._said(self._beats)
+
+    def _health(self) -> tuple[Mark, bytes]:
+        """Encode health as the answer to a question, numbered as the next message, which is still to come.
+
+        Whoever asks may have just come: the next samples bring their schema.
+        """
+        if self._publisher is not None:
+            self._publisher.tell_schemas()
+        mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
+        return mark, self._said(mark)
+
+    def _said(self, mark: Mark) -> bytes:
+        return health(mark, self.view.session, self._outbox.positions(), self._status or self.view.status())
+
+    def _raw_topic(self, batch: Batch) -> str:
+        key = batch.source, batch.stream.name
+        topic = self._topics.get(key)
+        if topic is None:
+            topic = self._topics[key] = raw_topic(*key)
+        return topic

@@ -1,0 +1,130 @@
+"""Answers about the past: what is in memory, and older than that in the record, one bounded piece at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from cellwatt.batch import Batch
+from cellwatt.blocks import Block, cut, join
+from cellwatt.frames import Frames
+from cellwatt.outlet import CellView
+from cellwatt.outlets.zenoh.backlog import Backlog, time_of
+from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode_batch, encode_frames
+from cellwatt.outlets.zenoh.keys import ALARM, FRAME, raw_topic, series_of_topic
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import encode_item
+from cellwatt.outlets.zenoh.questions import NothingKeptError, number_of, short, text_of
+from cellwatt.results import Event, Result
+
+MOST_SAMPLES: Final = 2000
+"""Samples in one answer; about 1 MB of sixty channels."""
+MOST_RESULTS: Final = 500
+"""Results in one answer, and cleared alarms."""
+_EVER: Final = 2**62
+"""Count of a question that has none: all there is."""
+_ROW: Final = 33
+"""Bytes of one sample or frame beside its channels, about."""
+_CELL: Final = 17
+"""Bytes of one channel of a frame: value, quality and bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer; ``path`` is its key within the cell as a back-filled message."""
+
+    payload: bytes
+    encoding: str = JSON
+    mark: Mark | None = None
+    path: str | None = None
+
+
+class Past:
+    """What a cell still has of its past; ``piece`` gives the most bytes that one answer may have now."""
+
+    def __init__(self, view: CellView, backlog: Backlog, piece: Callable[[], float]) -> None:
+        self._view, self._backlog, self._piece = view, backlog, piece
+        self._sizes: dict[str, int] = {}
+        """Bytes of one sample of each topic that was answered about."""
+
+    def history(self, asked: Mapping[str, str]) -> Answer:
+        """Recorded samples, or frames. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
+        session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
+        whole = number_of(asked, "count", _EVER)
+        if "source" not in asked and asked.get("stream") == FRAME:
+            frames = self._cut_out(FRAME, first, whole, lambda count: self._frames(session, first, whole, count))
+            if not frames:
+                raise NothingKeptError(f"no frames are kept from {first} in session {session}")
+            mark = Mark(session, frames.sequence, len(frames), int(frames.time[-1]), backfill=True)
+            return Answer(encode_frames(frames), ARROW, mark, FRAME)
+        source, stream = text_of(asked, "source"), text_of(asked, "stream")
+        topic = raw_topic(source, stream)
+        batch = self._cut_out(
+            topic, first, whole, lambda count: self._view.history(source, stream, session, first, count)
+        )
+        if not batch:
+            about = f"{source}/{stream}"
+            raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
+        mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
+        return Answer(encode_batch(batch), ARROW, mark, topic)
+
+    def _cut_out(self, topic: str, first: int, whole: int, look: Callable[[int], Sequence[Block]]) -> Block | None:
+        """The first of ``first`` … ``first + whole``, as many as one answer may have; ``look`` is given a count."""
+        count = min(whole, MOST_SAMPLES)
+        if topic in self._sizes:
+            count = self._fitting(count, self._sizes[topic])
+        block = join(look(count), count)
+        if block is not None:  # it may begin beyond what was asked for, where all of that is gone
+            block = cut(block, 0, min(len(block), max(first + whole - block.sequence, 0)))
+        if not block:
+            return None
+        self._sizes[topic] = _size(block)
+        return cut(block, 0, self._fitting(len(block), self._sizes[topic]))
+
+    def _fitting(self, count: int, size: int) -> int:
+        """``count`` rows of ``size`` bytes, or as many as one answer may have now; at least one."""
+        return max(int(min(count, self._piece() / size)), 1)
+
+    def _frames(self, session: int, first: int, whole: int, count: int) -> Sequence[Frames]:
+        """Frames from memory on, and where memory begins later, from the record."""
+        kept = [frames for _, frames in self._backlog.frames(session, first, whole)]
+        begin = kept[0].sequence if kept else first + whole
+        if begin <= first:
+            return [cut(kept[0], first - begin, len(kept[0])), *kept[1:]]
+        if self._backlog.recorded(session):
+            recorded = self._view.frame_history(session, first, min(count, begin - first))
+            if recorded and recorded[0].sequence < begin:
+                return recorded
+        return kept
+
+    def results(self, asked: Mapping[str, str]) -> Answer:
+        """Results or events of one kind. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
+        kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
+        kept = self._results(kind, session, number_of(asked, "first", 0), number_of(asked, "count", _EVER))
+        if not kept:
+            raise NothingKeptError(f"no results {short(kind)} are kept from there in session {session}")
+        items, room = [], self._piece()
+        for m, item in kept:
+            items.append(encode_item(item, m))
+            room -= len(items[-1])
+            if room <= 0:
+                break
+        first, last = kept[0][0], kept[len(items) - 1][0]
+        mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
+        return Answer(b"[" + b",".join(items) + b"]", JSON, mark, kind)
+
+    def _results(self, kind: str, session: int, first: int, whole: int) -> Sequence[tuple[Mark, Result | Event]]:
+        """Results from memory on, and where memory begins later, from the record."""
+        kept = self._backlog.results(kind, session, first, whole)[:MOST_RESULTS]
+        begin = kept[0][0].sequence if kept else first + whole
+        if begin <= first or kind == ALARM:
+            return kept
+        asked = series_of_topic(kind), session, first, min(begin - first, MOST_RESULTS)
+        recorded = [(number, item) for number, item in self._view.result_history(*asked) if number < begin]
+        return [(Mark(session, number, 1, time_of(item)), item) for number, item in recorded] or kept
+
+
+def _size(block: Batch | Frames) -> int:
+    """Bytes of one row in an answer, about."""
+    return _ROW + (8 * len(block.stream.channels) if isinstance(block, Batch) else _CELL * len(block.layout.channels))

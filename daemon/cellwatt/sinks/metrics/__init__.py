@@ -1,5 +1,0 @@
-"""Metrics of a cell for Prometheus and OpenMetrics, and probes of its health."""
-
-from cellwatt.sinks.metrics.settings import MetricsSettings
-
-__all__ = ["MetricsSettings"]

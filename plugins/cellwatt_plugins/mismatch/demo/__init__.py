@@ -1,0 +1,1 @@
+"""``cellwatt demo explain``: conceal physics from a simulation, and let ``explain`` find it."""

@@ -1,0 +1,117 @@
+"""``cellwatt demo explain``."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shlex
+import sys
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+
+from cellwatt.commands import EXIT_FAILED
+from cellwatt.errors import CellwattError, why
+from cellwatt_plugins.mismatch.command import explain
+from cellwatt_plugins.mismatch.demo.arm import JOINTS, believed, draw, mjcf
+from cellwatt_plugins.mismatch.demo.physics import Concealed, by_chance, conceal, kinds
+from cellwatt_plugins.mismatch.demo.plant import Log, motions, run
+from cellwatt_plugins.mismatch.demo.reveal import Revealed, compared, table
+
+NOTHING = "nothing"
+COLUMNS = ("qpos", "qvel", "actuator_force")
+"""MuJoCo's names of what is logged."""
+
+
+@click.command()
+@click.option(
+    "--conceal",
+    "wanted",
+    multiple=True,
+    type=click.Choice([*kinds(), NOTHING]),
+    help="What to conceal, once for each; one or two by chance if left out.",
+)
+@click.option("--seed", type=click.IntRange(min=0), help="Number from which the arm and the rest is drawn.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write; demo-explain-SEED.")
+@click.option("--json", "as_json", is_flag=True, help="Print the truth beside the findings, as JSON.")
+def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, as_json: bool) -> None:
+    """Conceal physics from a simulation, and let `explain` find it.
+
+    An arm is drawn, and physics that it has and that the user's simulation (arm.xml) does not have. MuJoCo runs the arm
+    under a controller; what its sensors measure are the recordings. `cellwatt explain` then gets these files, as it
+    would get yours, and nothing else. What was concealed is shown after its answer. The files stay in the folder.
+
+    Exit code 1 where explain is wrong.
+    """
+    seed = secrets.randbelow(10_000) if seed is None else seed
+    folder = Path(f"demo-explain-{seed}") if out is None else out
+    say = (lambda _: None) if as_json else click.echo
+    concealed = write_files(folder, wanted, np.random.default_rng(seed))
+    words = ["run_1.csv", "run_2.csv", "--simulation", "arm.xml", "--mend", "arm.xml", "--out", "result"]
+    say(f"{folder}: arm.xml is your simulation, run_1.csv and run_2.csv are what the arm's sensors measured")
+    say(f"$ cd {shlex.quote(str(folder))} && cellwatt explain {shlex.join(words)}\n")
+    revealed = _explained(folder, concealed, as_json)
+    again = shlex.join(["cellwatt", "demo", "explain", *(f"--conceal={name}" for name in wanted), f"--seed={seed}"])
+    report = (folder / "result" / "report.html").resolve()
+    if as_json:
+        click.echo((folder / "revealed.json").read_text())
+    else:
+        _show(revealed, report, again)
+    if not revealed.right:
+        sys.exit(EXIT_FAILED)
+
+
+def write_files(folder: Path, wanted: Sequence[str], rng: np.random.Generator) -> list[Concealed]:
+    """Write the user's simulation and the recordings into ``folder``; return what was concealed."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
+    arm = draw(rng)
+    (folder / "arm.xml").write_text(mjcf(believed(arm, rng)))
+    names = [name for name in dict.fromkeys(wanted or by_chance(rng)) if name != NOTHING]
+    concealed = conceal(names, rng, arm)
+    for number, motion in enumerate(motions(rng), start=1):
+        _write(folder / f"run_{number}.csv", run(arm, folder / "arm.xml", concealed, motion, rng))
+    return concealed
+
+
+def _write(path: Path, log: Log) -> None:
+    names = ["time", *(f"{name}{joint}" for name in COLUMNS for joint in range(JOINTS))]
+    values = np.column_stack([log.time, log.position, log.velocity, log.torque])
+    np.savetxt(path, values, "%.7g", ",", header=",".join(names), comments="")
+
+
+def _explained(folder: Path, concealed: Sequence[Concealed], as_json: bool) -> Revealed:
+    """Run the command as anybody would, and compare its answer."""
+    result = folder / "result"
+    files = [str(folder / name) for name in ("run_1.csv", "run_2.csv")]
+    simulation = str(folder / "arm.xml")
+    words = [*files, "--simulation", simulation, "--mend", simulation, "--out", str(result)]
+    explain.main([*words, *(["--quiet", "--json"] if as_json else [])], standalone_mode=False)
+    findings = json.loads((result / "findings.json").read_text())
+    revealed = compared(concealed, findings)
+    (folder / "revealed.json").write_text(json.dumps(revealed.as_json(), indent=1))
+    return revealed
+
+
+def _show(revealed: Revealed, report: Path, again: str) -> None:
+    console = Console()
+    console.print()
+    console.print(table(revealed))
+    if revealed.right:
+        console.print("\nexplain is right.", style="bold green")
+    else:
+        console.print("\nexplain is wrong here.", style="bold red")
+    console.print(f"the same again: {again}", soft_wrap=True, highlight=False)
+    shown = (
+        console.is_terminal
+        and any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+        and webbrowser.open(report.as_uri())
+    )
+    console.print(f"the report{' is open in your browser' if shown else ''}: {report}", soft_wrap=True, highlight=False)

@@ -1,0 +1,101 @@
+"""What was concealed, beside what ``explain`` says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.table import Table
+
+from cellwatt.report.numbers import measured, number, unit
+from cellwatt_plugins.mismatch.demo.physics import Concealed
+
+FAR = 3.0
+"""Standard deviations by which a number may be off."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One concealed piece of physics with the finding that names it, None where none does."""
+
+    concealed: Concealed
+    finding: Mapping[str, Any] | None
+
+
+@dataclass(frozen=True)
+class Revealed:
+    """The truth beside ``findings.json``."""
+
+    answers: tuple[Answer, ...]
+    invented: tuple[Mapping[str, Any], ...]
+    """Findings of what was not concealed."""
+
+    @property
+    def right(self) -> bool:
+        """True if all that was concealed is named at its joint, and nothing else."""
+        return not self.invented and all(answer.finding is not None for answer in self.answers)
+
+    def as_json(self) -> dict[str, Any]:
+        """The truth beside the answer, JSON-ready."""
+        return {"right": self.right, **asdict(self)}
+
+
+def compared(concealed: Sequence[Concealed], findings: Mapping[str, Any]) -> Revealed:
+    """Match what was concealed with the content of ``findings.json`` by name and joint."""
+    named = {(f["effect"], f["joint"]): f for f in (*_retuned(findings), *findings["findings"])}
+    answers = tuple(Answer(c, named.get((c.effect, None if c.joint is None else c.joint + 1))) for c in concealed)
+    used = [answer.finding for answer in answers]
+    return Revealed(answers, tuple(f for f in findings["findings"] if f not in used))
+
+
+def _retuned(findings: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Numbers that are off beyond their tolerance, in the shape of a finding."""
+    return [
+        {**moved, "effect": moved["parameter"], "parameters": {"now": {"value": moved["now"], "std": moved["std"]}}}
+        for moved in findings["retuned"]
+        if moved["beyond"]
+    ]
+
+
+def table(revealed: Revealed) -> Table:
+    """A row for each concealed number and for each finding that should not be there."""
+    out = Table(box=None, header_style="bold", title="What was concealed", title_justify="left", title_style="bold")
+    for head in ("on the arm", "", "concealed", "explain says", ""):
+        out.add_column(head)
+    for answer in revealed.answers:
+        for row in _rows(answer):
+            out.add_row(*row)
+    for finding in revealed.invented:
+        out.add_row(finding["statement"], "", "nothing", "named", "[bold red]wrong[/]")
+    if not revealed.answers:
+        out.add_row("Nothing: numbers alone are off by a few per cent", "", "", "", _sign(revealed.right))
+    return out
+
+
+def _rows(answer: Answer) -> list[list[str]]:
+    rows = []
+    for i, (name, (value, symbol)) in enumerate(answer.concealed.numbers.items()):
+        sentence = answer.concealed.sentence if i == 0 else ""
+        told = f"{number(value)} {unit(symbol)}".strip()
+        if answer.finding is None:
+            rows.append([sentence, name, told, "not named", "[bold red]wrong[/]" if i == 0 else ""])
+            continue
+        found, std = _found(answer.finding, name)
+        off = abs(found - value) / std if std > 0 else 0.0
+        sign = _sign(True) if off <= FAR else f"[bold yellow]named, {off:.0f} σ off[/]"
+        rows.append([sentence, name, told, f"{measured(found, std)} {unit(symbol)}".strip(), sign])
+    return rows
+
+
+def _found(finding: Mapping[str, Any], name: str) -> tuple[float, float]:
+    """The number that a finding states, and its standard deviation; ``now``: as it is on the arm."""
+    parameters = finding["parameters"]
+    if name in parameters:
+        return parameters[name]["value"], parameters[name]["std"]
+    first = next(iter(parameters.values()))
+    return (finding["was"] or 0.0) + first["value"], first["std"]
+
+
+def _sign(right: bool) -> str:
+    return "[bold green]right[/]" if right else "[bold red]wrong[/]"

@@ -1,0 +1,42 @@
+"""Friction that holds an arm at rest: how far from the law's, which is none there, the recordings show it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.stretches import stretches
+
+Float = NDArray[np.float64]
+
+END = 0.1
+"""s at either end of a rest whose means are compared."""
+FEWEST = 4
+"""Rests of a joint that tell anything."""
+UNKNOWN = np.inf
+
+
+def held_at_rest(states: Sequence[States], left: Sequence[Float], noise: Float) -> Float:
+    """Friction (n,) Nm that holds joints at rest; infinite where the plan is not known, which may be any.
+
+    ``left`` (N, n) of each run is torque beyond the nominal, of which a loop lets go while nothing moves: whatever
+    changes then was held. ``noise`` (n,) Nm.
+    """
+    if any(run.unplanned for run in states):
+        return np.full(len(noise), UNKNOWN)
+    out = np.zeros(len(noise))
+    for joint in range(len(noise)):
+        changes = [
+            float(np.mean(course[last - end : last]) - np.mean(course[first : first + end]))
+            for run, part in zip(states, left, strict=True)
+            for course, end in ((part[:, joint], max(1, round(END / run.step))),)
+            for first, last in stretches(run.resting[:, joint])
+            if last - first > 2 * end
+        ]
+        if len(changes) >= FEWEST:
+            by_noise = 2 * np.square(noise[joint]) / max(1, round(END / states[0].step))
+            out[joint] = np.sqrt(max(float(np.median(np.square(changes))) / 0.455 - by_noise, 0.0))
+    return out

@@ -1,0 +1,80 @@
+"""Findings as a person reads them at the terminal: numbers, then what takes the error away, then each finding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.report.falls import NumberRow, number_rows
+from cellwatt_plugins.mismatch.verdict.findings import Findings, Step
+
+WRITTEN = ("findings.json", "model.yaml", "report.html")
+BAR = 30
+"""Characters of the longest bar."""
+
+
+def in_words(found: Explained, out: Path) -> str:
+    """The findings as a person reads them at the terminal."""
+    findings = found.findings
+    lines = [_headline(findings), *_numbers(findings), *_cascade(findings)]
+    for finding in findings.findings:
+        gain = finding.improvement
+        lines.append(f"  • {finding.statement}")
+        curved = " with the curves below" if finding.effect == "unknown" and gain.after < gain.before else ""
+        lines.append(
+            f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
+            f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
+        )
+        lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
+    lines += [f"  ? {left.statement}" for left in findings.without_finding]
+    lines += [f"  = {moved.statement}" for moved in findings.retuned]
+    lines += [f"  ~ {curve.statement}" for curve in findings.curves]
+    lines += [f"  note: {note}" for note in findings.notes]
+    written = ", ".join(name for name in WRITTEN if (out / name).exists())
+    return "\n".join([*lines, f"written to {out}: {written}"])
+
+
+def _numbers(findings: Findings) -> list[str]:
+    """Each number in the simulation and on the arm, in columns."""
+    rows = number_rows(findings)
+    if not rows:
+        return []
+    rows = [NumberRow("", "in your simulation", "on your arm", ""), *rows]
+    name, was, now = (max(len(getattr(row, part)) for row in rows) for part in ("name", "was", "now"))
+    return [f"  {row.name:<{name}}  {row.was:<{was}}  {row.now:<{now}}  {row.remark}".rstrip() for row in rows]
+
+
+def _cascade(findings: Findings) -> list[str]:
+    """The steps from the user's simulation to the model as bars that fall to the noise."""
+    steps, units = findings.cascade, {f.channel: f.unit.replace("*", "") for f in findings.fit}
+    if not steps:
+        return []
+    top, wide = max(step.error for step in steps), max(len(step.label) for step in steps) + 2
+    lines = ["  error of a typical channel in units of its noise, on data left out of the fit (1: noise alone):"]
+    for before, step in zip((None, *steps), steps, strict=False):
+        label = step.label if before is None else f"+ {step.label}"
+        drawn = "█" * max(1, round(BAR * step.error / top))
+        gone = "" if before is None else _fallen(before, step, units)
+        lines.append(f"    {label:<{wide}} {step.error:6.1f}  {drawn:<{BAR}}  {gone}".rstrip())
+    return lines
+
+
+def _fallen(before: Step, after: Step, units: Mapping[str, str]) -> str:
+    """The channel of which a step takes the greatest share, with its error."""
+    channel = min(after.channels, key=lambda c: after.channels[c] / max(before.channels[c], 1e-12))
+    return f"{channel} {before.channels[channel]:.3g} → {after.channels[channel]:.3g} {units.get(channel, '')}"
+
+
+def _headline(findings: Findings) -> str:
+    if findings.verdict != "explained" and any(not left.looked_at for left in findings.unexplained):
+        named = "Partly explained" if findings.verdict == "partly_explained" else "Unexplained"
+        return f"{named}: the time was up before all joints were looked at."
+    if findings.verdict == "no_mismatch" and findings.retuned:
+        return "No physics is missing: numbers of the simulation are off, and these explain the difference."
+    return {
+        "no_mismatch": "No mismatch: recordings and simulation agree within noise and tolerances.",
+        "explained": "Explained: this is what the simulation leaves out.",
+        "partly_explained": "Partly explained: some of the difference is in no known effect.",
+        "unexplained": "Unexplained: the recordings differ, and no known effect fits.",
+    }[findings.verdict]

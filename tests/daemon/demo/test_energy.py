@@ -1,0 +1,30 @@
+"""What the demo says of its arm's energy is what is emulated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cellwatt.demo.cells import shape_file
+from cellwatt.emulation import ArmSignals
+from cellwatt_plugins.energy.drive import motion_features, supply_power
+from cellwatt_plugins.energy.known import load_known
+from cellwatt_plugins.robot import Arm
+
+
+def test_the_demos_energy_file_predicts_the_power_of_the_emulated_arm() -> None:
+    arm = Arm.load(shape_file().with_name("robot.yaml"))
+    known = load_known(shape_file().with_name("energy.json"), arm)
+    emulated = ArmSignals(noise=0.0)
+    seen = emulated.at(np.arange(0, emulated.period, 0.02))
+
+    def joints(quantity: str) -> np.ndarray:
+        return np.column_stack([seen[f"joint_{i}.{quantity}"] for i in range(1, 7)])
+
+    class Motion:
+        torque, velocity = joints("current") * arm.column("torque_constant"), joints("velocity")
+
+    power = supply_power(known.drive, motion_features(arm, Motion) @ known.drive.weights())
+    assert power == pytest.approx(seen["supply.power"], abs=1e-6)
+    assert known.coulomb == emulated.coulomb
+    assert known.viscous == emulated.viscous

@@ -1,0 +1,74 @@
+"""Rotations and joints against SciPy, and the packaged arm against SciPy's own chain of rotations."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from cellwatt.outlets.foxglove.arm import joints_of, poses
+from cellwatt.outlets.foxglove.pose import Vector, about, joint_pose, of_rpy, product, turned
+from tests.daemon.outlets.foxglove.moving import place_of, skeleton, tool
+
+ANGLE = st.floats(-10, 10)
+VECTOR = st.tuples(*[st.floats(-5, 5).map(lambda v: round(v, 6))] * 3)
+AXIS = VECTOR.filter(lambda v: math.hypot(*v) > 1e-3)
+
+
+def same(found: Any, truth: Rotation) -> bool:
+    return bool(np.allclose(Rotation.from_quat(found).as_matrix(), truth.as_matrix(), atol=1e-12))
+
+
+@given(VECTOR)
+def test_roll_pitch_and_yaw(rpy: Vector) -> None:
+    assert same(of_rpy(rpy), Rotation.from_euler("xyz", rpy))
+
+
+@given(AXIS, ANGLE)
+def test_a_turn_about_an_axis(axis: Vector, angle: float) -> None:
+    unit = np.array(axis) / np.linalg.norm(axis)
+    assert same(about(axis, angle), Rotation.from_rotvec(unit * angle))
+
+
+@given(VECTOR, VECTOR, VECTOR)
+def test_products_and_turned_vectors(first: Vector, second: Vector, vector: Vector) -> None:
+    a, b = Rotation.from_euler("xyz", first), Rotation.from_euler("xyz", second)
+    assert same(product(of_rpy(first), of_rpy(second)), a * b)
+    np.testing.assert_allclose(turned(of_rpy(first), vector), a.apply(vector), atol=1e-12)
+
+
+@given(VECTOR, VECTOR, AXIS, ANGLE)
+def test_joints(xyz: Vector, rpy: Vector, axis: Vector, value: float) -> None:
+    fixed, unit = RigidTransform.from_components(xyz, Rotation.from_euler("xyz", rpy)), np.array(axis)
+    unit /= np.linalg.norm(unit)
+    moves = {
+        "revolute": RigidTransform.from_rotation(Rotation.from_rotvec(unit * value)),
+        "prismatic": RigidTransform.from_translation(unit * value),
+        "fixed": RigidTransform.identity(),
+    }
+    for kind, move in moves.items():
+        place, rotation = joint_pose(xyz, rpy, axis, kind, value)
+        truth = fixed * move
+        np.testing.assert_allclose(place, truth.translation, atol=1e-12)
+        assert same(rotation, truth.rotation)
+
+
+def test_the_tool_of_the_packaged_arm_is_where_it_is() -> None:
+    angles = [0.3, -0.4, 0.9, -1.3, 0.7, 2.1]
+    values = {f"arm.joint_{i + 1}.position": angle for i, angle in enumerate(angles)}
+    found = {pose.frame: (pose.parent, pose.place, pose.rotation) for pose in poses(joints_of(skeleton()), values)}
+    assert place_of(found, "arm/joint_6", "arm/base") == pytest.approx(tool(angles), abs=1e-12)
+    assert np.linalg.norm(tool(angles)) > 0.3
+
+
+def test_a_joint_that_is_not_known_is_left_where_it_was() -> None:
+    values = {f"arm.joint_{i}.position": 0.1 for i in range(1, 7)} | {"arm.joint_3.position": math.nan}
+    told = skeleton()
+    told["joints"][4]["channel"] = None
+    del values["arm.joint_6.position"]
+    assert [pose.frame[-1] for pose in poses(joints_of(told), values)] == ["1", "2", "4", "5"]

@@ -1,0 +1,448 @@
+"""InfluxDB is kept up to date: what is new first, then what it missed; nothing lost, nothing twice."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt import RecordingError
+from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
+from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of, place_of, reason_of, wait_of
+from cellwatt.outlets.historian.influx import FILE
+from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.refused import FILE as REFUSED
+from tests.daemon.outlets.historian.made import CELL, SESSION, SITE, Recorded, S, alarm, energy, frames, row_truth, task
+from tests.daemon.outlets.historian.server import Fake, fake, influxd, real
+from tests.daemon.outlets.zenoh.fake_cell import FakeView
+from tests.patience import eventually
+
+
+class View(FakeView):
+    site, cell = SITE, CELL
+
+    def __init__(self, record: Path | None) -> None:
+        super().__init__(SESSION)
+        self.folder = Path("/")
+        self.record_folder = record
+
+    def config(self) -> Any:
+        return {"record": None if self.record_folder is None else {"frames": True}}
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Path:
+    folder = tmp_path / "record"
+    folder.mkdir()
+    return folder
+
+
+def outlet_of(url: str, record: Path | None, **settings: Any) -> HistorianOutlet:
+    influx = InfluxSettings(**{"url": url, "database": "plant", "every": 0.02, **settings})
+    return HistorianOutlet("historian", HistorianSettings(influx=influx), View(record))
+
+
+@asynccontextmanager
+async def running(outlet: HistorianOutlet) -> AsyncIterator[HistorianOutlet]:
+    task = asyncio.create_task(outlet.run())
+    try:
+        yield outlet
+        assert not task.done(), task
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+class Cell:
+    """Frames that are recorded, and then offered to an outlet."""
+
+    def __init__(self, record: Path) -> None:
+        self.recorded = Recorded(record)
+
+    async def seconds(self, count: int, *outlets: HistorianOutlet, results: bool = True) -> None:
+        first = self.recorded.second
+        await asyncio.to_thread(self.recorded.seconds, count, results)
+        for second in range(first, first + count):
+            for outlet in outlets:
+                outlet.offer(frames(50 * second, 50))
+                if results and second % 5 == 2:
+                    at = SESSION + second * S + S // 2
+                    for result in (alarm(second, at), energy(second, at), task(second, at)):
+                        outlet.offer(result)
+
+
+@pytest.fixture
+def cell(record: Path) -> Any:
+    made = Cell(record)
+    yield made
+    made.recorded.close()
+
+
+def check(server: Fake, seconds: range) -> None:
+    assert [row.time for row in server.rows] == [row_truth(second)["time"] for second in seconds]
+    for row, second in zip(server.rows, seconds, strict=True):
+        truth = {k: v for k, v in row_truth(second).items() if "." in k and v is not None}
+        assert {k: v for k, v in row.fields.items() if k != "quality"} == pytest.approx(truth)
+        assert row.tags == {"site": SITE, "cell": CELL}
+
+
+async def settled(server: Fake, count: int) -> None:
+    await eventually(lambda: len(server.rows) >= count, f"{count} rows")
+
+
+async def test_rows_and_results_arrive(record: Path, cell: Cell) -> None:
+    async with fake() as server, running(outlet_of(server.url, record)) as outlet:
+        await cell.seconds(12, outlet)
+        await settled(server, 12)
+        check(server, range(12))
+        kinds = [p.measurement for p in server.points.values() if p.measurement != "cellwatt"]
+        assert sorted(kinds) == sorted([f"cellwatt_{kind}" for kind in ("alarm", "energy", "task")] * 2)
+        assert outlet.trouble() is None
+        assert outlet.account.residue == 0
+    request = server.requests[0]
+    assert request.path_qs == "/write?db=plant&precision=ns"
+    assert request.headers["Content-Encoding"] == "gzip"
+
+
+async def test_without_a_record_what_comes_is_written(record: Path) -> None:
+    async with fake() as server, running(outlet_of(server.url, None)) as outlet:
+        for second in range(3):
+            outlet.offer(frames(50 * second, 50))
+        await settled(server, 3)
+        check(server, range(3))
+
+
+async def test_patterns_that_fit_no_channel_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    async with fake() as server, running(outlet_of(server.url, None, channels=("arm.mode", "leg.*"))) as outlet:
+        outlet.offer(frames(0, 50))
+        await settled(server, 1)
+    assert "influx: no channel fits leg.*" in caplog.text
+    assert outlet.account.counters["influx: patterns that fit no channel"] == 1
+    assert set(server.rows[0].fields) == {"arm.mode", "quality"}
+
+
+async def test_after_a_cut_what_is_new_goes_first_then_all_that_was_missed_in_order(record: Path, cell: Cell) -> None:
+    async with fake() as server:
+        outlet = outlet_of(server.url, record, queue=5, batch=7)
+        async with running(outlet):
+            await cell.seconds(5, outlet, results=False)
+            await settled(server, 5)
+            server.down = True
+            await cell.seconds(40, outlet, results=False)
+            await eventually(lambda: outlet.trouble(), "the trouble")
+            assert "503" in str(outlet.trouble())
+            await eventually(lambda: len(outlet._influx.forwarder._pending) == 5, "the queue")  # type: ignore[union-attr]
+            seen = len(server.batches)
+            server.down = False
+            await settled(server, 45)
+            await cell.seconds(5, outlet, results=False)  # so that the newest of the gap is settled
+            await settled(server, 50)
+            assert outlet.trouble() is None
+    check(server, range(50))
+    after = [[(p.time - SESSION) // S for p in map(_parsed, lines)] for lines in server.batches[seen:]]
+    assert after[0] == [41, 42, 43, 44, 45]
+    filled = [second for times in after[1:] for second in times if second <= 40]
+    assert filled == sorted(filled)
+    assert set(range(6, 41)) <= set(filled)
+    assert outlet.account.missed.total() == 0
+
+
+def _parsed(line: str) -> Any:
+    from tests.daemon.outlets.historian.parsing import parse
+
+    return parse(line)
+
+
+async def test_a_new_daemon_fills_in_what_the_one_before_left(record: Path, cell: Cell) -> None:
+    async with fake() as server:
+        async with running(outlet_of(server.url, record)) as outlet:
+            await cell.seconds(10, outlet)
+            await settled(server, 10)
+        await cell.seconds(20)  # while no outlet runs
+        async with running(outlet_of(server.url, record)) as outlet:
+            # It sees the second half of a second first: what it makes of that alone is not the row.
+            await cell.seconds(1)
+            outlet.offer(frames(50 * 30 + 25, 25))
+            await cell.seconds(6, outlet)
+            await settled(server, 37)
+    check(server, range(37))
+    expected = sum(second % 5 == 2 for second in range(37))
+    assert sum(p.measurement == "cellwatt_task" for p in server.points.values()) == expected
+
+
+async def test_what_waits_at_the_end_is_filled_in_at_the_next_start(record: Path, cell: Cell) -> None:
+    async with fake() as server:
+        server.down = True
+        async with running(outlet_of(server.url, record)) as outlet:
+            await cell.seconds(10, outlet)
+            await eventually(lambda: outlet.trouble(), "the trouble")
+        assert json.loads((record / FILE).read_text())["gaps"] == [[SESSION, SESSION + 10 * S, 9 + 6]]
+        server.down = False
+        async with running(outlet_of(server.url, record)) as outlet:
+            await cell.seconds(6, outlet)
+            await settled(server, 16)
+    check(server, range(16))
+
+
+@pytest.mark.parametrize("runs", [True, False])
+async def test_items_that_come_too_fast_are_filled_in(
+    record: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch, runs: bool
+) -> None:
+    """Also those that come before the outlet runs, or has read how far the one before it came."""
+    monkeypatch.setattr("cellwatt.outlets.forward.BLOCKS", 4)
+    async with fake() as server:
+        outlet = outlet_of(server.url, record)
+        if not runs:
+            await cell.seconds(20, outlet)
+        async with running(outlet):
+            if runs:
+                await cell.seconds(20, outlet)
+            await settled(server, 1)
+            await cell.seconds(4, outlet, results=False)
+            await settled(server, 24)
+    check(server, range(24))
+
+
+async def test_a_record_that_cannot_be_read_holds_up_nothing_new(
+    record: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any, **__: Any) -> None:
+        raise RecordingError("x.mcap: cannot be read: Input/output error")
+
+    monkeypatch.setattr("cellwatt.outlets.forward.read", broken)
+    async with fake() as server, running(outlet_of(server.url, record)) as outlet:
+        await cell.seconds(8, outlet, results=False)
+        await settled(server, 7)
+        await eventually(lambda: outlet.trouble(), "the trouble")
+        assert "x.mcap: cannot be read" in str(outlet.trouble())
+        await cell.seconds(4, outlet, results=False)
+        await settled(server, 11)
+    check(server, range(1, 12))
+
+
+async def test_lines_refused_for_good_are_kept_apart(record: Path, cell: Cell) -> None:
+    bad = str(row_truth(5)["time"])
+    async with fake() as server:
+        server.refuses = lambda line: line.endswith(bad)
+        async with running(outlet_of(server.url, record)) as outlet:
+            await cell.seconds(12, outlet, results=False)
+            await settled(server, 11)
+            await eventually(lambda: (record / REFUSED).exists(), "the file")
+    assert [(row.time - SESSION) // S - 1 for row in server.rows] == [0, 1, 2, 3, 4, *range(6, 12)]
+    reason, line = (record / REFUSED).read_text().splitlines()[:2]
+    assert reason.startswith("# 400: partial write: field type conflict")
+    assert line.endswith(bad)
+    assert outlet.account.missed["influx: refused"] >= 1
+
+
+async def test_a_server_that_refuses_all_is_asked_a_bounded_number_of_times(record: Path, cell: Cell) -> None:
+    async with fake() as server:
+        server.refuses = lambda _: True
+        outlet = outlet_of(server.url, None, batch=1000)
+        for second in range(300):
+            outlet.offer(frames(50 * second, 50))
+        async with running(outlet):
+            await eventually(lambda: outlet.account.missed["influx: refused"] == 300, "all refused")
+    assert len(server.batches) <= 64 + 64
+
+
+async def test_batches_that_are_too_large_are_halved(record: Path) -> None:
+    async with fake() as server:
+        server.answers.append((413, "", {}))
+        outlet = outlet_of(server.url, None)
+        for second in range(8):
+            outlet.offer(frames(50 * second, 50))
+        async with running(outlet):
+            await eventually(lambda: outlet.account.snapshot()["received"] == 8, "the last answer")
+    assert [len(lines) for lines in server.batches] == [4, 4]
+
+
+async def test_a_server_that_asks_to_wait_is_waited_for(record: Path) -> None:
+    async with fake() as server:
+        server.answers += [(429, "", {"Retry-After": "0"})] * 6 + [(503, "busy", {"Retry-After": "3600"})]
+        outlet = outlet_of(server.url, None)
+        outlet.offer(frames(0, 50))
+        async with running(outlet):
+            # Six times "at once": our own pauses would have taken half a minute.
+            await eventually(lambda: len(server.requests) == 7, "the seventh request", 20)
+            told = "503: busy; trying again in 3600.0 s"
+            await eventually(lambda: str(outlet.trouble()).endswith(told), "the trouble")
+
+
+async def test_nobody_answers(record: Path) -> None:
+    async with fake() as server:
+        url = server.url
+    outlet = outlet_of(url, None)
+    outlet.offer(frames(0, 50))
+    async with running(outlet):
+        await eventually(lambda: outlet.trouble(), "the trouble")
+        assert "nobody answers (connection refused)" in str(outlet.trouble())
+
+
+async def test_version_2(record: Path) -> None:
+    async with fake() as server:
+        v2 = {"database": None, "org": "my plant", "bucket": "cells", "token": "s3cret"}
+        outlet = outlet_of(server.url, None, **v2)
+        outlet.offer(frames(0, 50))
+        async with running(outlet):
+            await settled(server, 1)
+    assert server.requests[0].path == "/api/v2/write"
+    assert dict(server.requests[0].query) == {"org": "my plant", "bucket": "cells", "precision": "ns"}
+    assert server.requests[0].headers["Authorization"] == "Token s3cret"
+
+
+@real
+async def test_debians_influxdb_has_what_was_recorded(record: Path, cell: Cell, tmp_path: Path) -> None:
+    """Cut off by kill -9 of the server, and the outlet begun anew."""
+    folder = tmp_path / "influx"
+    folder.mkdir()
+    async with influxd(folder) as server:
+        async with running(outlet_of(server.url, record, queue=20)) as outlet:
+            await cell.seconds(10, outlet)
+            await eventually(lambda: _count(server, 10), "10 rows")
+            await server.stop()
+            await cell.seconds(30, outlet)
+            await eventually(lambda: outlet.trouble(), "the trouble")
+            await server.start()
+            await cell.seconds(5, outlet)
+        async with running(outlet_of(server.url, record)) as outlet:
+            await cell.seconds(6, outlet)
+            await eventually(lambda: _count(server, 51), "51 rows")
+        found = await server.query("SELECT * FROM cellwatt")
+        tasks = await server.query("SELECT count(seconds) FROM cellwatt_task")
+    assert [row["time"] for row in found] == [row_truth(second)["time"] for second in range(51)]
+    for row, second in zip(found, range(51), strict=True):
+        truth = row_truth(second)
+        assert (row["arm.bus.power"], row["cell"], row["site"]) == (pytest.approx(truth["arm.bus.power"]), CELL, SITE)
+    assert tasks[0]["count"] == sum(second % 5 == 2 for second in range(51))
+
+
+async def _count(server: Any, count: int) -> bool:
+    found = await server.query('SELECT count("arm.mode") FROM cellwatt')
+    return bool(found) and found[0]["count"] >= count
+
+
+@real
+async def test_debians_influxdb_reads_our_escapes_and_refuses_what_it_must(tmp_path: Path) -> None:
+    from cellwatt.outlets.historian.client import Client
+    from cellwatt.outlets.historian.influx import Lines
+    from cellwatt.outlets.historian.line_protocol import line
+
+    nasty = ["a b", "a,b=c", 'say "hi"', "tab\tü", "back\\slash", "trailing\\", "=", ", ,"]
+    lines = [line("odd, one", {"t g": tag}, {"a=b": n, 'c"d': tag}, 1000 + n) for n, tag in enumerate(nasty)]
+    conflict = [line("odd, one", {}, {"a=b": "text"}, 7), line("odd, one", {}, {"a=b": 99}, 8)]
+    async with influxd(tmp_path) as server:
+        settings = InfluxSettings(url=server.url, database="plant")
+        async with Client(settings) as client:
+            assert not await Lines(client, "m", {}, tmp_path).send(lines)
+            assert await Lines(client, "m", {}, tmp_path).send(conflict) == {"refused": 1}
+            missing = InfluxSettings(url=server.url, database="nowhere")
+            async with Client(missing) as lost:
+                outcome = await lost.write(lines)
+        found = await server.query('SELECT * FROM "odd, one"')
+    assert (outcome.kind, "database not found" in outcome.reason) == ("later", True)
+    tags = {row["a=b"]: (row["t g"], row['c"d']) for row in found}
+    assert tags.pop(99) == (None, None)
+    assert tags == {n: (tag.replace("\\", "/"), tag) for n, tag in enumerate(nasty)}
+    assert "field type conflict" in (tmp_path / REFUSED).read_text()
+
+
+NOW = datetime(2026, 11, 24, 12, 0, 0, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [
+        (None, None),
+        ("17", 17.0),
+        ("0", 0.0),
+        ("-5", 0.0),
+        ("1e9", LONGEST_WAIT),
+        ("nan", None),
+        ("soon", None),
+        ("5 Nov 01 01:28777777777777777 GMT", None),
+        ("Tue, 24 Nov 2026 12:00:30 GMT", 30.0),
+        ("Tue, 24 Nov 2026 11:00:00 GMT", 0.0),
+    ],
+)
+def test_retry_after(header: str | None, seconds: float | None) -> None:
+    assert wait_of(header, NOW) == seconds
+
+
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [(204, "written"), (200, "written"), (400, "refused"), (422, "refused"), (413, "too large"), (401, "later"),
+     (404, "later"), (429, "later"), (500, "later"), (503, "later"), (302, "later")],
+)  # fmt: skip
+def test_answers_mean(status: int, kind: str) -> None:
+    assert outcome_of(status, "", {}).kind == kind
+
+
+def test_an_answer_without_words_is_told_by_its_number() -> None:
+    assert outcome_of(429, "", {}).reason == "429: Too Many Requests"
+    assert outcome_of(599, "", {}).reason == "599: no reason told"
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ('{"error": "a\\nb"}', "a b"),
+        ('{"code": "x", "message": "m"}', "m"),
+        ("[1]", "[1]"),
+        ("<html>", "<html>"),
+        ("[" * 3000, "[" * 500),
+    ],
+)
+def test_reasons(text: str, reason: str) -> None:
+    assert reason_of(text) == reason
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({}, "expected influx, lake, or both"),
+        ({"influx": {"url": "influx:8086", "database": "d"}}, "expected an address like"),
+        ({"influx": {"url": "http://u:p@127.0.0.1", "database": "d"}}, "no user or password into the address"),
+        ({"influx": {"url": "http://127.0.0.1"}}, "one of database"),
+        ({"influx": {"url": "http://127.0.0.1", "bucket": "b"}}, "bucket needs org and token"),
+        ({"influx": {"url": "http://influx.example", "database": "d"}}, "http is for this PC alone"),
+        ({"influx": {"url": "http://127.0.0.1", "database": "d", "user": "u"}}, "together"),
+        ({"influx": {"url": "http://127.0.0.1", "database": "d\nx"}}, "should match pattern"),
+        ({"lake": {"folder": "l", "dead_band": {"*": 1.0}}}, "every row"),
+        ({"lake": {"folder": "l", "region": "eu"}}, "go with a folder s3"),
+        ({"lake": {"folder": "s3://B C"}}, "expected s3://BUCKET/PATH"),
+        ({"lake": {"folder": "s3://bucket", "endpoint": "http://minio.example"}}, "http is for this PC alone"),
+        ({"lake": {"folder": "s3://bucket", "access_key": "a"}}, "together"),
+        ({"lake": {"folder": "l"}, "kind": "lake"}, "not permitted"),
+    ],
+)
+def test_mistakes_in_settings_are_told(settings: dict[str, Any], says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        HistorianSettings.model_validate(settings)
+
+
+def test_settings_say_what_is_open_and_keep_secrets(tmp_path: Path) -> None:
+    far = {"url": "http://influx.example", "org": "o", "bucket": "b", "token": "s3cret", "open": True}
+    settings = HistorianSettings.model_validate({"influx": {**far, "ca": str(tmp_path / "no.pem")}})
+    first, second = settings.warnings()
+    assert "pass in the clear (open: true)" in first
+    assert "cannot be read" in second
+    assert "s3cret" not in repr(settings)
+    assert place_of(InfluxSettings(**far))[0] == "http://influx.example/api/v2/write"
+
+
+async def test_much_that_waits_does_not_hold_up_the_loop(record: Path) -> None:
+    """As after a request that hung: the loop's own watch fails this test where it is held up."""
+    outlet = outlet_of("http://127.0.0.1:9", None, rate=50.0)
+    for second in range(60):
+        outlet.offer(frames(50 * second, 50))
+    async with running(outlet):
+        await eventually(lambda: not outlet._influx.forwarder._items, "the lines")  # type: ignore[union-attr]

@@ -1,0 +1,369 @@
+"""The lake: what is in it is what was recorded, each row once, wherever its writer is killed."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt import OutletError
+from cellwatt.outlets.historian import exporting
+from cellwatt.outlets.historian.exporting import Export
+from cellwatt.outlets.historian.progress import FILE, Progress
+from cellwatt.outlets.historian.settings import LakeSettings
+from cellwatt.outlets.historian.store import FolderStore
+from cellwatt.outlets.historian.worker import LOCK
+from cellwatt.units import Units
+from tests.daemon.outlets.historian.made import ANOTHER, CELL, DAY, SESSION, SITE, START, Recorded, S, row_truth
+from tests.patience import PATIENCE
+
+RESULTS = ("alarms", "tasks", "energies")
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Path:
+    folder = tmp_path / "record"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def lake(tmp_path: Path) -> Path:
+    return tmp_path / "lake"
+
+
+def export(record: Path, lake: Path, store: Any = None, **settings: Any) -> list[exporting.Done]:
+    made = LakeSettings(folder=str(lake), **settings)
+    return list(Export(record, SITE, CELL, made, store or FolderStore(lake)).run())
+
+
+def table_of(lake: Path, table: str = "frames") -> list[dict[str, Any]]:
+    """All rows of a table as they stand in its files, in the order of their times."""
+    rows = [
+        row for path in sorted(lake.glob(f"{table}/**/*.parquet")) for row in pq.ParquetFile(path).read().to_pylist()
+    ]
+    return sorted(rows, key=lambda row: row["time"].value)
+
+
+def as_truth(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: row["time"].value if name == "time" else row[name] for name in row_truth(0)}
+
+
+def check(lake: Path, seconds: Sequence[int], session: int = SESSION) -> None:
+    found = [as_truth(row) for row in table_of(lake) if row["session"] == session]
+    assert len(found) == len(seconds)
+    for row, second in zip(found, seconds, strict=True):
+        truth = row_truth(second, session)
+        assert {name for name, value in row.items() if value is None} == {n for n, v in truth.items() if v is None}
+        there = {name: value for name, value in truth.items() if value is not None}
+        assert {name: row[name] for name in there} == pytest.approx(there, rel=1e-12, abs=0)
+
+
+def check_results(lake: Path, seconds: range) -> None:
+    expected = [s for s in seconds if s % 5 == 2]
+    assert [row["joint"] for row in table_of(lake, "alarms")] == expected
+    for table in ("tasks", "energies"):
+        assert [row["repetition"] for row in table_of(lake, table)] == expected
+
+
+def test_rows_are_those_of_the_record(record: Path, lake: Path) -> None:
+    Recorded(record).seconds(23).rotate().seconds(7).close()
+    done = export(record, lake)
+    check(lake, range(30))
+    check_results(lake, range(30))
+    assert {(d.table, d.rows, d.lost) for d in done if d.table == "frames"} == {("frames", 30, 0)}
+    assert sum(d.rows for d in done) == 30 + 3 * 6
+    (path,) = lake.glob("frames/**/*.parquet")
+    assert str(path.relative_to(lake)) == f"frames/site=plant-1/cell=weld-3/day=2026-11-21/{SESSION}_0_1499.parquet"
+    schema = pq.read_schema(path)
+    assert schema.field("time").type.tz == "UTC"
+    assert schema.field("arm.bus.power").metadata[b"unit"] == b"W"
+    assert json.loads(schema.metadata[b"cellwatt"])["cell"] == CELL
+    qualities = [row["quality"] for row in table_of(lake)]
+    assert qualities == [0] * 30
+    assert export(record, lake) == []
+
+
+def test_results_tell_what_they_told(record: Path, lake: Path) -> None:
+    Recorded(record).seconds(5).close()
+    export(record, lake)
+    (alarm,), (task,), (energy,) = (table_of(lake, table) for table in RESULTS)
+    at = SESSION + 2 * S + S // 2
+    assert (alarm["time"].value, alarm["id"], alarm["active"], alarm["joint"]) == (at, "a2", True, 2)
+    assert json.loads(alarm["evidence"]) == {"residual_W": "NaN", "n": 2}  # as the record has it
+    assert (task["task"], task["start"].value, task["speed"]) == ("task_1", at - 7 * S, 1.0)
+    assert (energy["total"], dict(energy["groups"])) == (102.0, {"motion": 62.0, "rest": 40.0})
+
+
+def test_what_is_recorded_later_follows(record: Path, lake: Path) -> None:
+    growing = Recorded(record)
+    for n in range(1, 6):
+        growing.seconds(4)
+        export(record, lake)
+        check(lake, range(4 * n))
+        if n % 2:
+            growing.rotate()
+    growing.close()
+    check_results(lake, range(20))
+
+
+def test_a_file_holds_one_day(record: Path, lake: Path) -> None:
+    session = START + DAY - 5 * S
+    Recorded(record, session).seconds(10, results=False).close()
+    export(record, lake)
+    days = {path.parent.name: pq.ParquetFile(path).metadata.num_rows for path in lake.glob("frames/**/*.parquet")}
+    # The row of the second that ends at midnight stands at midnight.
+    assert days == {"day=2026-11-21": 4, "day=2026-11-22": 6}
+    check(lake, range(10), session)
+
+
+def test_other_channels_begin_a_new_file(record: Path, lake: Path) -> None:
+    Recorded(record).seconds(5).rotate()
+    later = Recorded(record, layout=ANOTHER, second=5)
+    later.number = 2
+    later.seconds(5).close()
+    export(record, lake)
+    check(lake, range(10))
+    columns = [set(pq.read_schema(path).names) for path in sorted(lake.glob("frames/**/*.parquet"))]
+    assert [("mains.supply.power" in names) for names in columns] == [False, True]
+
+
+def test_a_session_that_ended_gives_its_last_row(record: Path, lake: Path) -> None:
+    first = Recorded(record, SESSION + S // 2)  # its spans begin and end in the middle of seconds
+    first.seconds(3, results=False).rotate()
+    export(record, lake)
+    assert [row["sequence"] for row in table_of(lake)] == [24, 74, 124]
+    Recorded(record, SESSION + 60 * S).seconds(2).close()
+    export(record, lake)
+    kept = [row["sequence"] for row in table_of(lake) if row["session"] == SESSION + S // 2]
+    assert kept == [24, 74, 124, 149]
+    check(lake, range(2), SESSION + 60 * S)
+    assert export(record, lake) == []
+
+
+def test_units_and_channels_are_chosen(record: Path, lake: Path) -> None:
+    Recorded(record).seconds(2).close()
+    export(record, lake, channels=("*.power",), units=Units(power="kW"), rate=0.5, results=False)
+    (row,) = table_of(lake)
+    assert set(row) == {"time", "session", "sequence", "quality", "arm.bus.power"}
+    assert row["arm.bus.power"] == pytest.approx((100 + 49.5) / 1000)
+    assert not list(lake.glob("alarms/**/*.parquet"))
+
+
+def test_channels_that_there_are_not_do_not_hold_up_the_next_session(record: Path, lake: Path) -> None:
+    Recorded(record).seconds(2).rotate()
+    Recorded(record, SESSION + 60 * S, layout=ANOTHER).seconds(2).close()
+    done = export(record, lake, channels=("mains.*",))
+    assert [(d.rows, d.lost) for d in done if d.table == "frames"] == [(0, 0), (2, 0)]
+    assert [row["session"] for row in table_of(lake)] == [SESSION + 60 * S] * 2
+
+
+def test_frames_that_the_record_has_no_more_are_counted(record: Path, lake: Path) -> None:
+    growing = Recorded(record).seconds(4)
+    export(record, lake)
+    growing.rotate().seconds(3).rotate().seconds(3).close()
+    (record / sorted(p.name for p in record.glob("*.mcap"))[1]).unlink()
+    done = export(record, lake)
+    assert [(d.rows, d.lost) for d in done if d.table == "frames"] == [(3, 150)]
+    check(lake, [*range(4), *range(7, 10)])
+
+
+class Killed(BaseException):
+    """The process is gone at once."""
+
+
+class Doomed(FolderStore):
+    """A lake whose writer is killed at its n-th step: before or after a file is there, or in the middle of it."""
+
+    def __init__(self, folder: Path, steps: int) -> None:
+        super().__init__(folder)
+        self.root, self.left = folder, steps
+
+    def step(self) -> None:
+        self.left -= 1
+        if self.left < 0:
+            raise Killed
+
+    def put(self, path: str, content: bytes) -> None:
+        self.step()
+        target = self.root / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.with_name(f".{target.name}.part").write_bytes(content[: len(content) // 2])
+        self.step()
+        super().put(path, content)
+        self.step()
+
+    def remove(self, path: str) -> None:
+        self.step()
+        super().remove(path)
+        self.step()
+
+
+@pytest.fixture
+def saves(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Doomed]]:
+    """Stores whose writer may also be killed before and after its positions are on disk."""
+    doomed: list[Doomed] = []
+    real = Progress.save
+
+    def save(progress: Progress, folder: Path) -> None:
+        for store in doomed:
+            store.step()
+        real(progress, folder)
+        for store in doomed:
+            store.step()
+
+    monkeypatch.setattr(Progress, "save", save)
+    yield doomed
+
+
+@pytest.mark.parametrize("compact", [False, True])
+def test_killed_at_any_step_each_row_is_there_once(
+    record: Path, lake: Path, saves: list[Doomed], compact: bool
+) -> None:
+    """The n-th run is killed at its n-th step, while the record grows over midnight; then one that is not."""
+    session = START + DAY - 20 * S
+    growing = Recorded(record, session)
+    runs = killed = 0
+    while growing.second < 45:
+        growing.seconds(1)
+        store = Doomed(lake, steps=runs % 37)
+        saves[:] = [store]
+        try:
+            export(record, lake, store, compact=compact)
+        except Killed:
+            killed += 1
+        runs += 1
+        if growing.second % 13 == 0:
+            growing.rotate()
+    saves.clear()
+    export(record, lake, compact=compact)
+    growing.close()
+    assert killed > 20
+    check(lake, range(45), session)
+    check_results(lake, range(45))
+    if compact:
+        over = list(lake.glob("frames/**/day=2026-11-21/*.parquet"))
+        assert len(over) == 1
+
+
+def test_a_lost_file_of_positions_does_no_harm(record: Path, lake: Path) -> None:
+    growing = Recorded(record).seconds(8)
+    export(record, lake)
+    (record / FILE).unlink()
+    growing.seconds(4)
+    export(record, lake)
+    (record / FILE).write_text("{")
+    growing.rotate().seconds(4).close()
+    export(record, lake)
+    check(lake, range(16))
+    check_results(lake, range(16))
+
+
+def test_another_lake_begins_anew(record: Path, lake: Path, tmp_path: Path) -> None:
+    Recorded(record).seconds(5).close()
+    export(record, lake)
+    export(record, tmp_path / "other")
+    check(tmp_path / "other", range(5))
+
+
+def test_a_file_begun_whose_frames_are_gone_is_given_up_and_counted(
+    record: Path, lake: Path, saves: list[Doomed]
+) -> None:
+    growing = Recorded(record).seconds(2)
+    export(record, lake, results=False)
+    growing.seconds(2).rotate()
+    saves[:] = [store := Doomed(lake, steps=2)]  # its intent is on disk, its file is not
+    with pytest.raises(Killed):
+        export(record, lake, store, results=False)
+    saves.clear()
+    for path in record.glob("*.mcap"):
+        path.unlink()
+    growing.seconds(4).close()
+    done = export(record, lake, results=False)
+    check(lake, [0, 1, *range(4, 8)])
+    assert sum(d.lost for d in done) == 100
+
+
+def test_a_lake_that_cannot_be_written_is_told(record: Path, lake: Path) -> None:
+    Recorded(record).seconds(2).close()
+    lake.write_text("no folder")
+    with pytest.raises(OutletError, match=r"lake: .*: (Not a directory|File exists)"):
+        export(record, lake)
+    lake.unlink()
+    export(record, lake)
+    check(lake, range(2))
+
+
+@contextmanager
+def worker(record: Path, lake: Path, **settings: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """The process that writes the lake; what it says is in ``said``."""
+    told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL}
+    asked, said = record.parent / "asked", record.parent / "said"
+    asked.write_text(json.dumps({**told, "settings": {"folder": str(lake), **settings}}))
+    command = [sys.executable, "-m", "cellwatt.outlets.historian.worker"]
+    with asked.open("rb") as into, said.open("wb") as out:
+        process = subprocess.Popen(command, stdin=into, stdout=out)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+def test_a_process_killed_again_and_again_loses_and_doubles_nothing(record: Path, lake: Path) -> None:
+    dice = random.Random(3)
+    growing = Recorded(record)
+    killed = 0
+    for round_ in range(4):
+        growing.seconds(200)
+        if round_ % 2:
+            growing.rotate()
+        with worker(record, lake) as process:
+            before = next_part(lake)
+            # Killed when a file appears that is not whole, or at some moment after the work began.
+            while process.poll() is None and next_part(lake) in ("", before) and dice.random() > 0.001:
+                time.sleep(0.001)
+            killed += process.poll() is None
+    growing.close()
+    with worker(record, lake) as process:
+        assert process.wait(PATIENCE) == 0
+    assert "error" not in (record.parent / "said").read_text()
+    assert killed
+    check(lake, range(800))
+    check_results(lake, range(800))
+
+
+def test_two_processes_do_not_write_one_lake(record: Path, lake: Path) -> None:
+    Recorded(record).seconds(2).close()
+    with (record / LOCK).open("ab") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with worker(record, lake) as process:
+            assert process.wait(PATIENCE) == 1
+    assert "another process still writes it" in (record.parent / "said").read_text()
+    assert not lake.exists()
+    with worker(record, lake) as process:
+        assert process.wait(PATIENCE) == 0
+    check(lake, range(2))
+
+
+def next_part(lake: Path) -> str:
+    return next((path.name for path in lake.rglob(".*.part")), "")
+
+
+def test_the_process_tells_what_is_wrong(record: Path, tmp_path: Path) -> None:
+    (tmp_path / "lake").write_text("no folder")
+    Recorded(record).seconds(2).close()
+    with worker(record, tmp_path / "lake") as process:
+        assert process.wait(PATIENCE) == 1
+    assert "lake: " in json.loads((tmp_path / "said").read_text())["error"]

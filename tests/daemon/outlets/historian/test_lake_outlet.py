@@ -1,0 +1,159 @@
+"""The outlet and the process that writes its lake, into a folder and into S3."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt import OutletError
+from cellwatt.outlets.historian import HistorianSettings
+from cellwatt.outlets.historian.lake import MODULE
+from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.progress import FILE
+from cellwatt.outlets.historian.worker import work
+from tests.daemon.outlets.historian.bucket import Bucket, bucket
+from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S, row_truth
+from tests.daemon.outlets.historian.test_influx import View, running
+from tests.daemon.outlets.historian.test_lake import check, check_results
+from tests.patience import eventually
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Path:
+    folder = tmp_path / "record"
+    folder.mkdir()
+    return folder
+
+
+def outlet_of(record: Path | None, folder: str, **settings: Any) -> HistorianOutlet:
+    lake = {"folder": folder, "every": 0.1, **settings}
+    return HistorianOutlet("historian", HistorianSettings.model_validate({"lake": lake}), View(record))
+
+
+async def test_the_record_flows_into_the_lake(record: Path, tmp_path: Path) -> None:
+    growing = Recorded(record)
+    await asyncio.to_thread(growing.seconds, 10)
+    outlet = outlet_of(record, "lake")
+    outlet.view.folder = tmp_path  # from where relative folders count
+    outlet = HistorianOutlet("historian", outlet.settings, outlet.view)
+    async with running(outlet):
+        await eventually(lambda: outlet.account.received == 10 + 3 * 2, "the first rows")
+        await asyncio.to_thread(growing.seconds, 5)
+        await eventually(lambda: outlet.account.received == 15 + 3 * 3, "the next rows")
+        assert outlet.trouble() is None
+        assert outlet.account.residue == 0
+    growing.close()
+    check(tmp_path / "lake", range(15))
+    check_results(tmp_path / "lake", range(15))
+    assert outlet.account.counters["lake: files of frames"] == 2
+
+
+async def test_a_process_that_is_killed_is_told_and_begun_again(record: Path, tmp_path: Path) -> None:
+    growing = Recorded(record)
+    await asyncio.to_thread(growing.seconds, 5)
+    outlet = outlet_of(record, str(tmp_path / "lake"))
+    async with running(outlet):
+        (child,) = await eventually(children, "the process")
+        child.kill()
+        await eventually(lambda: outlet.account.counters["lake: runs failed"], "the failure")
+        await eventually(lambda: outlet.account.received == 5 + 3, "the rows")
+        await eventually(lambda: outlet.trouble() is None, "the end of the trouble")
+    growing.close()
+    check(tmp_path / "lake", range(5))
+
+
+async def test_the_process_ends_with_a_daemon_that_is_killed_though_it_ignores_to_be_told(
+    record: Path, tmp_path: Path
+) -> None:
+    """As the daemon's processes do, which their supervisor ends."""
+    told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL}
+    program = f"""
+import asyncio, signal, sys
+from cellwatt.account import Account
+from cellwatt.outlets.historian import lake
+from cellwatt.outlets.historian.settings import LakeSettings
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+lake.MODULE = "asyncio"  # waits for what it never hears
+outlet = lake.Lake(LakeSettings(folder={str(tmp_path / "lake")!r}), {told!r}, Account())
+async def main():
+    async with outlet._process() as process:
+        print(process.pid, flush=True)
+        await process.wait()
+asyncio.run(main())
+"""
+    parent = await asyncio.create_subprocess_exec(sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE)
+    assert parent.stdout is not None
+    child = psutil.Process(int(await parent.stdout.readline()))
+    parent.kill()
+    await parent.wait()
+    await eventually(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE, "its end")
+
+
+def children() -> list[psutil.Process]:
+    return [child for child in psutil.Process().children() if MODULE in child.cmdline()]
+
+
+async def test_without_a_record_there_is_no_lake(tmp_path: Path) -> None:
+    with pytest.raises(OutletError, match="lake: it is filled from the record"):
+        await outlet_of(None, str(tmp_path)).run()
+
+
+KEYS = {"access_key": "AKID", "secret_key": "s3cret", "region": "eu-central-1"}
+
+
+@pytest.mark.slow
+async def test_a_lake_in_s3(record: Path) -> None:
+    growing = Recorded(record)
+    await asyncio.to_thread(growing.seconds, 10)
+    async with bucket() as store:
+        store.fails = 1
+        outlet = outlet_of(record, "s3://lake/plant", endpoint=store.url, **KEYS)
+        async with running(outlet):
+            await eventually(lambda: outlet.account.counters["lake: runs failed"], "the failure")
+            await eventually(lambda: outlet.account.received == 10 + 3 * 2, "the rows")
+    growing.close()
+    assert rows_in(store) == [row_truth(second)["time"] for second in range(10)]
+    first = next(key for key in store.objects if "frames" in key)
+    assert first.startswith("plant/frames/site=plant-1/cell=weld-3/day=2026-11-21/")
+    puts = [line for line in store.log if line.startswith("PUT")]
+    assert len(puts) - 1 == len(set(puts)) == len(store.objects)  # a file is one put
+    assert not [line for line in store.log if line.startswith(("POST", "DELETE"))]
+
+
+async def test_files_of_a_day_are_joined_in_s3_and_found_by_their_names(record: Path) -> None:
+    growing = Recorded(record, START + DAY - 5 * S)
+    async with bucket() as store:
+        lake = {"folder": "s3://lake/plant", "endpoint": store.url, "compact": True, "results": False, **KEYS}
+        told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL, "settings": lake}
+        for run in range(3):
+            await asyncio.to_thread(growing.seconds, 2)
+            await asyncio.to_thread(work, told)
+            if run == 0:
+                await asyncio.to_thread((record / FILE).unlink)
+    growing.close()
+    assert [key.split("/")[4] for key in frames_in(store)] == ["day=2026-11-22", "day=2026-11-21"]
+    assert rows_in(store) == [START + DAY - 5 * S + (second + 1) * S for second in range(6)]
+
+
+def frames_in(store: Bucket) -> list[str]:
+    return [key for key in store.objects if "frames" in key and key.endswith(".parquet")]
+
+
+def rows_in(store: Bucket) -> list[int]:
+    tables = (pq.ParquetFile(io.BytesIO(store.objects[key])).read() for key in frames_in(store))
+    return sorted(time.value for table in tables for time in table["time"].to_pylist())
+
+
+async def test_secrets_go_to_the_process_alone(record: Path) -> None:
+    outlet = outlet_of(record, "s3://lake/plant", endpoint="https://minio.example", **KEYS)
+    assert outlet._lake is not None
+    assert "s3cret" in json.dumps(outlet._lake._told)
+    assert "s3cret" not in repr(outlet.settings)

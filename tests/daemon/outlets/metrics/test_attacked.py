@@ -1,0 +1,57 @@
+"""The process that serves the metrics, attacked: the daemon beside it loses no descriptor, and readers are served."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from pathlib import Path
+
+import aiohttp
+
+from cellwatt.errors import OutletError
+from tests.daemon.outlets.metrics.cell import health, outlet_of
+from tests.patience import eventually
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+async def test_strangers_cost_the_daemon_nothing() -> None:
+    outlet = outlet_of(token="t0p")
+    outlet.health(health())
+    running = asyncio.create_task(outlet.run())
+    await eventually(lambda: outlet.url or running.done())
+    assert outlet.url is not None
+    host, port = outlet.url.removeprefix("http://").split(":")
+    before = descriptors()
+    idle = [await asyncio.open_connection(host, int(port)) for _ in range(300)]
+    try:
+        assert descriptors() == before + 300, "ours, and none of the outlet"
+        async with aiohttp.ClientSession() as session:
+            right = {"Authorization": "Bearer t0p"}
+            async with session.get(f"{outlet.url}/metrics", headers=right) as answer:
+                assert answer.status == 200
+                assert 'cellwatt_samples_received_total{source="arm"} 1000.0' in await answer.text()
+            async with session.get(f"{outlet.url}/healthz") as answer:
+                assert await answer.text() == "alive\n"
+            wrong = {"Authorization": "Bearer guess"}
+            statuses = []
+            for _ in range(8):
+                async with session.get(f"{outlet.url}/metrics", headers=wrong) as answer:
+                    statuses.append(answer.status)
+            async with session.get(f"{outlet.url}/metrics", headers=right) as answer:
+                assert answer.status == 200, "who has the token is not locked out by who has not"
+        assert statuses == [401] * 5 + [429] * 3
+        await eventually(lambda: outlet.account.counters["logins refused"] == 3)
+        assert outlet.account.counters["failed logins"] == 5
+        assert outlet.account.counters["connections displaced"] >= 200
+    finally:
+        for _, writer in idle:
+            writer.close()
+            with suppress(OSError):
+                await writer.wait_closed()
+        running.cancel()
+        with suppress(asyncio.CancelledError, OutletError):
+            await running
+    assert outlet.url is None

@@ -1,0 +1,207 @@
+"""The endpoint: its text by strict parsers, its probes, and who may read it."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import ssl
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
+from prometheus_client.parser import text_string_to_metric_families as plain_families
+from pydantic import ValidationError
+
+from cellwatt import OutletError
+from cellwatt.outlets.metrics import MetricsSettings, serving
+from cellwatt.outlets.metrics import outlet as outlet_module
+from cellwatt.outlets.metrics.catalogue import CATALOGUE
+from tests.daemon.outlets.metrics import cell
+from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, outlet_of, source
+from tests.daemon.outlets.zenoh.test_link import certificates
+
+__all__ = ["certificates"]
+
+OPEN = {"Accept": "application/openmetrics-text;version=1.0.0,text/plain;version=0.0.4;q=0.5"}
+UNITS = ("seconds", "bytes", "watts", "joules", "hertz")
+
+
+def told(outlet: Any) -> None:
+    """Everything that has a metric."""
+    lost = source(1000, {"gap": 4}, dropped={"checksum": 2})
+    outlet.health(health(sources={'a "new"\narm': lost}, alarms=[alarm("error", "joint_fault")]))
+    outlet.offer(frames((0.1, 42.5, 300.0)))
+    outlet.offer(energy("task_1", 900.0, motion=600.0, rest=300.0))
+
+
+async def text_of(url: str, headers: dict[str, str] | None = None) -> str:
+    async with aiohttp.ClientSession() as session, session.get(url, headers=headers) as response:
+        assert response.status == 200, await response.text()
+        return await response.text()
+
+
+async def test_text_is_openmetrics() -> None:
+    outlet = outlet_of(labels={"line": "b 2"})
+    told(outlet)
+    async with cell.serving(outlet) as url:
+        text = await text_of(f"{url}/metrics", OPEN)
+    found = {family.name: family for family in text_string_to_metric_families(text)}
+    assert {"cellwatt_samples_received", "cellwatt_power_watts", "cellwatt_build"} <= found.keys()
+    for name, family in found.items():
+        assert family.type == CATALOGUE[name].type
+        assert family.documentation == CATALOGUE[name].help
+        assert family.unit == next((unit for unit in UNITS if name.endswith(f"_{unit}")), "")
+        assert {f"# HELP {name} ", f"# TYPE {name} "} <= set(re.findall(r"^# \w+ \S+ ", text, re.MULTILINE))
+        ending = {"counter": "_total", "info": "_info", "gauge": ""}[family.type]
+        assert {sample.name for sample in family.samples} == {name + ending}
+        assert all(sample.labels["line"] == "b 2" for sample in family.samples)
+    (received,) = found["cellwatt_samples_received"].samples
+    assert (received.labels["source"], received.value) == ('a "new"\narm', 1000.0)
+    powers = {sample.labels["channel"]: sample.value for sample in found["cellwatt_power_watts"].samples}
+    assert powers == {"arm.bus.power": 42.5, "mains.supply.power": 300.0}
+
+
+async def test_older_readers_get_plain_text() -> None:
+    outlet = outlet_of()
+    told(outlet)
+    async with cell.serving(outlet) as url:
+        text = await text_of(f"{url}/metrics", {"Accept": "text/plain"})
+    found = {family.name: family for family in plain_families(text)}
+    assert found["cellwatt_energy_measured_joules"].samples[0].value == 900.0
+    assert found["cellwatt_build_info"].type == "gauge"
+
+
+async def test_many_readers_cost_one_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    real = outlet_module.exposed
+    monkeypatch.setattr(outlet_module, "exposed", lambda *a: made.append(a) or real(*a))
+    monkeypatch.setattr(serving, "FRESH", 3600.0)
+    outlet = outlet_of()
+    told(outlet)
+    async with cell.serving(outlet) as url:
+        await asyncio.gather(*(text_of(f"{url}/metrics", OPEN) for _ in range(30)))
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize(
+    ("status", "path", "code", "says"),
+    [
+        (None, "healthz", 200, "alive"),
+        (None, "startupz", 503, "starting"),
+        (None, "readyz", 503, "not known yet"),
+        ({}, "startupz", 200, "started"),
+        ({}, "readyz", 200, "green"),
+        ({"state": "amber", "reasons": ["x"]}, "readyz", 200, "amber"),
+        ({"state": "red", "reasons": ["arm is\ndown", "no disk"]}, "readyz", 503, "red: arm is down; no disk"),
+        ({"state": "red", "reasons": ["arm is down"]}, "healthz", 200, "alive"),
+    ],
+)
+async def test_probes(status: dict[str, Any] | None, path: str, code: int, says: str) -> None:
+    outlet = outlet_of()
+    if status is not None:
+        outlet.health(health(**status))
+    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session, session.get(f"{url}/{path}") as answer:
+        text = await answer.text()
+        assert (answer.status, text.count("\n")) == (code, 1)
+        assert says in text
+
+
+async def test_a_cell_nobody_looks_at_is_not_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "STALE", 0.0)
+    outlet = outlet_of()
+    outlet.health(health())
+    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session, session.get(f"{url}/readyz") as answer:
+        assert (answer.status, "was last looked at" in await answer.text()) == (503, True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "auth", "code"),
+    [
+        ({"token": "t0p"}, {}, 401),
+        ({"token": "t0p"}, {"Authorization": "Bearer t0p"}, 200),
+        ({"token": "t0p"}, {"Authorization": "bearer wrong"}, 401),
+        ({"token": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 401),
+        ({"token": "t0p"}, {"Authorization": "Bearer \u00e4\u20ac"}, 401),
+        ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 200),
+        ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp3"}, 401),
+        ({"user": "u", "password": "t0p"}, {"Authorization": "Basic §§"}, 401),
+        ({"user": "u", "password": "t0p"}, {"Authorization": "Bearer t0p"}, 401),
+    ],
+)
+async def test_who_may_read(settings: dict[str, str], auth: dict[str, str], code: int) -> None:
+    outlet = outlet_of(**settings)
+    outlet.health(health(state="red", reasons=["secret reason"]))
+    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session:
+        async with session.get(f"{url}/metrics", headers=auth) as answer:
+            assert answer.status == code
+            assert ("WWW-Authenticate" in answer.headers) == (code == 401)
+        async with session.get(f"{url}/readyz", headers=auth) as answer:
+            assert answer.status == 503
+            assert ("secret reason" in await answer.text()) == (code == 200)
+        async with session.get(f"{url}/healthz") as answer:
+            assert answer.status == 200
+
+
+async def test_served_with_a_certificate(certificates: Path) -> None:
+    outlet = outlet_of(certificate=certificates / "cell", key=certificates / "cell.key", token="t0p")
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session:
+        assert url.startswith("https://")
+        async with session.get(f"{url}/healthz", ssl=context) as answer:
+            assert answer.status == 200
+
+
+async def test_a_port_in_use_is_told() -> None:
+    outlet = outlet_of()
+    async with cell.serving(outlet) as url:
+        other = outlet_of(listen=url.removeprefix("http://"))
+        with pytest.raises(OutletError, match="taken by another program"):
+            await other.run()
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"listen": "0.0.0.0:9480"}, "without TLS and a token: whoever reaches it reads"),
+        ({"listen": "0.0.0.0:9480", "token": "t"}, "without TLS: tokens pass in the clear"),
+        ({"listen": "[::]:1", "certificate": "c", "key": "k"}, "without a token"),
+    ],
+)
+def test_strangers_are_let_in_only_on_purpose(settings: dict[str, Any], says: str) -> None:
+    with pytest.raises(ValidationError, match=f"open to the network {says}"):
+        MetricsSettings(**settings)
+    first, *_ = MetricsSettings(**settings, open=True).warnings()
+    assert says in first
+    assert first.endswith("(open: true)")
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"listen": "9480"}, "host:port"),
+        ({"listen": "127.0.0.1:99999"}, "host:port"),
+        ({"labels": {"source": "x"}}, "have already"),
+        ({"labels": {"__x": "x"}}, "is not a label"),
+        ({"labels": {"a-b": "x"}}, "is not a label"),
+        ({"labels": {f"l{n}": "x" for n in range(17)}}, "at most 16"),
+        ({"user": "u"}, "together"),
+        ({"token": ""}, "empty"),
+        ({"user": "a:b", "password": "p"}, "no ':'"),
+        ({"certificate": "c"}, "together"),
+        ({"series": 0}, "greater than 0"),
+        ({"port": 1}, "not permitted"),
+    ],
+)
+def test_mistakes_in_settings_are_told(settings: dict[str, Any], says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        MetricsSettings(**settings)
+
+
+def test_secrets_are_not_shown() -> None:
+    settings = MetricsSettings(token="t0p", user="u", password="pa55")
+    assert "t0p" not in repr(settings)
+    assert "pa55" not in repr(settings)
+    assert settings.warnings() == ()

@@ -1,0 +1,148 @@
+"""A cell without a daemon: frames whose values say which they are, and a record that grows."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellwatt import Alarm, FrameChannel, Frames, Layout
+from cellwatt.errors import OutletError
+from cellwatt.outlets.mqtt.outlet import MqttOutlet
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from tests.daemon.outlets.page.recorded import Written
+
+SITE, CELL = "plant-1", "weld-3"
+ROOT = f"cellwatt/{SITE}/{CELL}"
+LAYOUT = Layout(
+    (
+        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
+        FrameChannel("arm.supply.power", "W", "continuous", "average"),
+        FrameChannel("meter.energy", "J", "counter", "hold"),
+    ),
+    50.0,
+)
+STEP = LAYOUT.step
+
+
+class Cell:
+    """A running cell: ``frames`` makes the next ones, and writes them to the record if there is one."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.site, self.cell = SITE, CELL
+        self.folder = folder or Path("/nonexistent")
+        self.session = time.time_ns() - STEP
+        self.start = -(-time.time_ns() // STEP) * STEP
+        self.journal = None
+        self.next = 0
+        self.state = "green"
+        self.alarms: list[Mapping[str, Any]] = []
+        self.may_connect = asyncio.Event()
+        """Cleared, the outlet is not run again: so somebody can listen before it speaks."""
+        self.may_connect.set()
+        self.record_folder = folder
+        self._record = None if folder is None else Written(folder, session=self.session, cell=CELL)
+
+    def frames(self, count: int = 1, missing: tuple[str, ...] = ()) -> Frames:
+        """The next frames; frame n has the values n, 10 n and 100 n."""
+        numbers = np.arange(self.next, self.next + count)
+        self.next += count
+        values = numbers[:, None] * np.array([1.0, 10.0, 100.0])
+        for i, name in enumerate(LAYOUT.names):
+            if name.split(".")[0] in missing:
+                values[:, i] = np.nan
+        quality = np.where(np.isfinite(values), 0, 4).astype(np.uint8)
+        bound = np.zeros(values.shape, np.int64)
+        made = Frames(LAYOUT, int(numbers[0]), self.start + numbers * STEP, values, quality, bound)
+        if self._record is not None:
+            self._record.chunk(made)
+        return made
+
+    def record(self, *items: Any) -> None:
+        """Write results to the record alone."""
+        assert self._record is not None
+        self._record.chunk(*items)
+
+    def close(self) -> None:
+        if self._record is not None:
+            self._record.close()
+
+    def number(self, row_time: int) -> int:
+        """Number of the frame at a time, ns."""
+        return round((row_time - self.start) / STEP)
+
+    def status(self) -> Mapping[str, Any]:
+        return {"state": self.state, "alarms": self.alarms, "site": SITE, "cell": CELL}
+
+    def config(self) -> Mapping[str, Any]:
+        return {"record": None if self._record is None else {"folder": str(self.folder), "frames": True}}
+
+    def schema(self) -> Mapping[str, Any]:
+        return {}
+
+    def recordings(self) -> list[Mapping[str, Any]]:
+        return []
+
+    def history(self, *_: Any) -> list[Any]:
+        return []
+
+    frame_history = result_history = history
+
+    def acknowledge(self, *_: Any) -> None: ...
+
+    def shelve(self, *_: Any) -> None: ...
+
+    def unshelve(self, *_: Any) -> None: ...
+
+
+def alarm(number: int, active: bool = True, severity: Any = "error") -> Alarm:
+    return Alarm(
+        id=f"faults.arm.{number}",
+        kind="joint_fault",
+        severity=severity,
+        active=active,
+        since=time.time_ns(),
+        time=time.time_ns(),
+        statement=f"Joint {number} needs more power than it should.",
+        joint=number,
+    )
+
+
+def outlet_of(cell: Cell, broker: str, **settings: Any) -> MqttOutlet:
+    told = {"rate": "50 Hz", **settings}
+    return MqttOutlet("mqtt", MqttSettings.model_validate({"broker": broker, **told}), cell)
+
+
+@asynccontextmanager
+async def serving(outlet: MqttOutlet, cell: Cell, pause: float = 0.05) -> AsyncIterator[list[str]]:
+    """Run an outlet as the daemon does, and again when it ends; gives why it ended."""
+    ends: list[str] = []
+
+    async def run() -> None:
+        while True:
+            await cell.may_connect.wait()
+            try:
+                await outlet.run()
+            except OutletError as error:
+                ends.append(str(error))
+            await asyncio.sleep(pause)
+
+    async def beat() -> None:
+        while True:
+            outlet.health(cell.status())
+            await asyncio.sleep(0.02)
+
+    tasks = [asyncio.create_task(beat()), asyncio.create_task(run())]
+    try:
+        yield ends
+    finally:
+        for task in tasks:
+            task.cancel()
+        for task in tasks:
+            with suppress(asyncio.CancelledError):
+                await task

@@ -1,0 +1,419 @@
+"""What a cut does: nothing is lost where there is a record, nothing comes twice, and the order is kept."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cellwatt import Task
+from cellwatt.errors import OutletError
+from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, free_port, needs_mosquitto
+from tests.daemon.outlets.mqtt.cell import ROOT, STEP, Cell, alarm, outlet_of, serving
+from tests.patience import eventually, wait_until
+
+pytestmark = needs_mosquitto
+BIRTH_DEATH = ("NBIRTH", "NDEATH")
+LIVE, PAST = f"{ROOT}/frame", f"{ROOT}/backfill/frame"
+
+
+def numbers(heard: Ears, cell: Cell, topic: str) -> list[int]:
+    """Numbers of the frames in the rows that were heard, which their values say as well."""
+    rows = [json.loads(payload) for payload in heard.of(topic)]
+    for row in rows:
+        assert row["values"]["arm.joint_1.position"] == cell.number(row["time"])
+    return [cell.number(row["time"]) for row in rows]
+
+
+async def test_a_broker_that_was_away_gets_what_it_missed_once_and_in_order(broker: Broker, tmp_path: Path) -> None:
+    cell = Cell(tmp_path)
+    outlet = outlet_of(cell, broker.url, backfill="1 kHz")
+    async with serving(outlet, cell) as ends:
+        async with ears(broker, f"{ROOT}/#") as heard:
+            await heard.until(f"{ROOT}/availability")
+            outlet.offer(cell.frames(20))
+            await heard.until(LIVE, 20)
+            await eventually(lambda: outlet.account.counters["rows sent"] == 20, "confirmed")
+            before = numbers(heard, cell, LIVE)
+        cell.may_connect.clear()
+        broker.kill()
+        await eventually(lambda: ends, "the cut is noticed")
+        for _ in range(30):
+            outlet.offer(cell.frames(10))
+        await broker.again()
+        async with ears(broker, f"{ROOT}/#") as heard:
+            cell.may_connect.set()
+            await heard.until(f"{ROOT}/availability")
+            outlet.offer(cell.frames(200))
+            await heard.until(PAST, 300)
+            await heard.until(LIVE, 200)
+            await eventually(lambda: outlet.account.counters["rows back-filled"] == 300, "confirmed")
+            outlet.offer(cell.frames(1))
+            await heard.until(LIVE, 201)
+            assert before == list(range(20))
+            assert numbers(heard, cell, PAST) == list(range(20, 320))
+            assert numbers(heard, cell, LIVE) == list(range(320, 521))
+            assert all(json.loads(p)["backfilled"] is True for p in heard.of(PAST))
+    assert outlet.account.counters["rows left to the record"] == 300
+    assert "the connection was lost" in ends[0]
+    cell.close()
+
+
+async def test_a_cut_in_the_middle_loses_nothing_and_repeats_only_what_was_on_its_way(
+    broker: Broker, tmp_path: Path
+) -> None:
+    cell = Cell(tmp_path)
+    outlet = outlet_of(cell, broker.url, backfill="1 kHz")
+    async with serving(outlet, cell) as ends:
+        await eventually(lambda: outlet._outbox.serving, "connected")
+        for i in range(60):
+            outlet.offer(cell.frames(5))
+            await asyncio.sleep(0)
+            if i == 40:
+                cell.may_connect.clear()
+        broker.kill()
+        await eventually(lambda: ends, "the cut is noticed")
+        sure = outlet.account.counters["rows sent"]
+        await broker.again()
+        async with ears(broker, f"{ROOT}/#") as heard:
+            cell.may_connect.set()
+            await heard.until(f"{ROOT}/availability")
+            outlet.offer(cell.frames(150))
+            await eventually(lambda: not outlet._cursor.owed and outlet._cursor.reached, "all is filled")
+            await eventually(lambda: outlet._cursor.reached == cell.start + 449 * STEP, "all is sent")
+            await heard.until(LIVE, 150)
+            await heard.until(PAST, 300 - sure)
+            after = [(topic, n) for topic in (LIVE, PAST) for n in numbers(heard, cell, topic)]
+    past = [n for topic, n in after if topic == PAST]
+    assert past == list(range(past[0], 300)), "in order and without a hole"
+    assert past[0] == sure, "nothing that the broker confirmed comes again, and nothing after it is left out"
+    assert [n for topic, n in after if topic == LIVE] == list(range(300, 450))
+    cell.close()
+
+
+async def test_a_restart_sends_nothing_twice_and_what_it_missed(broker: Broker, tmp_path: Path) -> None:
+    cell = Cell(tmp_path)
+    async with ears(broker, f"{ROOT}/#") as heard:
+        for run in range(3):
+            outlet = outlet_of(cell, broker.url, backfill="1 kHz")
+            async with serving(outlet, cell):
+                await heard.until(f"{ROOT}/availability", 2 * run + 1)
+                outlet.offer(cell.frames(10))
+                await heard.until(LIVE, 10 * run + 10)
+            cell.frames(5)  # recorded by a daemon whose outlet did not run
+        outlet = outlet_of(cell, broker.url, backfill="1 kHz")
+        async with serving(outlet, cell):
+            await heard.until(f"{ROOT}/availability", 7)
+            outlet.offer(cell.frames(150))
+            await heard.until(PAST, 15)
+            await heard.until(LIVE, 180)
+            await eventually(lambda: not outlet._cursor.owed, "all is filled")
+        assert sorted(numbers(heard, cell, LIVE) + numbers(heard, cell, PAST)) == list(range(195))
+        past = numbers(heard, cell, PAST)
+        assert past == sorted(past)
+    file = tmp_path / "weld-3.mqtt.json"
+    kept = json.loads(await asyncio.to_thread(file.read_text))
+    assert (kept["reached"], kept["gaps"], kept["lost"]) == (cell.start + 194 * STEP, [], 0)
+    assert outlet.account.residue == outlet.account.owed == 0
+    cell.close()
+
+
+async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Broker, tmp_path: Path) -> None:
+    cell = Cell(tmp_path)
+    async with ears(broker, f"{ROOT}/#") as heard:
+        async with serving(outlet_of(cell, broker.url), cell):
+            await heard.until(f"{ROOT}/availability", 1)
+            outlet_rows = cell.frames(10)
+        at = cell.start + 12 * STEP  # told to nobody: the daemon went down before
+        cell.record(replace(alarm(7), time=at, since=at), Task("arm", "task_1", "ab", "v", 1.0, at - STEP, at, (1,), 4))
+        cell.frames(10)
+        outlet = outlet_of(cell, broker.url, backfill="1 kHz")
+        outlet._cursor.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True
+        async with serving(outlet, cell):
+            await heard.until(f"{ROOT}/availability", 3)
+            outlet.offer(cell.frames(150))
+            await heard.until(f"{ROOT}/backfill/task", 1)
+            await heard.until(PAST, 10)
+            await eventually(lambda: not outlet._cursor.owed, "all is filled")
+    (told,) = (m for m in heard.heard if m.topic.startswith(f"{ROOT}/backfill/alarm"))
+    assert json.loads(told.payload)["id"] == "faults.arm.7" and not told.retain
+    assert not [m for m in heard.heard if m.topic.startswith(f"{ROOT}/alarm/")], "it is not up now"
+    assert json.loads(heard.of(f"{ROOT}/backfill/task")[0])["repetition"] == 4
+    assert outlet.account.counters["results back-filled"] == 2 and outlet.account.residue == 0
+    cell.close()
+
+
+async def test_live_rows_go_before_those_of_the_past(broker: Broker, tmp_path: Path) -> None:
+    cell = Cell(tmp_path)
+    outlet = outlet_of(cell, broker.url, backfill="50 Hz")
+    outlet._cursor.reached, outlet._cursor._opened = cell.start - STEP, True
+    outlet.offer(cell.frames(200))
+    async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
+        await heard.until(PAST, 3)
+        outlet.offer(cell.frames(150))
+        await heard.until(LIVE, 150)
+        assert len(heard.of(PAST)) < 100, "the past is held back to 50 rows a second"
+        assert numbers(heard, cell, LIVE) == list(range(200, 350))
+    cell.close()
+
+
+async def test_without_a_record_rows_wait_in_memory(broker: Broker) -> None:
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url, queue=100)
+    broker.kill()
+    async with serving(outlet, cell) as ends:
+        await eventually(lambda: ends, "nobody there")
+        cell.may_connect.clear()
+        outlet.offer(cell.frames(60))
+        await broker.again()
+        async with ears(broker, f"{ROOT}/#") as heard:
+            cell.may_connect.set()
+            await heard.until(f"{ROOT}/availability")
+            await heard.until(PAST, 60)
+            outlet.offer(cell.frames(1))
+            await heard.until(LIVE)
+        assert numbers(heard, cell, PAST) == list(range(60)) and numbers(heard, cell, LIVE) == [60]
+    assert "refused" in ends[0].lower()
+
+
+async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> None:
+    """At a broker that remembers what it kept before it was killed."""
+    remembers = (
+        "persistence true",
+        f"persistence_location {tmp_path}/",
+        "autosave_on_changes true",
+        "autosave_interval 1",
+    )
+    broker = Broker(tmp_path, *remembers)
+    await broker.again()
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url)
+    try:
+        async with serving(outlet, cell) as ends:
+            async with ears(broker, f"{ROOT}/#") as heard:
+                cell.may_connect.set()
+                await heard.until(f"{ROOT}/availability")
+                for number in (1, 2, 3):
+                    outlet.offer(alarm(number))
+                await heard.until(f"{ROOT}/alarm/#", 3)
+                await eventually(lambda: outlet.account.counters["results sent"] == 3, "confirmed")
+            cell.may_connect.clear()
+            broker.kill()
+            await eventually(lambda: ends, "the cut is noticed")
+            outlet.offer(alarm(1, active=False))
+            await broker.again()
+            async with ears(broker, f"{ROOT}/#") as heard:
+                cell.may_connect.set()
+                assert len(await heard.until(f"{ROOT}/alarm/#", 3)) >= 3, "it remembers"
+                await eventually(lambda: outlet.account.counters["results sent"] == 4, "the clear")
+            async with ears(broker, f"{ROOT}/#") as heard:
+                await heard.until(f"{ROOT}/alarm/#", 2)
+                await heard.until(f"{ROOT}/health")
+                kept = [m.topic.rpartition("/")[2] for m in heard.heard if "/alarm/" in m.topic]
+    finally:
+        broker.kill()
+    assert sorted(kept) == ["faults.arm.2", "faults.arm.3"]
+
+
+async def test_results_and_rows_on_their_way_come_again_where_there_is_no_record(broker: Broker) -> None:
+    """What a broker took and forgot before it confirmed it: here, what it was given while it hung."""
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url)
+    async with serving(outlet, cell) as ends:
+        await eventually(lambda: outlet._outbox.serving, "connected")
+        broker.hang()
+        for number in range(5):
+            outlet.offer(alarm(number, active=False))
+        outlet.offer(cell.frames(20))
+        await eventually(lambda: not outlet._outbox.rows and not outlet._outbox.results, "all is on its way")
+        cell.may_connect.clear()
+        broker.kill()
+        await eventually(lambda: ends, "the cut is noticed")
+        await broker.again()
+        async with ears(broker, f"{ROOT}/#") as heard:
+            cell.may_connect.set()
+            await heard.until(PAST, 20)
+            told = [p for p in heard.of(f"{ROOT}/alarm/#") if p]
+    assert numbers(heard, cell, PAST) == list(range(20)) and heard.of(LIVE) == []
+    assert [json.loads(p)["id"] for p in told] == [f"faults.arm.{n}" for n in range(5)]
+    assert outlet.account.counters["rows dropped"] == outlet.account.counters["results dropped"] == 0
+
+
+async def test_a_broker_that_does_not_take_what_we_publish_is_told_of(tmp_path: Path) -> None:
+    rules = tmp_path / "rules"
+    rules.write_text(f"topic readwrite {ROOT}/availability\ntopic read #\n")
+    broker = Broker(tmp_path, f"acl_file {rules}")
+    await broker.again()
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url)
+    try:
+        async with serving(outlet, cell):
+            await eventually(lambda: outlet._outbox.serving, "connected")
+            assert outlet.trouble() is None
+            outlet.offer(cell.frames(1))
+            await eventually(lambda: outlet.account.counters["messages refused"] >= 1, "a refusal")
+            assert "does not take what we publish (not authorized)" in (outlet.trouble() or "")
+    finally:
+        broker.kill()
+
+
+async def test_health_says_what_is_waited_for(broker: Broker) -> None:
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url, format="sparkplug", sparkplug={"primary_host": "scada"}, channels=["door.*"])
+    outlet.offer(cell.frames(1))
+    assert outlet.trouble() == "channels: no channel of the frames fits door.*"
+    async with serving(outlet, cell):
+        await eventually(lambda: "scada is not online" in (outlet.trouble() or ""), "the host is missing")
+
+
+async def test_a_outlet_with_new_settings_goes_on_where_the_one_before_ended(broker: Broker, tmp_path: Path) -> None:
+    cell = Cell()
+    before = outlet_of(cell, broker.url)
+    before.offer(alarm(1, active=False))
+    before.offer(cell.frames(2))
+    after = outlet_of(cell, broker.url, frame="channels")
+    after.succeed(before)
+    async with ears(broker, f"{ROOT}/#") as heard, serving(after, cell):
+        cell.may_connect.set()
+        await heard.until(f"{ROOT}/backfill/frame/+", 6)
+        await heard.until(f"{ROOT}/alarm/#")
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+async def test_a_broker_that_takes_connections_and_never_answers_holds_up_nothing(
+    broker: Broker, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cellwatt.outlets.mqtt.link.ANSWER", 0.3)
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url, queue=50)
+    if when == "before":
+        broker.hang()
+    async with serving(outlet, cell) as ends:
+        if when == "during":
+            await eventually(lambda: outlet._outbox.serving, "connected")
+            broker.hang()
+        for _ in range(100):
+            outlet.offer(cell.frames(5))  # what would hold up the loop fails the test
+            await asyncio.sleep(0.005)
+        await eventually(lambda: ends, "the broker is given up")
+        assert len(outlet._outbox.rows) <= 50
+        assert outlet.starting()
+        broker.go_on()
+        await eventually(lambda: not outlet.starting() and outlet._outbox.serving, "connected again")
+        await eventually(lambda: not outlet._outbox.rows, "all is sent")
+    assert "hangs" in ends[0]
+
+
+async def test_stopping_while_the_broker_does_not_answer_is_quick_and_leaves_nothing(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cellwatt.outlets.mqtt.session.LAST_WORDS", 0.3)
+    cell = Cell()
+    for hangs in (False, True):
+        if hangs:
+            broker.hang()
+        async with serving(outlet_of(cell, broker.url), cell):
+            await asyncio.sleep(0.05)
+        if not hangs:
+            async with serving(outlet := outlet_of(cell, broker.url), cell):
+                await eventually(lambda: outlet._outbox.serving, "connected")
+                broker.hang()
+                outlet.offer(cell.frames(3))
+            broker.go_on()
+
+
+async def test_when_a_broker_is_gone_the_next_is_tried_and_after_the_last_the_first(
+    broker: Broker, tmp_path: Path
+) -> None:
+    nobody = f"mqtt://127.0.0.1:{free_port()}"
+    cell = Cell()
+    outlet = outlet_of(cell, nobody, fallbacks=[broker.url])
+    async with serving(outlet, cell) as ends:
+        await eventually(lambda: outlet._outbox.serving, "connected to the second")
+        assert [nobody in end for end in ends] == [True]
+        broker.kill()
+        await eventually(lambda: len(ends) >= 3, "both tried again")
+        assert broker.url in ends[1]
+        assert nobody in ends[2]
+        await broker.again()
+        async with ears(broker, f"{ROOT}/#") as heard:
+            await eventually(lambda: outlet._outbox.serving, "back")
+            outlet.offer(cell.frames(1))
+            await heard.until(LIVE)
+
+
+async def test_a_port_where_no_broker_is_and_a_name_that_nobody_knows_are_told(tmp_path: Path) -> None:
+    outlet = outlet_of(Cell(), f"mqtt://127.0.0.1:{free_port()}")
+    with pytest.raises(OutletError, match=r"mqtt://127.0.0.1:\d+: Connection refused"):
+        await outlet.run()
+
+
+@pytest.mark.parametrize("format_", ["json", "sparkplug"])
+def test_the_will_is_published_when_the_process_is_killed(broker: Broker, format_: str) -> None:
+    """A whole process with the outlet, killed: the broker says it for us."""
+    process = _process(broker, format_)
+    topics = (
+        (f"{ROOT}/availability",) if format_ == "json" else tuple(f"spBv1.0/plant-1/{v}/weld-3" for v in BIRTH_DEATH)
+    )
+
+    async def hear() -> list[Any]:
+        async with ears(broker, *topics) as heard:
+            await heard.until("#", 1)
+            process.kill()
+            await heard.until("#", 2)
+            return heard.heard
+
+    try:
+        heard = asyncio.run(hear())
+    finally:
+        process.kill()
+        process.wait()
+    if format_ == "json":
+        assert [(m.payload, m.retain) for m in heard] == [(b"online", True), (b"offline", True)]
+    else:
+        assert [m.topic.split("/")[2] for m in heard] == list(BIRTH_DEATH)
+
+
+def test_after_a_kill_nothing_is_lost_and_only_what_was_not_noted_comes_again(broker: Broker, tmp_path: Path) -> None:
+    process = _process(broker, "json", str(tmp_path))
+    file = next(iter(wait_until(lambda: list(tmp_path.glob("*.mqtt.json")), "positions")))
+    wait_until(lambda: json.loads(file.read_text())["reached"], "rows")
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    reached = json.loads(file.read_text())["reached"]
+
+    async def go_on() -> tuple[list[int], list[int]]:
+        cell = Cell(tmp_path)  # a later session, whose frames begin later
+        outlet = outlet_of(cell, broker.url, backfill="1 kHz")
+        async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
+            await eventually(lambda: outlet._outbox.serving, "connected")
+            outlet.offer(cell.frames(150))
+            await heard.until(LIVE, 150)
+            await eventually(lambda: not outlet._cursor.owed, "all is filled")
+            cell.close()
+            return ([json.loads(p)["time"] for p in heard.of(topic)] for topic in (PAST, LIVE))  # type: ignore[return-value]
+
+    past, live = asyncio.run(go_on())
+    assert past == sorted(set(past)) and all(reached < t < live[0] for t in past)
+    recorded = _rows(tmp_path)
+    assert past == [t for t in recorded if reached < t < live[0]]
+
+
+def _rows(folder: Path) -> list[int]:
+    """Times of all frames in a folder of recordings."""
+    from cellwatt.record import Recording
+
+    return [int(t) for frames in Recording.open(folder).frames() for t in frames.time]
+
+
+def _process(broker: Broker, format_: str, record: str = "") -> subprocess.Popen[bytes]:
+    arguments = ["-m", "tests.daemon.outlets.mqtt.cell_process", broker.url, format_, record]
+    return subprocess.Popen([sys.executable, *arguments], cwd=Path(__file__).parents[4])

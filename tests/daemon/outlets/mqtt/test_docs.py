@@ -1,0 +1,65 @@
+"""The page about MQTT says what is so."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cellwatt import Energy, Event, Interval, Task
+from cellwatt.config import load
+from cellwatt.outlets.mqtt.message import Labels
+from cellwatt.outlets.mqtt.plain import PlainFormat
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.selection import Row
+from tests.daemon.outlets.mqtt.cell import alarm
+from tests.docs.pages import ROOT, Block, blocks
+from tests.docs.test_blocks import NEEDED
+
+PAGE = "outlets/mqtt.md"
+TEXT = (ROOT / "docs" / PAGE).read_text()
+
+
+@pytest.mark.parametrize("block", blocks(PAGE, "yaml"), ids=str)
+def test_settings_are_right(block: Block, tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(f"{block.text}\n{yaml.safe_dump(NEEDED)}")
+    assert "mqtt" in load(cell, {"BROKER_PASSWORD": "given"}).outlets
+
+
+def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:
+    kept: dict[str, bool] = {}
+    for frame in ("row", "channels"):
+        format_ = PlainFormat(MqttSettings(frame=frame), "SITE", "CELL")
+        row = Row(1, 2, {"CHANNEL": 1.0}, {"CHANNEL": 0})
+        told = [format_.connect(), *format_.birth(0), *format_.label(Labels({"CHANNEL": "W"}, {"CHANNEL": "x"}), 0)]
+        told += [*format_.row(row, False, 0), *format_.row(row, True, 0), *format_.predicted("MODEL", {}, row, 0)]
+        task, energy = (
+            Task("a", "t", "s", "v", 1.0, 1, 2, (), 1),
+            Energy("a", "t", "v", 1, 1, 2, 3.0, {}, 0.1, 1.0, 2.0),
+        )
+        told += [*format_.health({}, 0), *format_.result(task, False, 0), *format_.result(energy, False, 0)]
+        told += [message for result in (task, energy, alarm(1)) for message in format_.archived(result, 0)]
+        told += format_.result(Interval("a", 1, 1, 2, (), (), (), ()), False, 0)
+        told += [*format_.result(Event(1, None, "k", "t"), False, 0), *format_.result(alarm(1), False, 0)]
+        for message in told:
+            kept[message.topic.removeprefix("cellwatt/SITE/CELL/")] = message.retain
+    kept["alarm/SEVERITY/KIND/ID"] = kept.pop("alarm/error/joint_fault/faults.arm.1")
+    kept.pop("backfill/frame/CHANNEL")
+    section = TEXT[TEXT.index("## Topics") : TEXT.index("## Into Home Assistant")]
+    rows = re.findall(r"^\| (`.*?) \| .* \| (.*?) \|$", section, re.MULTILINE)
+    said = {
+        topic: "yes" in keeps or "until" in keeps for names, keeps in rows for topic in re.findall(r"`(.*?)`", names)
+    }
+    assert said == kept
+
+
+def test_the_figures_of_the_page_are_the_defaults() -> None:
+    fields = MqttSettings.model_fields
+    assert fields["health"].default == 10.0 and "each 10 s (`health`)" in TEXT
+    assert fields["backfill"].default == 100.0 and "(100 a second)" in TEXT
+    assert fields["queue"].default == 4096 and "(4096)" in TEXT
+    assert json.loads(fields["qos"].default.model_dump_json())["frame"] == 1

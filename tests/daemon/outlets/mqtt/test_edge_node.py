@@ -1,0 +1,325 @@
+"""The edge node without a broker: numbers and aliases are right in any order of connections, rebirths and data."""
+
+from __future__ import annotations
+
+import json
+import math
+from contextlib import suppress
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from cellwatt import Alarm, Energy, Event, Task
+from cellwatt.errors import ProtocolError
+from cellwatt.outlets.mqtt.edge_node import EdgeNode
+from cellwatt.outlets.mqtt.message import Labels, Message, Order
+from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
+from cellwatt.outlets.mqtt.settings import SparkplugSettings
+from cellwatt.outlets.selection import Row
+from tests.daemon.outlets.mqtt.wire import command, payload
+
+T = 1_800_000_000_000_000_000
+MS = 10**6
+CHANNELS = {"arm.joint_1.position": "rad", "arm.supply.power": "W", "meter.energy": "J", "meter.count": "1"}
+
+
+def labels(names) -> Labels:
+    return Labels({n: CHANNELS[n] for n in names}, dict.fromkeys(names, "continuous"))
+
+
+def row(time, values) -> Row:
+    """A row of channels, ``None`` where there is no value."""
+    known = {n: v for n, v in values.items() if v is not None}
+    return Row(time, T + time * MS, known, {n: 4 if v is None else 0 for n, v in values.items()})
+
+
+ROWS = st.dictionaries(st.sampled_from(list(CHANNELS)), st.none() | st.floats(-9, 9), min_size=1)
+
+
+class Host:
+    """What a host application makes of the messages; fails where it could not understand one."""
+
+    def __init__(self) -> None:
+        self.birth: int | None = None
+        """bdSeq of the will of this connection."""
+        self.online = False
+        self.expected = 0
+        self.aliases: dict[int, tuple[str, str]] = {}
+        self.values: dict[tuple[str, str], object] = {}
+        self.alive: set[str] = set()
+        self.history: list[tuple[tuple[str, str], int, object]] = []
+
+    def connected(self, will: Message) -> None:
+        body = payload(will.payload)
+        (metric,) = body["metrics"]
+        assert will.topic == "spBv1.0/g/NDEATH/n" and metric["name"] == "bdSeq" and "seq" not in body
+        assert self.birth is None or metric["value"] == (self.birth + 1) % 256
+        self.birth, self.online = metric["value"], False
+        self.alive.clear()
+
+    def hear(self, messages) -> None:
+        for message in messages:
+            _, group, verb, node, *device = message.topic.split("/")
+            assert (group, node) == ("g", "n") and not message.retain
+            body = payload(message.payload)
+            if verb != "NDEATH":
+                assert body["seq"] == (0 if verb == "NBIRTH" else self.expected)
+                self.expected = (body["seq"] + 1) % 256
+            getattr(self, f"_{verb}")(body["metrics"], *device)
+
+    def _NBIRTH(self, metrics) -> None:
+        assert {m["name"]: m.get("value") for m in metrics}["bdSeq"] == self.birth
+        self.online = True
+        self.alive.clear()
+        self.aliases.clear()
+        self._born(metrics, "")
+
+    def _DBIRTH(self, metrics, device) -> None:
+        assert self.online
+        self.alive.add(device)
+        self._born(metrics, device)
+
+    def _born(self, metrics, device) -> None:
+        for alias in [a for a, (where, _) in self.aliases.items() if where == device]:
+            del self.aliases[alias]
+        for m in metrics:
+            if "alias" in m:
+                assert m["alias"] not in self.aliases
+                self.aliases[m["alias"]] = device, m["name"]
+                self.values[device, m["name"]] = m.get("value")
+
+    def _NDATA(self, metrics) -> None:
+        assert self.online
+        self._data(metrics, "")
+
+    def _DDATA(self, metrics, device) -> None:
+        assert self.online and device in self.alive and metrics
+        self._data(metrics, device)
+
+    def _data(self, metrics, device) -> None:
+        for m in metrics:
+            where = self.aliases[m["alias"]]
+            assert where[0] == device
+            if m.get("is_historical"):
+                self.history.append((where, m["timestamp"], m.get("value")))
+            else:
+                self.values[where] = m.get("value")
+
+    def _DDEATH(self, metrics, device) -> None:
+        assert self.online and device in self.alive and not metrics
+        self.alive.discard(device)
+
+    def _NDEATH(self, metrics) -> None:
+        assert metrics[0]["value"] == self.birth
+        self.online = False
+
+
+class Sessions(RuleBasedStateMachine):
+    """Connections, cuts, rebirths, hosts that come and go, and data, in any order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.node = EdgeNode(SparkplugSettings(group="g", node="n", primary_host="h"), "site", "cell", births=250)
+        self.host = Host()
+        self.host.birth = 249
+        self.connected = self.born = False
+        self.known: dict[str, float | None] = {}
+        self.state_at: int | None = None
+        self.time = 0
+
+    @property
+    def now(self) -> int:
+        self.time += 1
+        return T + self.time * MS
+
+    @rule()
+    def connect(self) -> None:
+        self.host.connected(self.node.connect())
+        self.connected, self.born = True, False
+        assert not self.node.ready
+
+    @precondition(lambda self: self.connected)
+    @rule(online=st.booleans(), step=st.integers(-2, 2))
+    def hears_of_the_host(self, online, step) -> None:
+        stamp = (self.state_at or 10) + step
+        was = self.node.ready
+        told = json.dumps({"online": online, "timestamp": stamp}).encode()
+        order = self.node.heard("spBv1.0/STATE/h", told, True)
+        if self.state_at is not None and stamp < self.state_at:
+            assert self.node.ready is was and order == ()
+            return
+        self.state_at = stamp
+        assert self.node.ready is online
+        assert order == (() if online == was else Order.BIRTH if online else Order.LEAVE)
+        if order is Order.BIRTH:
+            self.host.hear(self.node.birth(self.now))
+            self.born = True
+        if order is Order.LEAVE:
+            self.host.hear(self.node.death(self.now))
+            self.connected = self.born = False
+
+    @precondition(lambda self: self.connected)
+    @rule(wanted=st.booleans())
+    def is_asked_for_a_rebirth(self, wanted) -> None:
+        order = self.node.heard("spBv1.0/g/NCMD/n", command("Node Control/Rebirth", wanted), False)
+        assert order == (Order.BIRTH if wanted and self.born else ())
+        if order is Order.BIRTH and self.node.ready:
+            self.host.hear(self.node.birth(self.now))
+
+    @precondition(lambda self: self.born)
+    @rule(names=st.sets(st.sampled_from(list(CHANNELS)), min_size=1))
+    def has_other_channels(self, names) -> None:
+        self.host.hear(self.node.label(labels(names), self.now))
+
+    @precondition(lambda self: self.born)
+    @rule(values=ROWS)
+    def sends_a_row(self, values) -> None:
+        self.host.hear(self.node.row(row(self.time, values), False, self.now))
+        self.known |= values
+        for name, value in values.items():
+            device, _, short = name.partition(".")
+            if device in self.host.alive:
+                assert self.host.values[device, short.replace(".", "/")] == value
+            else:
+                assert all(v is None for n, v in self.known.items() if n.startswith(f"{device}."))
+
+    @precondition(lambda self: not self.born)
+    @rule(values=ROWS)
+    def misses_a_row(self, values) -> None:
+        self.node.missed(row(self.time, values))
+        self.known |= values
+
+    @precondition(lambda self: self.born)
+    @rule(values=ROWS)
+    def back_fills_a_row(self, values) -> None:
+        before = len(self.host.history)
+        shown = {key: value for key, value in self.host.values.items() if key[0] in {"", *self.host.alive}}
+        self.host.hear(self.node.row(row(self.time, values), True, self.now))
+        told = self.host.history[before:]
+        assert {(d, n): v for (d, n), _, v in told} == {
+            (name.split(".")[0], name.partition(".")[2].replace(".", "/")): v for name, v in values.items()
+        }
+        assert all(at == (T + self.time * MS) // MS - 1 for _, at, _ in told)
+        assert all(self.host.values.get(key) == value for key, value in shown.items()), "history changes no value"
+
+    @precondition(lambda self: self.born)
+    @rule(number=st.integers(0, 3), active=st.booleans(), late=st.booleans())
+    def sends_an_alarm(self, number, active, late) -> None:
+        told = Alarm(f"a{number}", "k", "error", active, T, T + self.time * MS, "It is so.")
+        self.host.hear(self.node.result(told, late, self.now))
+        if not late:
+            assert self.host.values["", "alarms/last/id"] == f"a{number}"
+
+    @precondition(lambda self: self.born)
+    @rule(source=st.sampled_from(["arm", "other"]), total=st.floats(allow_nan=True))
+    def sends_an_energy(self, source, total) -> None:
+        energy = Energy(source, "task_1", "v", 1, T, T + 10**9, total, {"hold": 1.0}, 0.1, 2.0, 50.0)
+        self.host.hear(self.node.result(energy, False, self.now))
+        assert self.host.values["", f"{source}/energy/total"] == (total if math.isfinite(total) else None)
+        assert not self.node.result(Event(T, None, "k", "t"), False, self.now)
+
+    @precondition(lambda self: self.born)
+    @rule(state=st.sampled_from(["green", "red"]))
+    def tells_its_health(self, state) -> None:
+        self.host.hear(self.node.health({"state": state}, self.now))
+        assert self.host.values["", "health/state"] == state
+
+    @precondition(lambda self: self.connected)
+    @rule()
+    def is_cut(self) -> None:
+        self.connected = self.born = False
+
+    @invariant()
+    def a_birth_that_was_told_is_that_of_this_connection(self) -> None:
+        assert not self.born or self.host.online
+
+
+def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled_in() -> None:
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell"), Host()
+    host.connected(node.connect())
+    host.hear(node.birth(T))
+    node.label(labels(CHANNELS), T)
+    host.hear(node.row(row(1, {"arm.supply.power": 5.0, "arm.joint_1.position": 1.0}), False, T))
+    node.label(labels(["meter.count"]), T)
+    (data,) = node.row(row(0, {"arm.supply.power": None}), True, T)
+    assert "/DDATA/" in data.topic, "it is the metric that was born"
+    host.hear([data])
+    assert host.values["arm", "supply/power"] == 5.0 and host.history[-1][2] is None
+
+
+Sessions.TestCase.settings = settings(max_examples=60, stateful_step_count=60, deadline=None)
+TestSessions = Sessions.TestCase
+
+
+def test_numbers_go_round() -> None:
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell"), Host()
+    host.connected(node.connect())
+    host.hear(node.birth(T))
+    for i in range(1000):
+        host.hear(node.row(row(i, {"arm.supply.power": float(i)}), False, T))
+    assert host.values["arm", "supply/power"] == 999.0
+
+
+@pytest.mark.parametrize("wrong", [b"", b"{", b"[]", b'{"online": 1, "timestamp": 2}', b'{"online": true}', b"\xff"])
+def test_a_state_that_is_none_changes_nothing(wrong: bytes) -> None:
+    node = EdgeNode(SparkplugSettings(primary_host="h"), "site", "cell")
+    node.connect()
+    with pytest.raises(ProtocolError):
+        node.heard("spBv1.0/STATE/h", wrong, True)
+    assert not node.ready
+    assert node.heard("spBv1.0/STATE/other", b'{"online": true, "timestamp": 5}', True) == ()
+    assert not node.ready
+
+
+def test_names_that_topics_cannot_hold_are_escaped() -> None:
+    node = EdgeNode(SparkplugSettings(), "plant/1", "a+b#c")
+    assert node.connect().topic == "spBv1.0/plant%2F1/NDEATH/a%2Bb%23c"
+
+
+@pytest.mark.parametrize(
+    ("datatype", "value", "field"),
+    [
+        (DataType.INT64, -5, "long"),
+        (DataType.UINT64, 2**63, "long"),
+        (DataType.DOUBLE, -1.5, "double"),
+        (DataType.BOOLEAN, False, "boolean"),
+        (DataType.STRING, "§ 5", "string"),
+        (DataType.DATE_TIME, 1_800_000_000_000, "long"),
+    ],
+)
+def test_each_datatype_travels_in_its_field(datatype, value, field) -> None:
+    data = encode([Metric(datatype, value, 7, "a", 3, declared=True, unit="W")], 9, 200)
+    body = payload(data)
+    assert (body["timestamp"], body["seq"]) == (9, 200)
+    told = {"name": "a", "alias": 3, "timestamp": 7, "datatype": int(datatype), "field": field, "value": value}
+    assert body["metrics"] == [told | {"properties": {"engUnit": (12, "W")}}]
+    assert [(n, a) for n, a, _ in decode(data)] == [("a", 3)]
+
+
+def test_no_value_is_said_to_be_none() -> None:
+    (metric,) = payload(encode([Metric(DataType.DOUBLE, None, 7, alias=0, historical=True)], 9, 0))["metrics"]
+    assert metric == {"alias": 0, "timestamp": 7, "is_historical": 1, "is_null": 1}
+
+
+@pytest.mark.parametrize("size", range(0, 60, 7))
+def test_bytes_that_are_no_payload_are_refused_or_read(size: int) -> None:
+    whole = encode([Metric(DataType.BOOLEAN, True, 7, "Node Control/Rebirth", 4)], 9, 1)
+    with suppress(ProtocolError):
+        decode(whole[:size] + b"\x0f\xff" * (size % 3))
+
+
+def test_results_have_units_and_their_own_time() -> None:
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell"), Host()
+    host.connected(node.connect())
+    host.hear(node.birth(T))
+    host.hear(node.result(Task("arm", "task_2", "s", "v", 0.5, T, T + 10**9, (1, 2), 8), False, T + 2 * 10**9))
+    assert host.values["", "arm/task/repetition"] == 8
+    assert host.values["", "arm/task/end"] == (T + 10**9) // MS
+
+
+def test_a_text_that_is_not_utf_8_is_no_command():
+    told = encode([Metric(DataType.BOOLEAN, True, 5, name="Node Control/Rebirth")], 5, None)
+    with pytest.raises(ProtocolError, match="not UTF-8"):
+        decode(told.replace(b"Node", b"\xff\xfeod"))

@@ -1,0 +1,36 @@
+"""One connection to a broker."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from cellwatt.outlets.mqtt.link import Link
+from cellwatt.outlets.mqtt.message import Message, Subscription
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from tests.daemon.outlets.mqtt.broker import Broker, needs_mosquitto
+
+pytestmark = needs_mosquitto
+
+
+async def test_a_cancellation_that_comes_together_with_the_answer_is_heard(broker: Broker) -> None:
+    settings = MqttSettings.model_validate({"broker": broker.url})
+    link = Link(settings, "me", Message("will", b""), None, lambda reason: None)
+    await link.open()
+    library = link._client._client
+    answered = library.on_subscribe
+    assert answered is not None
+
+    def answer(*told: Any) -> None:
+        answered(*told)
+        subscribing.cancel()
+
+    library.on_subscribe = answer
+    try:
+        subscribing = asyncio.create_task(link.subscribe(Subscription("a/#", 1)))
+        with pytest.raises(asyncio.CancelledError):
+            await subscribing
+    finally:
+        await link.close(with_will=False)

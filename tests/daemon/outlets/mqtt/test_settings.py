@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt import registry
+from cellwatt.outlets.mqtt.outlet import MqttOutlet
+from cellwatt.outlets.mqtt.settings import MqttSettings
+
+
+def settings(**told: Any) -> MqttSettings:
+    return MqttSettings.model_validate(told)
+
+
+@pytest.mark.parametrize(
+    ("broker", "host", "port", "encrypted"),
+    [
+        ("mqtt://127.0.0.1", "127.0.0.1", 1883, False),
+        ("mqtt://[::1]:2000", "::1", 2000, False),
+        ("mqtts://broker.plant", "broker.plant", 8883, True),
+        ("mqtts://192.0.2.4:443/", "192.0.2.4", 443, True),
+    ],
+)
+def test_a_broker_has_host_and_port(broker: str, host: str, port: int, encrypted: bool) -> None:
+    found = settings(broker=broker)
+    assert (found.host, found.port, found.encrypted) == (host, port, encrypted)
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"broker": "broker"}, "expected mqtt://host:port"),
+        ({"broker": "http://broker"}, "expected mqtt://host:port"),
+        ({"broker": "mqtt://127.0.0.1:0"}, "expected mqtt://host:port"),
+        ({"broker": "mqtts://a:b@host"}, "expected mqtt://host:port"),
+        ({"broker": "mqtt://192.0.2.1"}, "no TLS: whoever is on the way reads"),
+        ({"fallbacks": ["broker"]}, "expected mqtt://host:port"),
+        ({"fallbacks": ["mqtt://192.0.2.1"]}, "fallbacks\n  no TLS: whoever is on the way reads"),
+        ({"fallbacks": ["mqtts://broker.plant"]}, "all mqtts://, or all mqtt://"),
+        ({"password": "x"}, "a password needs a user"),
+        ({"broker": "mqtts://h", "certificate": "c.pem"}, "certificate and key are needed together"),
+        ({"ca": "ca.pem"}, "mqtts://"),
+        ({"keep_alive": "0.5 s"}, "expected 1 s to 65535 s"),
+        ({"format": "sparkplug", "discovery": "homeassistant"}, "discovery is for format: json"),
+        ({"sparkplug": {"group": "a/b"}}, "is no Sparkplug ID"),
+        ({"qos": {"frame": 3}}, "less than or equal to 2"),
+        ({"discovery_prefix": "a/#"}, "pattern"),
+        ({"unknown": 1}, "not permitted"),
+    ],
+)
+def test_mistakes_are_refused_in_words(told: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        settings(**told)
+    assert words in str(caught.value)
+
+
+def test_brokers_take_turns() -> None:
+    found = settings(broker="mqtts://one", fallbacks=["mqtts://two:443", "mqtts://three"])
+    turns = [found.at(turn) for turn in range(4)]
+    assert [(each.host, each.port) for each in turns] == [("one", 8883), ("two", 443), ("three", 8883), ("one", 8883)]
+    assert settings().at(7) == settings()
+
+
+def test_a_password_is_in_no_text() -> None:
+    found = settings(user="cell", password="hush")
+    assert "hush" not in repr(found) + found.model_dump_json()
+    with pytest.raises(ValidationError) as caught:
+        settings(user="cell", password="hush", broker="nowhere")
+    assert "hush" not in str(caught.value)
+
+
+def test_what_is_open_on_purpose_and_what_cannot_be_read_is_warned_of(tmp_path: Path) -> None:
+    (opened,) = settings(broker="mqtt://192.0.2.1", open=True).warnings()
+    assert opened.startswith("broker: mqtt://192.0.2.1: no TLS") and opened.endswith("(open: true)")
+    (missing,) = settings(broker="mqtts://broker.plant", ca=str(tmp_path / "ca.pem")).warnings()
+    assert "ca.pem cannot be read: No such file" in missing
+    assert settings().warnings() == ()
+
+
+def test_the_outlet_is_found_by_its_name() -> None:
+    assert registry.outlet("mqtt") is MqttOutlet

@@ -1,0 +1,458 @@
+# ruff: noqa: E501 (a rule is a line)
+"""The rules of Sparkplug 3.0 for an edge node, by the ids of its Technology Compatibility Kit, on one long scene.
+
+All that the edge node says is taken from the wire, between it and a real Mosquitto, and decoded by hand. Words are ours.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from cellwatt import Task
+from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, needs_mosquitto
+from tests.daemon.outlets.mqtt.cell import Cell, alarm, outlet_of, serving
+from tests.daemon.outlets.mqtt.wire import CONNECT, DISCONNECT, PUBLISH, SUBSCRIBE, Packet, Tap, command, tapped
+from tests.patience import eventually
+
+pytestmark = needs_mosquitto
+
+NODE, STATE = "spBv1.0/plant-1/{}/weld-3", "spBv1.0/STATE/scada"
+NCMD = NODE.format("NCMD")
+BIRTHS, DATA = ("NBIRTH", "DBIRTH"), ("NDATA", "DDATA")
+T0 = 1_000
+
+
+class Scene(NamedTuple):
+    """All that the node said, connection by connection; ``marks`` are numbers of packets said at certain moments."""
+
+    connections: list[list[Packet]]
+    marks: dict[str, int]
+
+    @property
+    def all(self) -> list[Packet]:
+        return [p for c in self.connections for p in c]
+
+    def of(self, *verbs: str) -> list[Packet]:
+        return [p for p in self.all if p.kind == PUBLISH and p.verb in verbs]
+
+    @property
+    def connects(self) -> list[Packet]:
+        return [p for p in self.all if p.kind == CONNECT]
+
+    @property
+    def metrics(self) -> list[tuple[Packet, dict[str, Any]]]:
+        return [(p, m) for p in self.of(*BIRTHS, *DATA) for m in p.body["metrics"]]
+
+
+async def _scene(broker: Broker, folder: Path) -> Scene:
+    cell = Cell(folder)
+    marks: dict[str, int] = {}
+    async with tapped(broker.port) as tap, ears(broker, "nothing") as host:
+        outlet = outlet_of(cell, tap.url, format="sparkplug", sparkplug={"primary_host": "scada"}, backfill="1 kHz")
+
+        async def state(online: bool, timestamp: int) -> None:
+            await host.say(STATE, json.dumps({"online": online, "timestamp": timestamp}).encode(), retain=True)
+
+        async with serving(outlet, cell):
+            await _waits_for_its_host(tap, state, marks)
+            outlet.offer(cell.frames(2))
+            outlet.offer(alarm(1))
+            outlet.offer(Task("arm", "task_1", "ab", "speed=1.00", 1.0, cell.start, cell.start + 10**9, (1,), 4))
+            await eventually(lambda: tap.verbs().count("DDATA") >= 2 and tap.verbs().count("NBIRTH") >= 2, "data")
+            await _is_born_anew(tap, host, marks)
+            await _loses_and_finds_a_device(tap, outlet, cell)
+            for _ in range(300):  # more than the numbers there are
+                outlet.offer(cell.frames(1))
+            await eventually(lambda: tap.verbs().count("DDATA") >= 600, "much data")
+            await eventually(lambda: not outlet._outbox.rows, "sent")
+            await _loses_its_host(tap, outlet, cell, state, marks)
+            tap.cut()
+            await eventually(lambda: not outlet._outbox.serving, "the cut is noticed")
+            outlet.offer(cell.frames(20))
+            tap.mend()
+            await eventually(lambda: len(tap.streams) > marks["streams"] and outlet._outbox.serving, "back")
+            outlet.offer(cell.frames(150))
+            await eventually(lambda: not outlet._cursor.owed and not outlet._outbox.rows, "all is filled")
+        await eventually(lambda: tap.said()[-1].kind == DISCONNECT, "good-bye")
+        cell.close()
+        return Scene([list(_packets(tap, i)) for i in range(len(tap.streams))], marks)
+
+
+def _packets(tap: Tap, i: int) -> Iterator[Packet]:
+    from tests.daemon.outlets.mqtt.wire import packets
+
+    return packets(bytes(tap.streams[i]))
+
+
+async def _settled(tap: Tap, host: Ears) -> int:
+    """Packets said, once what was on its way has had its effect."""
+    for _ in range(5):
+        await host.say("something/else", b"")
+        await asyncio.sleep(0.02)
+    return len(tap.said())
+
+
+async def _waits_for_its_host(tap: Tap, state: Any, marks: dict[str, int]) -> None:
+    async def quiet(name: str) -> None:
+        await asyncio.sleep(0.1)
+        marks[name] = tap.verbs().count("NBIRTH")
+
+    await eventually(lambda: any(p.kind == SUBSCRIBE for p in tap.said()), "subscriptions")
+    await quiet("births without a state")
+    await state(False, T0)
+    await quiet("births with the host offline")
+    await state(True, T0 - 1)
+    await quiet("births after an old online")
+    await state(True, T0 + 1)
+    await eventually(lambda: "NBIRTH" in tap.verbs(), "births")
+
+
+async def _is_born_anew(tap: Tap, host: Ears, marks: dict[str, int]) -> None:
+    before = tap.verbs().count("NBIRTH")
+    await host.say(NCMD, command("Node Control/Rebirth", False))
+    await host.say(NCMD, command("Something else", True))
+    await host.say(NCMD, b"no payload")
+    await _settled(tap, host)
+    marks["births without a request"] = tap.verbs().count("NBIRTH") - before
+    marks["rebirth"] = len(tap.said())
+    await host.say(NCMD, command("Node Control/Rebirth", True))
+    await eventually(lambda: tap.verbs().count("NBIRTH") == before + 1, "rebirth")
+    await eventually(lambda: tap.verbs()[-2:].count("DBIRTH") == 2, "devices too")
+
+
+async def _loses_and_finds_a_device(tap: Tap, outlet: Any, cell: Cell) -> None:
+    outlet.offer(cell.frames(1, missing=("meter",)))
+    await eventually(lambda: "DDEATH" in tap.verbs(), "a device is gone")
+    outlet.offer(cell.frames(2, missing=("meter",)))
+    outlet.offer(cell.frames(1))
+    await eventually(lambda: tap.verbs()[::-1].index("DBIRTH") < tap.verbs()[::-1].index("DDEATH"), "it is back")
+
+
+async def _loses_its_host(tap: Tap, outlet: Any, cell: Cell, state: Any, marks: dict[str, int]) -> None:
+    await state(False, T0)
+    await asyncio.sleep(0.1)
+    marks["deaths after an old offline"] = tap.verbs().count("NDEATH")
+    await state(False, T0 + 2)
+    await eventually(lambda: len(tap.streams) == 2, "it leaves, and comes again")
+    outlet.offer(cell.frames(10))
+    await asyncio.sleep(0.1)
+    marks["births of the second connection without the host"] = tap.verbs().count("NBIRTH")
+    await state(True, T0 + 3)
+    await eventually(lambda: outlet._outbox.serving, "back")
+    marks["streams"] = len(tap.streams)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    folder = tmp_path_factory.mktemp("sparkplug")
+    broker = Broker(folder)
+    broker.start()
+    try:
+        return asyncio.run(_scene(broker, folder))
+    finally:
+        broker.kill()
+
+
+# rules --------------------------------------------------------------------------------------------
+
+Rule = tuple[str, str, Callable[[Scene], Any]]
+
+
+def named(packet: Packet, name: str) -> dict[str, Any]:
+    (found,) = (m for m in packet.body["metrics"] if m.get("name") == name)
+    return found
+
+
+def follows(packets: Iterable[Packet]) -> bool:
+    """Each number is one more than that of the message before, 0 after 255, and that of an NBIRTH is 0."""
+    before = None
+    for p in packets:
+        number = p.body["seq"]
+        if p.verb == "NBIRTH":
+            assert number == 0
+        elif before is None or number != (before + 1) % 256:
+            return False
+        before = number
+    return before is not None
+
+
+def sequences(scene: Scene) -> bool:
+    live = ([p for p in c if p.kind == PUBLISH and p.verb and p.verb != "NDEATH"] for c in scene.connections)
+    return all(follows(packets) for packets in live if packets)
+
+
+def topics(verb: str, *devices: str) -> Callable[[Scene], bool]:
+    """All topics of a message type are of the right form, and there are some."""
+    wanted = {NODE.format(verb)} if not devices else {f"{NODE.format(verb)}/{d}" for d in devices}
+    return lambda s: {p.topic for p in s.of(verb)} == wanted
+
+
+def plainly(*verbs: str) -> Callable[[Scene], bool]:
+    return lambda s: all((p.qos, p.retain) == (0, False) for p in s.of(*verbs)) and all(s.of(v) for v in verbs)
+
+
+def stamped(*verbs: str) -> Callable[[Scene], bool]:
+    return lambda s: all(1.7e12 < p.body["timestamp"] < 3e12 for p in s.of(*verbs))
+
+
+def every(verb: str, rule: Callable[[Packet], Any]) -> Callable[[Scene], bool]:
+    return lambda s: bool(s.of(verb)) and all(rule(p) for p in s.of(verb))
+
+
+def wills(rule: Callable[[Packet], Any]) -> Callable[[Scene], bool]:
+    return lambda s: all(p.will and rule(p) for p in s.connects)
+
+
+def first_of_each(scene: Scene, rule: Callable[[list[Packet]], Any]) -> bool:
+    """A rule on the publications of each connection in which there were any."""
+    published = [[p for p in c if p.kind == PUBLISH] for c in scene.connections]
+    return all(rule(packets) for packets in published if packets)
+
+
+def birth_order(scene: Scene) -> bool:
+    """After each NBIRTH, before other data, come the births of all devices that were alive just before."""
+    said, alive = [p for p in scene.all if p.kind == PUBLISH and p.verb], set()
+    for i, p in enumerate(said):
+        device = p.topic.split("/")[4:]
+        if p.verb == "NBIRTH":
+            after = said[i + 1 : i + 1 + len(alive)]
+            if any(q.verb != "DBIRTH" for q in after):
+                return False
+        alive |= set(device) if p.verb == "DBIRTH" else set()
+        alive -= set(device) if p.verb == "DDEATH" else set()
+        alive = set() if p.verb == "NDEATH" else alive
+    return True
+
+
+def known_aliases(scene: Scene) -> bool:
+    """Data name no metric; each alias is of the last birth of its node or device."""
+    for connection in scene.connections:
+        declared: dict[str, set[int]] = {}
+        for p in connection:
+            where = p.topic.split("/", 3)[-1]
+            if p.verb in BIRTHS:
+                declared[where] = {m["alias"] for m in p.body["metrics"] if "alias" in m}
+            elif p.verb in DATA and not all(
+                "name" not in m and m["alias"] in declared[where] for m in p.body["metrics"]
+            ):
+                return False
+    return True
+
+
+def unique_aliases(scene: Scene) -> bool:
+    names: dict[int, set[str]] = {}
+    for p, m in scene.metrics:
+        if "name" in m and "alias" in m:
+            names.setdefault(m["alias"], set()).add(f"{p.topic.split('/')[4:]}{m['name']}")
+    return bool(names) and all(len(found) == 1 for found in names.values())
+
+
+def complete(scene: Scene) -> bool:
+    """Births have name, datatype and value, or say that there is none."""
+    born = [m for p in scene.of(*BIRTHS) for m in p.body["metrics"]]
+    return all({"name", "datatype"} <= m.keys() and ("value" in m) != bool(m.get("is_null")) for m in born)
+
+
+def rebirth(scene: Scene) -> list[Packet]:
+    """What was said from the rebirth request on."""
+    return scene.all[scene.marks["rebirth"] :]
+
+
+def chronological(scene: Scene) -> bool:
+    now = [[m["timestamp"] for m in p.body["metrics"] if not m.get("is_historical")] for p in scene.of(*DATA)]
+    return all(times == sorted(times) for times in now)
+
+
+def historical(scene: Scene) -> bool:
+    """What was measured while nobody heard comes as historical, once, in order, with its own time."""
+    times = [m["timestamp"] for p, m in scene.metrics if m.get("is_historical") and p.topic.endswith("/meter")]
+    return len(times) == 30 and times == sorted(set(times))
+
+
+TYPES = {4: "long", 8: "long", 10: "double", 11: "boolean", 12: "string", 13: "long"}
+_BD = "bdSeq"
+_RE = "Node Control/Rebirth"
+
+# fmt: off
+RULES: list[Rule] = [
+    # topics
+    ("tck-id-topic-structure", "topics are namespace/group/type/node[/device]", lambda s: all(p.verb for p in s.all if p.kind == PUBLISH)),
+    ("tck-id-topic-structure-namespace-a", "the namespace is spBv1.0", lambda s: all(p.topic.startswith("spBv1.0/") for p in s.all if p.topic)),
+    ("tck-id-topic-structure-namespace-valid-group-id", "no reserved character in the group", lambda s: {p.topic.split("/")[1] for p in s.all if p.topic} == {"plant-1"}),
+    ("tck-id-topic-structure-namespace-valid-edge-node-id", "no reserved character in the node", lambda s: {p.topic.split("/")[3] for p in s.all if p.topic} == {"weld-3"}),
+    ("tck-id-topic-structure-namespace-valid-device-id", "no reserved character in the device", topics("DBIRTH", "arm", "meter")),
+    ("tck-id-topic-structure-namespace-unique-device-id", "a device has an id of its own", topics("DDATA", "arm", "meter")),
+    ("tck-id-topic-structure-namespace-device-id-associated-message-types", "device messages name the device", lambda s: all(p.topic.count("/") == 4 for p in s.of("DBIRTH", "DDATA", "DDEATH"))),
+    ("tck-id-topic-structure-namespace-device-id-non-associated-message-types", "node messages name no device", lambda s: all(p.topic.count("/") == 3 for p in s.of("NBIRTH", "NDATA", "NDEATH"))),
+    ("tck-id-topics-nbirth-topic", "form of the topic", topics("NBIRTH")),
+    ("tck-id-topics-ndata-topic", "form of the topic", topics("NDATA")),
+    ("tck-id-topics-ndeath-topic", "form of the topic", topics("NDEATH")),
+    ("tck-id-topics-dbirth-topic", "form of the topic", topics("DBIRTH", "arm", "meter")),
+    ("tck-id-topics-ddata-topic", "form of the topic", topics("DDATA", "arm", "meter")),
+    ("tck-id-topics-ddeath-topic", "form of the topic", topics("DDEATH", "meter")),
+    # births of the node
+    ("tck-id-topics-nbirth-mqtt", "quality of service 0, not retained", plainly("NBIRTH")),
+    ("tck-id-topics-nbirth-seq-num", "its number is 0", every("NBIRTH", lambda p: p.body["seq"] == 0)),
+    ("tck-id-topics-nbirth-timestamp", "says when it was sent", stamped("NBIRTH")),
+    ("tck-id-topics-nbirth-metric-reqs", "has every metric that data will have", known_aliases),
+    ("tck-id-topics-nbirth-metrics", "name, datatype and value of each", complete),
+    ("tck-id-topics-nbirth-bdseq-included", "has bdSeq", every("NBIRTH", lambda p: named(p, _BD))),
+    ("tck-id-topics-nbirth-bdseq-matching", "bdSeq is that of the will", lambda s: all(named(p, _BD)["value"] == named(c[0], _BD)["value"] for c in s.connections for p in c if p.verb == "NBIRTH" and p.kind == PUBLISH)),
+    ("tck-id-topics-nbirth-bdseq-increment", "bdSeq is 0 at first and one more at each connection", lambda s: [named(p, _BD)["value"] for p in s.connects] == list(range(len(s.connects)))),
+    ("tck-id-topics-nbirth-rebirth-metric", "has the command for a rebirth, which is false", every("NBIRTH", lambda p: named(p, _RE)["value"] is False)),
+    ("tck-id-payloads-nbirth-timestamp", "says when it was published", stamped("NBIRTH")),
+    ("tck-id-payloads-nbirth-seq", "a number from 0 to 255", every("NBIRTH", lambda p: 0 <= p.body["seq"] <= 255)),
+    ("tck-id-payloads-nbirth-bdseq", "bdSeq is there", every("NBIRTH", lambda p: named(p, _BD)["field"] == "long")),
+    ("tck-id-payloads-nbirth-bdseq-repeat", "a rebirth has the same bdSeq", lambda s: len({named(p, _BD)["value"] for p in s.connections[0] if p.kind == PUBLISH and p.verb == "NBIRTH"}) == 1 < len([p for p in s.connections[0] if p.verb == "NBIRTH"])),
+    ("tck-id-payloads-nbirth-rebirth-req", "the command for a rebirth", every("NBIRTH", lambda p: named(p, _RE)["datatype"] == 11)),
+    ("tck-id-payloads-nbirth-qos", "quality of service 0", plainly("NBIRTH")),
+    ("tck-id-payloads-nbirth-retain", "not retained", plainly("NBIRTH")),
+    # data of the node
+    ("tck-id-topics-ndata-mqtt", "quality of service 0, not retained", plainly("NDATA")),
+    ("tck-id-topics-ndata-seq-num", "one more than the message before", sequences),
+    ("tck-id-topics-ndata-timestamp", "says when it was sent", stamped("NDATA")),
+    ("tck-id-topics-ndata-payload", "has the metrics that changed", every("NDATA", lambda p: p.body["metrics"])),
+    ("tck-id-payloads-ndata-timestamp", "says when it was published", stamped("NDATA")),
+    ("tck-id-payloads-ndata-seq", "has a number", every("NDATA", lambda p: "seq" in p.body)),
+    ("tck-id-payloads-ndata-seq-inc", "one more than the message before", sequences),
+    ("tck-id-payloads-ndata-order", "after all births", birth_order),
+    ("tck-id-payloads-ndata-qos", "quality of service 0", plainly("NDATA")),
+    ("tck-id-payloads-ndata-retain", "not retained", plainly("NDATA")),
+    # deaths of the node
+    ("tck-id-topics-ndeath-payload", "bdSeq and nothing else", every("NDEATH", lambda p: [m["name"] for m in p.body["metrics"]] == [_BD])),
+    ("tck-id-topics-ndeath-seq", "no number", every("NDEATH", lambda p: "seq" not in p.body)),
+    ("tck-id-payloads-ndeath-seq", "no number in the will either", wills(lambda p: "seq" not in p.body)),
+    ("tck-id-payloads-ndeath-will-message", "it is the will", wills(lambda p: p.verb == "NDEATH")),
+    ("tck-id-payloads-ndeath-will-message-qos", "quality of service 1", wills(lambda p: p.qos == 1)),
+    ("tck-id-payloads-ndeath-will-message-retain", "not retained", wills(lambda p: not p.retain)),
+    ("tck-id-payloads-ndeath-bdseq", "bdSeq of the birth", lambda s: all(named(p, _BD)["value"] == named(c[0], _BD)["value"] for c in s.connections for p in c if p.verb == "NDEATH")),
+    ("tck-id-payloads-ndeath-will-message-publisher", "published before we leave on purpose", lambda s: s.of("NDEATH") == [p for c in s.connections for p in c[-2:-1] if c[-1].kind == DISCONNECT and p.verb == "NDEATH"] and len(s.of("NDEATH")) == 2),
+    ("tck-id-payloads-ndeath-will-message-publisher-disconnect-mqtt50", "the good-bye asks for the will", lambda s: all(p.reason == 4 for p in s.all if p.kind == DISCONNECT)),
+    # devices
+    ("tck-id-topics-dbirth-mqtt", "quality of service 0, not retained", plainly("DBIRTH")),
+    ("tck-id-topics-dbirth-seq", "one more than the message before", sequences),
+    ("tck-id-topics-dbirth-timestamp", "says when it was sent", stamped("DBIRTH")),
+    ("tck-id-topics-dbirth-metric-reqs", "has every metric that data will have", known_aliases),
+    ("tck-id-topics-dbirth-metrics", "name, datatype and value of each", complete),
+    ("tck-id-payloads-dbirth-timestamp", "says when it was published", stamped("DBIRTH")),
+    ("tck-id-payloads-dbirth-seq", "has a number", every("DBIRTH", lambda p: "seq" in p.body)),
+    ("tck-id-payloads-dbirth-seq-inc", "one more than the message before", sequences),
+    ("tck-id-payloads-dbirth-order", "at once after the birth of the node", birth_order),
+    ("tck-id-payloads-dbirth-qos", "quality of service 0", plainly("DBIRTH")),
+    ("tck-id-payloads-dbirth-retain", "not retained", plainly("DBIRTH")),
+    ("tck-id-topics-ddata-mqtt", "quality of service 0, not retained", plainly("DDATA")),
+    ("tck-id-topics-ddata-seq-num", "one more than the message before", sequences),
+    ("tck-id-topics-ddata-timestamp", "says when it was sent", stamped("DDATA")),
+    ("tck-id-topics-ddata-payload", "has the metrics that changed", every("DDATA", lambda p: p.body["metrics"])),
+    ("tck-id-payloads-ddata-timestamp", "says when it was published", stamped("DDATA")),
+    ("tck-id-payloads-ddata-seq", "has a number", every("DDATA", lambda p: "seq" in p.body)),
+    ("tck-id-payloads-ddata-seq-inc", "one more than the message before", sequences),
+    ("tck-id-payloads-ddata-order", "after all births", birth_order),
+    ("tck-id-payloads-ddata-qos", "quality of service 0", plainly("DDATA")),
+    ("tck-id-payloads-ddata-retain", "not retained", plainly("DDATA")),
+    ("tck-id-topics-ddeath-mqtt", "quality of service 0, not retained", plainly("DDEATH")),
+    ("tck-id-topics-ddeath-seq-num", "one more than the message before", sequences),
+    ("tck-id-payloads-ddeath-timestamp", "says when it was published", stamped("DDEATH")),
+    ("tck-id-payloads-ddeath-seq", "has a number", every("DDEATH", lambda p: "seq" in p.body)),
+    ("tck-id-payloads-ddeath-seq-inc", "one more than the message before", sequences),
+    ("tck-id-payloads-ddeath-seq-number", "so that the order is known", every("DDEATH", lambda p: 0 <= p.body["seq"] <= 255)),
+    ("tck-id-operational-behavior-device-ddeath", "a source without values dies, once", lambda s: [p.topic[-5:] for p in s.of("DDEATH")] == ["meter"]),
+    # payloads
+    ("tck-id-payloads-timestamp-in-UTC", "ms of UTC", stamped(*BIRTHS, *DATA)),
+    ("tck-id-payloads-sequence-num-always-included", "all but deaths of nodes have a number", lambda s: all("seq" in p.body for p in s.of(*BIRTHS, *DATA, "DDEATH"))),
+    ("tck-id-payloads-sequence-num-req-nbirth", "a birth begins within 0 to 255", every("NBIRTH", lambda p: 0 <= p.body["seq"] <= 255)),
+    ("tck-id-payloads-sequence-num-incrementing", "each one more, 0 after 255", lambda s: sequences(s) and {p.body["seq"] for p in s.of("DDATA")} == set(range(256))),
+    ("tck-id-payloads-name-requirement", "a name, or the alias of one", lambda s: all("name" in m or "alias" in m for _, m in s.metrics)),
+    ("tck-id-payloads-alias-uniqueness", "an alias is that of one metric of the whole node", unique_aliases),
+    ("tck-id-payloads-alias-birth-requirement", "births name what has an alias", lambda s: all("name" in m for p, m in s.metrics if p.verb in BIRTHS)),
+    ("tck-id-payloads-alias-data-cmd-requirement", "data have aliases and no names", lambda s: all("name" not in m for p, m in s.metrics if p.verb in DATA)),
+    ("tck-id-payloads-name-birth-data-requirement", "each metric has its time", lambda s: all("timestamp" in m for _, m in s.metrics)),
+    ("tck-id-payloads-metric-timestamp-in-UTC", "in ms of UTC", lambda s: all(1.7e12 < m["timestamp"] < 3e12 for _, m in s.metrics)),
+    ("tck-id-payloads-metric-datatype-value-type", "a datatype is a small number", lambda s: all(0 < m["datatype"] < 2**32 for _, m in s.metrics if "datatype" in m)),
+    ("tck-id-payloads-metric-datatype-value", "one of the specification's, with its field", lambda s: all(TYPES[m["datatype"]] == m["field"] for _, m in s.metrics if "datatype" in m and "value" in m)),
+    ("tck-id-payloads-metric-datatype-req", "births say the datatype", lambda s: all("datatype" in m for p, m in s.metrics if p.verb in BIRTHS)),
+    ("tck-id-payloads-metric-datatype-not-req", "data do not", lambda s: not any("datatype" in m for p, m in s.metrics if p.verb in DATA)),
+    ("tck-id-payloads-propertyset-keys-array-size", "as many keys as values", lambda s: any(m.get("properties") for _, m in s.metrics)),
+    ("tck-id-payloads-propertyset-values-array-size", "as many values as keys", lambda s: any(m.get("properties") for _, m in s.metrics)),
+    ("tck-id-payloads-metric-propertyvalue-type-req", "births say the type of a property", lambda s: {t for p, m in s.metrics for t, _ in m.get("properties", {}).values()} == {12}),
+    # sessions
+    ("tck-id-principles-persistence-clean-session-50", "a clean start, and no session that outlives it", lambda s: all(p.clean and p.expiry == 0 for p in s.connects)),
+    ("tck-id-principles-birth-certificates-order", "a birth is the first message", lambda s: first_of_each(s, lambda packets: packets[0].verb == "NBIRTH")),
+    ("tck-id-principles-rbe-recommended", "what did not change is not sent", lambda s: all(m["value"] != 0.0 for p, m in s.metrics if p.verb == "DDATA" and "value" in m and not m.get("is_historical"))),
+    ("tck-id-message-flow-edge-node-ncmd-subscribe", "commands are listened to with quality of service 1", lambda s: all((NCMD, 1) in [f for p in c if p.kind == SUBSCRIBE for f in p.filters] for c in s.connections)),
+    ("tck-id-message-flow-edge-node-birth-publish-connect", "births come after the connection", lambda s: all(c[0].kind == CONNECT for c in s.connections)),
+    ("tck-id-message-flow-edge-node-birth-publish-will-message", "there is a will", wills(lambda p: True)),
+    ("tck-id-message-flow-edge-node-birth-publish-will-message-topic", "its topic", wills(lambda p: p.topic == NODE.format("NDEATH"))),
+    ("tck-id-message-flow-edge-node-birth-publish-will-message-payload", "its payload is of Sparkplug", wills(lambda p: p.body["metrics"])),
+    ("tck-id-message-flow-edge-node-birth-publish-will-message-payload-bdSeq", "bdSeq as Int64, one more at each connection", wills(lambda p: named(p, _BD)["datatype"] == 4)),
+    ("tck-id-message-flow-edge-node-birth-publish-will-message-qos", "quality of service 1", wills(lambda p: p.qos == 1)),
+    ("tck-id-message-flow-edge-node-birth-publish-will-message-will-retained", "not retained", wills(lambda p: not p.retain)),
+    ("tck-id-message-flow-edge-node-birth-publish-nbirth-topic", "topic of the birth", topics("NBIRTH")),
+    ("tck-id-message-flow-edge-node-birth-publish-nbirth-payload", "payload of Sparkplug", every("NBIRTH", lambda p: p.body["metrics"])),
+    ("tck-id-message-flow-edge-node-birth-publish-nbirth-payload-bdSeq", "bdSeq as Int64", every("NBIRTH", lambda p: named(p, _BD)["datatype"] == 4)),
+    ("tck-id-message-flow-edge-node-birth-publish-nbirth-qos", "quality of service 0", plainly("NBIRTH")),
+    ("tck-id-message-flow-edge-node-birth-publish-nbirth-retained", "not retained", plainly("NBIRTH")),
+    ("tck-id-message-flow-edge-node-birth-publish-nbirth-payload-seq", "a number from 0 to 255", every("NBIRTH", lambda p: 0 <= p.body["seq"] <= 255)),
+    ("tck-id-message-flow-device-birth-publish-nbirth-wait", "a device is born after its node", lambda s: first_of_each(s, lambda packets: next(i for i, p in enumerate(packets) if p.verb == "DBIRTH") > 0)),
+    ("tck-id-message-flow-device-birth-publish-dbirth-topic", "topic of the device's birth", topics("DBIRTH", "arm", "meter")),
+    ("tck-id-message-flow-device-birth-publish-dbirth-match-edge-node-topic", "group and node are those of the node", topics("DBIRTH", "arm", "meter")),
+    ("tck-id-message-flow-device-birth-publish-dbirth-payload", "payload of Sparkplug", every("DBIRTH", lambda p: p.body["metrics"])),
+    ("tck-id-message-flow-device-birth-publish-dbirth-qos", "quality of service 0", plainly("DBIRTH")),
+    ("tck-id-message-flow-device-birth-publish-dbirth-retained", "not retained", plainly("DBIRTH")),
+    ("tck-id-message-flow-device-birth-publish-dbirth-payload-seq", "one more than the message before", sequences),
+    ("tck-id-operational-behavior-edge-node-intentional-disconnect-ndeath", "NDEATH before we leave on purpose", lambda s: all(c[-2].verb == "NDEATH" for c in s.connections if c[-1].kind == DISCONNECT)),
+    ("tck-id-operational-behavior-edge-node-intentional-disconnect-packet", "then the good-bye", lambda s: sum(p.kind == DISCONNECT for p in s.all) == 2),
+    # the primary host
+    ("tck-id-message-flow-edge-node-birth-publish-phid-wait", "nothing before the primary host is online", lambda s: s.marks["births without a state"] == 0),
+    ("tck-id-message-flow-edge-node-birth-publish-phid-wait-id", "it listens to the state of that host", lambda s: all((STATE, 1) in [f for p in c if p.kind == SUBSCRIBE for f in p.filters] for c in s.connections)),
+    ("tck-id-message-flow-edge-node-birth-publish-phid-wait-online", "offline is not online", lambda s: s.marks["births with the host offline"] == 0),
+    ("tck-id-message-flow-edge-node-birth-publish-phid-wait-timestamp", "an older state does not count", lambda s: s.marks["births after an old online"] == 0),
+    ("tck-id-message-flow-edge-node-birth-publish-phid-offline", "it dies when the host goes offline", lambda s: [p.verb or p.kind for p in s.connections[0][-2:]] == ["NDEATH", DISCONNECT]),
+    ("tck-id-operational-behavior-edge-node-termination-host-offline", "and leaves", lambda s: s.connections[0][-1].kind == DISCONNECT),
+    ("tck-id-operational-behavior-edge-node-termination-host-offline-reconnect", "and connects anew", lambda s: len(s.connections) >= 3),
+    ("tck-id-operational-behavior-edge-node-termination-host-offline-timestamp", "but not for an older state", lambda s: s.marks["deaths after an old offline"] == 0),
+    ("tck-id-operational-behavior-edge-node-birth-sequence-wait", "the new connection waits for the host as well", lambda s: s.marks["births of the second connection without the host"] == sum(p.verb == "NBIRTH" for p in s.connections[0])),
+    # data
+    ("tck-id-operational-behavior-data-publish-nbirth", "every metric that will be sent", known_aliases),
+    ("tck-id-operational-behavior-data-publish-nbirth-values", "its value, or that there is none", complete),
+    ("tck-id-operational-behavior-data-publish-nbirth-order", "in order of time", chronological),
+    ("tck-id-operational-behavior-data-publish-dbirth", "every metric that will be sent", known_aliases),
+    ("tck-id-operational-behavior-data-publish-dbirth-values", "its value, or that there is none", complete),
+    ("tck-id-operational-behavior-data-publish-dbirth-order", "in order of time", chronological),
+    ("store-and-forward", "what nobody heard is historical", historical),
+    # commands
+    ("tck-id-operational-behavior-data-commands-rebirth-name", "the command for a rebirth", every("NBIRTH", lambda p: named(p, _RE))),
+    ("tck-id-operational-behavior-data-commands-rebirth-name-aliases", "it has no alias", every("NBIRTH", lambda p: "alias" not in named(p, _RE))),
+    ("tck-id-operational-behavior-data-commands-rebirth-datatype", "it is Boolean", every("NBIRTH", lambda p: named(p, _RE)["datatype"] == 11)),
+    ("tck-id-operational-behavior-data-commands-rebirth-value", "it is false", every("NBIRTH", lambda p: named(p, _RE)["value"] is False)),
+    ("tck-id-operational-behavior-data-commands-ncmd-rebirth-name", "only that command counts", lambda s: s.marks["births without a request"] == 0),
+    ("tck-id-operational-behavior-data-commands-ncmd-rebirth-value", "and only if it is true", lambda s: s.marks["births without a request"] == 0),
+    ("tck-id-operational-behavior-data-commands-rebirth-action-1", "data stop", lambda s: rebirth(s)[0].verb == "NBIRTH"),
+    ("tck-id-operational-behavior-data-commands-rebirth-action-2", "all births follow", lambda s: [p.verb for p in rebirth(s)[:3]] == ["NBIRTH", "DBIRTH", "DBIRTH"]),
+    ("tck-id-operational-behavior-data-commands-rebirth-action-3", "with the same bdSeq", lambda s: named(rebirth(s)[0], _BD)["value"] == 0),
+    ("tck-id-case-sensitivity-metric-names", "no two names differ in case alone", lambda s: all(len({m["name"].lower() for m in p.body["metrics"]}) == len(p.body["metrics"]) for p in s.of(*BIRTHS))),
+]
+# fmt: on
+
+
+@pytest.mark.parametrize(("words", "rule"), [rule[1:] for rule in RULES], ids=[rule[0] for rule in RULES])
+def test_rule(scene: Scene, words: str, rule: Callable[[Scene], Any]) -> None:
+    assert rule(scene), words
+
+
+def test_values_and_units_are_those_of_the_frames(scene: Scene) -> None:
+    """The value n belongs to the frame n of the joint, 100 n to the counter."""
+    (first, *_) = [p for p in scene.of("DBIRTH") if p.topic.endswith("/arm")]
+    told = {m["name"]: (m["value"], m["properties"]["engUnit"]) for m in first.body["metrics"]}
+    assert told == {"joint_1/position": (0.0, (12, "rad")), "supply/power": (0.0, (12, "W"))}
+    aliases = {m["alias"]: m["name"] for m in first.body["metrics"]}
+    for p, m in scene.metrics:
+        if p.verb == "DDATA" and p.topic.endswith("/arm") and aliases[m["alias"]] == "supply/power":
+            position = next(o["value"] for o in p.body["metrics"] if aliases[o["alias"]] == "joint_1/position")
+            assert m["value"] == 10 * position

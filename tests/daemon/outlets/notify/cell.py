@@ -1,0 +1,89 @@
+"""A cell for the tests of notifications: its alarms, a view of it, and an outlet that runs beside a test."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, cast
+
+from cellwatt import Alarm
+from cellwatt.outlet import CellView
+from cellwatt.outlets.notify.outlet import NotifyOutlet
+from cellwatt.outlets.notify.settings import NotifySettings
+from cellwatt.outlets.notify.texts import About
+from cellwatt.results import Event, Result
+
+SITE, CELL = "plant-1", "weld-3"
+EPOCH = 1_800_000_000_000_000_000
+SECOND = 10**9
+ABOUT = About(SITE, CELL)
+
+
+def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
+    about: dict[str, Any] = {
+        "id": f"faults.arm.joint_fault.{number}",
+        "kind": "joint_fault",
+        "severity": "error",
+        "active": active,
+        "since": EPOCH,
+        "time": EPOCH + number + (0 if active else SECOND),
+        "statement": f"Joint {number} is loaded 12 Nm more than it should be",
+        "source": "arm",
+        "joint": number,
+        "evidence": {"residual_Nm": 12.04},
+        "stage": "faults",
+    }
+    return Alarm(**{**about, **more})
+
+
+def event(kind: str, alarm_id: str) -> Event:
+    return Event(EPOCH, "arm", kind, f"Ada {kind} {alarm_id}", {"alarm": alarm_id, "name": "Ada", "note": ""})
+
+
+class Journal:
+    """What was published in this session."""
+
+    def __init__(self, *items: Result | Event) -> None:
+        self.items = list(items)
+
+    def put(self, item: Result | Event) -> int:
+        self.items.append(item)
+        return len(self.items)
+
+    def past(self) -> Iterator[tuple[int, Result | Event]]:
+        return iter(list(enumerate(self.items)))
+
+
+class View:
+    """As much of a ``CellView`` as the outlet asks for."""
+
+    site, cell = SITE, CELL
+
+    def __init__(self, folder: Path, session: int = EPOCH, journal: Journal | None = None, record: bool = True) -> None:
+        self.folder, self.session, self.journal = folder, session, journal
+        self.record_folder = folder if record else None
+        self.told: Mapping[str, Any] = {}
+
+    def status(self) -> Mapping[str, Any]:
+        return self.told
+
+
+def outlet(view: View, to: Mapping[str, Any], **more: Any) -> NotifyOutlet:
+    """An outlet that groups nothing and tries again soon, unless told otherwise."""
+    recipients = {name: {"group": 0.0, "severity": "info", **settings} for name, settings in to.items()}
+    values = {"retry": 0.02, "timeout": 20.0, "zone": "UTC", **more, "to": recipients}
+    return NotifyOutlet("notify", NotifySettings.model_validate(values), cast(CellView, view))
+
+
+@asynccontextmanager
+async def running(made: NotifyOutlet) -> AsyncIterator[NotifyOutlet]:
+    task = asyncio.create_task(made.run())
+    try:
+        yield made
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task

@@ -1,0 +1,263 @@
+"""The outlet: recipients apart from each other, groups, people's words, restarts and new settings."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import web
+
+from cellwatt.outlets.notify import courier as module
+from tests.daemon.outlets.notify.cell import EPOCH, Journal, View, alarm, event, outlet, running
+from tests.daemon.outlets.notify.servers import Web, web_server
+from tests.patience import eventually
+
+
+def hook(server: Web, path: str = "", **more: Any) -> dict[str, Any]:
+    return {"webhook": {"url": f"{server.url}/{path}"}, **more}
+
+
+def told(server: Web, path: str = "/") -> list[tuple[str, int]]:
+    return [
+        (one["happened"], one["joint"]) for call in server.calls if call.path == path for one in call.json["alarms"]
+    ]
+
+
+def status(*up: int, acknowledged: tuple[int, ...] = (), shelved: tuple[int, ...] = ()) -> dict[str, Any]:
+    who = {"name": "Ada", "note": "", "time": EPOCH}
+    return {
+        "alarms": [{**asdict(alarm(n)), "acknowledged": who if n in acknowledged else None} for n in up],
+        "shelved": [{"id": alarm(n).id} for n in shelved],
+    }
+
+
+async def test_one_that_hangs_and_one_that_refuses_delay_nobody(tmp_path: Path) -> None:
+    over = asyncio.Event()
+
+    async def silent(_: web.Request) -> web.StreamResponse:
+        await over.wait()
+        return web.Response()
+
+    async with web_server() as hangs, web_server() as refuses, web_server() as takes:
+        hangs.answers, refuses.answers = [silent], [500] * 10_000
+        made = outlet(View(tmp_path), {"a": hook(hangs), "b": hook(refuses), "c": hook(takes)})
+        async with running(made):
+            for number in range(1, 6):
+                made.offer(alarm(number))
+                await eventually(lambda: ("raised", number) in told(takes))  # noqa: B023
+            assert len(hangs.calls) == 1
+            over.set()
+            await eventually(lambda: len(told(hangs)) == 5)
+            refuses.answers.clear()
+            await eventually(lambda: made.account.counters["b: sent"] == 2)
+        assert [joint for _, joint in told(takes)] == [1, 2, 3, 4, 5]
+        assert len(hangs.calls) == 2  # what came meanwhile went as one
+
+
+async def test_alarms_of_a_moment_go_as_one(tmp_path: Path) -> None:
+    async with web_server() as server:
+        made = outlet(View(tmp_path), {"desk": hook(server, group=0.3)})
+        async with running(made):
+            for number in (1, 2, 3):
+                made.offer(alarm(number))
+            made.offer(alarm(2, active=False))
+            await eventually(lambda: server.calls)
+        assert told(server) == [("raised", 1), ("raised", 2), ("raised", 3), ("cleared", 2)]
+        assert made.account.counters["desk: grouped"] == 3
+
+
+async def test_severities_kinds_and_the_end_by_recipient(tmp_path: Path) -> None:
+    async with web_server() as server:
+        to = {
+            "all": hook(server, "all"),
+            "grave": hook(server, "grave", severity="error", resolved=False),
+            "arms": hook(server, "arms", kinds=["joint_*"]),
+        }
+        made = outlet(View(tmp_path), to)
+        async with running(made):
+            for one in (
+                alarm(1, severity="info"),
+                alarm(2, kind="source_down"),
+                alarm(2, kind="source_down", active=False),
+            ):
+                made.offer(one)
+                await eventually(lambda: not made._inbox)
+                await eventually(lambda: not any(t.due or t.flight for t in made._ledger.told.values()))
+        assert told(server, "/all") == [("raised", 1), ("raised", 2), ("cleared", 2)]
+        assert told(server, "/grave") == [("raised", 2)]
+        assert told(server, "/arms") == [("raised", 1)]
+
+
+async def test_repeats_until_acknowledged_and_not_on_the_shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LOOK", 0.01)
+    async with web_server() as server:
+        made = outlet(View(tmp_path), {"desk": hook(server, repeat=60.0)})
+        object.__setattr__(made.settings.to["desk"], "repeat", 0.05)  # the least in settings is a minute
+        async with running(made):
+            made.offer(alarm(1))
+            made.offer(alarm(2))
+            made.health(status(1, 2))
+            await eventually(lambda: told(server).count(("repeated", 1)) >= 2)
+            made.offer(event("acknowledged", alarm(1).id))
+            made.health(status(1, 2, acknowledged=(1,)))
+            await eventually(lambda: made._status is None)
+            count = told(server).count(("repeated", 2))
+            await eventually(lambda: told(server).count(("repeated", 2)) >= count + 2)
+            before = told(server).count(("repeated", 1))
+            await eventually(lambda: told(server).count(("repeated", 2)) >= count + 5)
+            assert told(server).count(("repeated", 1)) == before
+            made.health(status(shelved=(2,)))
+            made.offer(alarm(1, active=False))
+            await eventually(lambda: ("cleared", 1) in told(server))
+            before = told(server).count(("repeated", 2))
+        assert told(server).count(("repeated", 2)) <= before + 1
+
+
+async def test_what_is_shelved_before_it_is_told(tmp_path: Path) -> None:
+    async with web_server() as server:
+        made = outlet(View(tmp_path), {"desk": hook(server, group=0.3)})
+        async with running(made):
+            made.offer(alarm(1))
+            made.offer(alarm(2))
+            made.offer(event("shelved", alarm(1).id))
+            await eventually(lambda: server.calls)
+        assert told(server) == [("raised", 2)]
+
+
+async def test_quiet_times_hold_back(tmp_path: Path) -> None:
+    async with web_server() as server:
+        made = outlet(View(tmp_path), {"desk": hook(server, quiet=[{}])})
+        async with running(made):
+            made.offer(alarm(1, severity="warning"))
+            made.offer(alarm(2))
+            await eventually(lambda: server.calls)
+        assert told(server) == [("raised", 2)]
+        assert made.account.counters["desk: held in quiet time"] == 1
+        loud = outlet(View(tmp_path), {"desk": hook(server)})
+        async with running(loud):
+            await eventually(lambda: loud.account.counters["desk: sent"])
+        assert "after the quiet time, 1 alarm active" in server.calls[-1].json["subject"]
+
+
+@pytest.mark.parametrize("record", [True, False])
+async def test_new_settings_go_on_where_the_old_ones_were(tmp_path: Path, record: bool) -> None:
+    view = View(tmp_path, record=record)
+    async with web_server() as server:
+        before = outlet(view, {"desk": hook(server)})
+        async with running(before):
+            before.offer(alarm(1))
+            await eventually(lambda: before.account.counters["desk: sent"])
+        before.offer(alarm(2))  # the daemon hands over until the outlet after it is there
+        view.told = status(1, 2)
+        after = outlet(view, {"desk": hook(server), "new": hook(server, "new")})
+        after.succeed(before)
+        async with running(after):
+            after.offer(alarm(1, active=False))
+            await eventually(lambda: told(server) == [("raised", 1), ("raised", 2), ("cleared", 1)])
+            await eventually(lambda: ("raised", 2) in told(server, "/new"))
+
+
+async def test_the_journal_fills_what_a_process_that_ended_did_not_tell(tmp_path: Path) -> None:
+    journal = Journal(alarm(1), alarm(2))
+    async with web_server() as server:
+        before = outlet(View(tmp_path, journal=journal), {"desk": hook(server)})
+        async with running(before):
+            before.offer(alarm(1))
+            before.offer(alarm(2))
+            await eventually(lambda: len(told(server)) == 2)
+            await eventually(lambda: before._ledger.of("desk").flight is None)
+        journal.items += [alarm(1, active=False), alarm(3), alarm(4), alarm(4, active=False)]
+        after = outlet(View(tmp_path, journal=journal), {"desk": hook(server)})
+        async with running(after):
+            await eventually(lambda: len(told(server)) == 4)
+            assert sorted(told(server)[2:]) == [("cleared", 1), ("raised", 3)]
+
+
+async def test_an_attempt_under_way_is_noted_when_the_outlet_ends(tmp_path: Path) -> None:
+    goes_on = asyncio.Event()
+
+    async def slow(_: web.Request) -> web.StreamResponse:
+        await goes_on.wait()
+        return web.Response()
+
+    async with web_server() as server:
+        server.answers = [slow]
+        made = outlet(View(tmp_path), {"desk": hook(server)})
+        task = asyncio.create_task(made.run())
+        made.offer(alarm(1))
+        await eventually(lambda: server.calls)
+        task.cancel()
+        await asyncio.sleep(0)
+        goes_on.set()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        after = outlet(View(tmp_path), {"desk": hook(server)})
+        async with running(after):
+            after.offer(alarm(2))
+            await eventually(lambda: after.account.counters["desk: sent"])
+        assert told(server) == [("raised", 1), ("raised", 2)]
+
+
+async def test_an_attempt_that_does_not_end_is_sent_again_as_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "GRACE", 0.05)
+    never = asyncio.Event()
+
+    async def silent(_: web.Request) -> web.StreamResponse:
+        await never.wait()
+        return web.Response()
+
+    async with web_server() as server:
+        server.answers = [silent]
+        made = outlet(View(tmp_path), {"desk": hook(server)})
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: server.calls)
+        after = outlet(View(tmp_path), {"desk": hook(server)})
+        async with running(after):
+            await eventually(lambda: after.account.counters["desk: sent"])
+        never.set()
+        assert len(server.calls) == 2
+        assert len({(call.headers["webhook-id"], call.body) for call in server.calls}) == 1
+
+
+async def test_a_daemon_that_began_anew_withdraws_what_it_does_not_see(tmp_path: Path) -> None:
+    async with web_server() as server:
+        made = outlet(View(tmp_path), {"desk": hook(server)})
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["desk: sent"])
+        after = outlet(View(tmp_path, session=1), {"desk": hook(server)})
+        async with running(after):
+            await eventually(lambda: ("cleared", 1) in told(server))
+        assert "Not seen again since the daemon began anew" in server.calls[-1].json["subject"]
+
+
+async def test_what_finds_no_room_is_counted(tmp_path: Path) -> None:
+    async with web_server() as server:
+        made = outlet(View(tmp_path), {"desk": hook(server, group=0.3)}, queue=10)
+        async with running(made):
+            for number in range(25):
+                made.offer(alarm(number))
+            await eventually(lambda: server.calls)
+        assert len(told(server)) == 10
+        assert server.calls[0].json["more"] == 15
+        assert made.account.counters["desk: without room"] == 15
+
+
+async def test_a_ledger_that_cannot_be_written_is_told_and_alarms_go_out(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    async with web_server() as server:
+        made = outlet(View(tmp_path), {"desk": hook(server)}, folder=str(folder))
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: server.calls)
+            assert f"{folder}/notify.jsonl cannot be written" in str(made.trouble())
+            folder.mkdir()
+            made.health(status(1))
+            await eventually(lambda: made.trouble() is None)
+        assert (folder / "notify.jsonl").exists()

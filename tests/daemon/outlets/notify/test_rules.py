@@ -1,0 +1,317 @@
+"""The rules and what is told, as a machine over given alarms and times."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cellwatt import Alarm
+from cellwatt.outlets.notify.rules import AGAIN, Rules, message, ready, shelved
+from cellwatt.outlets.notify.told import ENTRY, Ended, Entry, Item, Message, Settled, Told
+from tests.daemon.outlets.notify.cell import EPOCH, SECOND, alarm
+
+NEXT = EPOCH + 3600 * SECOND
+"""The session after."""
+
+
+class Machine:
+    """One recipient; ``sent`` are the items of messages that were accepted, in order."""
+
+    def __init__(self, rules: Rules | None = None, **more: Any) -> None:
+        self.rules = rules or Rules(**{"severity": "info", "group": 0.0, **more})
+        self.told = Told()
+        self.lines: list[str] = []
+        self.sent: list[Item] = []
+        self.passing = 0
+        self.session = EPOCH
+
+    def put(self, *entries: Entry) -> None:
+        for entry in entries:
+            if self.told.lasts(entry):
+                self.lines.append(json.dumps(ENTRY.dump_python(entry, mode="json")))
+            self.told.apply(entry)
+
+    def take(self, *alarms: Alarm) -> None:
+        for one in alarms:
+            self.put(*self.rules.take(self.told, one, self.session, self.passing))
+
+    def send(self, now: int = EPOCH) -> Message | None:
+        if self.told.flight is None and (items := ready(self.told, self.passing)):
+            self.put(message("test", items, self.told.more, now))
+        sent = self.told.flight
+        if sent is not None:
+            self.sent += sent.items
+            self.put(Ended(sent.id, accepted=True))
+        return sent
+
+    def again(self, session: int = EPOCH) -> None:
+        """Begin again from what is on disk."""
+        self.told, self.session = Told(), session
+        for line in self.lines:
+            self.told.apply(ENTRY.validate_python(json.loads(line)))
+
+    @property
+    def said(self) -> list[tuple[str, int | None]]:
+        return [(item.what, item.alarm.joint) for item in self.sent]
+
+
+def test_raise_and_clear_are_told_once_each() -> None:
+    machine = Machine()
+    for one in (alarm(1), alarm(1, time=EPOCH + 5), alarm(2), alarm(1, active=False), alarm(1, active=False)):
+        machine.take(one)
+        machine.send()
+    assert machine.said == [("raised", 1), ("raised", 2), ("cleared", 1)]
+
+
+def test_only_kinds_and_severities_that_are_wanted() -> None:
+    machine = Machine(severity="warning", kinds=("joint_*", "source_down"))
+    machine.take(alarm(1, severity="info"), alarm(2, severity="warning"), alarm(3, kind="energy_balance"))
+    machine.take(alarm(4, kind="source_down"), alarm(1, severity="info", active=False))
+    machine.send()
+    assert machine.said == [("raised", 2), ("raised", 4)]
+
+
+def test_what_becomes_graver_is_told_again_and_what_becomes_less_grave_is_not() -> None:
+    machine = Machine(severity="warning")
+    for severity in ("info", "warning", "warning", "error", "warning", "error"):
+        machine.take(alarm(1, severity=severity))
+        machine.send()
+    assert machine.said == [("raised", 1), ("graver", 1)]
+
+
+def test_the_newest_figures_are_told() -> None:
+    machine = Machine()
+    machine.take(alarm(1), alarm(1, statement="newer", time=EPOCH + 9))
+    machine.send()
+    assert [item.alarm.statement for item in machine.sent] == ["newer"]
+
+
+def test_a_clear_is_not_told_where_it_is_not_wanted_or_the_raise_was_not() -> None:
+    machine = Machine(resolved=False)
+    machine.take(alarm(1))
+    machine.send()
+    machine.take(alarm(1, active=False), alarm(2, active=False))
+    assert machine.send() is None
+    machine.take(alarm(1, time=EPOCH + 2 * SECOND))  # raised anew
+    machine.send()
+    assert machine.said == [("raised", 1), ("raised", 1)]
+
+
+def test_an_alarm_that_comes_back_before_its_clear_was_told_says_nothing() -> None:
+    machine = Machine()
+    machine.take(alarm(1))
+    machine.send()
+    machine.take(alarm(1, active=False), alarm(1, time=EPOCH + 2 * SECOND))
+    assert machine.send() is None
+    machine.take(alarm(1, active=False, time=EPOCH + 3 * SECOND))
+    machine.send()
+    assert machine.said == [("raised", 1), ("cleared", 1)]
+
+
+def test_a_quiet_time_holds_back_and_tells_what_is_still_active() -> None:
+    machine = Machine()
+    machine.take(alarm(9, severity="warning"))
+    machine.send()
+    machine.passing = 2
+    machine.take(*(alarm(n, severity="warning") for n in (1, 2)), alarm(3))
+    machine.send()
+    assert machine.said[1:] == [("raised", 3)]
+    machine.take(alarm(1, severity="warning", active=False), alarm(9, severity="warning", active=False))
+    assert machine.send() is None
+    machine.passing = 0
+    sent = machine.send()
+    assert sent is not None
+    assert {(item.what, item.alarm.joint) for item in sent.items} == {("raised", 2), ("cleared", 9)}
+    assert all(item.held for item in sent.items)
+
+
+def test_what_is_shelved_while_it_waits_is_silent_until_the_shelf_ends() -> None:
+    machine = Machine()
+    machine.take(alarm(1))
+    machine.put(*shelved(machine.told, alarm(1).id))
+    assert machine.send() is None
+    machine.take(alarm(1, time=EPOCH + 60 * SECOND))
+    machine.send()
+    machine.put(*shelved(machine.told, alarm(1).id))  # told already: nothing to hold back
+    machine.take(alarm(1, active=False, time=EPOCH + 90 * SECOND))
+    machine.send()
+    assert machine.said == [("raised", 1), ("cleared", 1)]
+
+
+def test_repeats_what_was_told_and_is_up() -> None:
+    machine = Machine()
+    machine.take(alarm(1), alarm(2))
+    machine.send()
+    machine.take(alarm(2, active=False), alarm(3))
+    machine.put(*machine.rules.again(machine.told, [alarm(n).id for n in (1, 2, 3, 4)], EPOCH, 0))
+    machine.send()
+    assert machine.said[2:] == [("cleared", 2), ("raised", 3), ("repeated", 1)]
+
+
+def test_an_alarm_that_is_over_is_not_repeated_even_if_that_waits() -> None:
+    machine = Machine()
+    machine.take(alarm(1))
+    machine.send()
+    machine.put(*machine.rules.again(machine.told, [alarm(1).id], EPOCH, 0))
+    machine.take(alarm(1, active=False))
+    machine.send()
+    assert machine.said == [("raised", 1), ("cleared", 1)]
+
+
+def test_given_again_in_the_same_session_nothing_is_told_twice() -> None:
+    machine = Machine()
+    story = [alarm(1), alarm(2), alarm(1, active=False), alarm(3)]
+    for one in story:
+        machine.take(one)
+        machine.send()
+    machine.again()
+    for one in story:
+        machine.take(one)
+        machine.send()
+    assert machine.said == [("raised", 1), ("raised", 2), ("cleared", 1), ("raised", 3)]
+
+
+def test_raised_again_soon_after_the_daemon_began_anew_it_is_the_same() -> None:
+    machine = Machine()
+    machine.take(alarm(1), alarm(2))
+    machine.send()
+    machine.again(NEXT)
+    machine.take(alarm(1, since=NEXT, time=NEXT + SECOND))
+    machine.put(*machine.rules.withdraw(machine.told, NEXT, NEXT + AGAIN - 1))
+    assert machine.send() is None
+    machine.put(*machine.rules.withdraw(machine.told, NEXT, NEXT + AGAIN))
+    sent = machine.send()
+    assert sent is not None
+    assert sent.items[0].alarm.statement.startswith("Not seen again since the daemon began anew: Joint 2")
+    machine.put(*machine.rules.withdraw(machine.told, NEXT, NEXT + 2 * AGAIN))
+    machine.take(alarm(1, active=False, time=NEXT + 2 * AGAIN))
+    machine.send()
+    assert machine.said[2:] == [("cleared", 2), ("cleared", 1)]
+
+
+def test_without_room_the_least_grave_is_only_counted() -> None:
+    machine = Machine(queue=3)
+    severities = ("info", "error", "warning", "info", "error", "error")
+    machine.take(*(alarm(n, severity=severity) for n, severity in enumerate(severities)))
+    sent = machine.send()
+    assert sent is not None
+    assert [item.alarm.joint for item in sent.items] == [1, 4, 5]
+    assert sent.more == 3
+    machine.take(alarm(0, severity="info", active=False), alarm(1, active=False))
+    machine.take(alarm(3, severity="info", time=EPOCH + 50))  # counted before, and not new
+    machine.send()
+    assert machine.said[3:] == [("cleared", 1)]
+
+
+def test_a_message_has_its_id_whatever_was_settled_of_it() -> None:
+    made = message("a", [Item("raised", alarm(1))], 0, EPOCH).message
+    assert made.id == message("a", [Item("raised", alarm(1))], 0, EPOCH).message.id
+    others = [
+        message("b", [Item("raised", alarm(1))], 0, EPOCH),
+        message("a", [Item("cleared", alarm(1))], 0, EPOCH),
+        message("a", [Item("raised", alarm(2))], 0, EPOCH),
+        message("a", [Item("raised", alarm(1))], 0, EPOCH + 1),
+    ]
+    assert len({made.id, *(other.message.id for other in others)}) == 5
+    told = Told(flight=made)
+    told.apply(Settled(("a@b.example",)))
+    assert told.flight == replace(made, settled=("a@b.example",))
+
+
+STEPS = st.one_of(
+    st.tuples(st.just("raise"), st.integers(1, 4), st.sampled_from(["info", "warning", "error"])),
+    st.tuples(st.just("clear"), st.integers(1, 4), st.just("error")),
+    st.tuples(st.sampled_from(["quiet", "loud", "make", "send", "shelve", "crash", "look"]), st.integers(1, 4)),
+)
+
+
+def play(machine: Machine, steps: list[Any]) -> dict[int, bool]:
+    """Do all steps, checking what holds after each; return which alarms that were ever raised are up at the end."""
+    up: dict[int, bool] = {}
+    time = EPOCH
+    for step in steps:
+        time += SECOND
+        number = step[1]
+        match step[0]:
+            case "raise":
+                up[number] = True
+                machine.take(alarm(number, severity=step[2], time=time))
+            case "clear":
+                up[number] = False
+                machine.take(alarm(number, active=False, time=time))
+            case "quiet" | "loud":
+                machine.passing = 2 if step[0] == "quiet" else 0
+            case "shelve":
+                machine.put(*shelved(machine.told, alarm(number).id))
+            case "make":
+                if machine.told.flight is None and (items := ready(machine.told, machine.passing)):
+                    machine.put(message("test", items, machine.told.more, time))
+            case "send":
+                machine.send(time)
+            case "look":
+                machine.put(*machine.rules.withdraw(machine.told, EPOCH, time))
+            case "crash":
+                before = machine.told.flight, machine.told.due.keys(), machine.told.more
+                machine.again()
+                assert (machine.told.flight, machine.told.due.keys(), machine.told.more) == before
+        assert len(machine.told.due) <= machine.rules.queue
+    return up
+
+
+@settings(max_examples=150)
+@given(st.lists(STEPS, max_size=40), st.integers(1, 5))
+def test_whatever_happens_a_clear_follows_its_raise(steps: list[Any], queue: int) -> None:
+    machine = Machine(queue=queue)
+    up = play(machine, steps)
+    for number in up:
+        said = [what for what, joint in machine.said if joint == number and what != "graver"]
+        assert said[:1] in ([], ["raised"])
+        assert all(pair != ("cleared", "cleared") for pair in pairwise(said))
+
+
+@settings(max_examples=150)
+@given(st.lists(STEPS.filter(lambda step: step[0] != "shelve"), max_size=40))
+def test_in_the_end_everybody_knows_what_is_up_and_nothing_is_said_twice(steps: list[Any]) -> None:
+    machine = Machine(queue=100)
+    up = play(machine, steps)
+    machine.passing = 0
+    machine.send()
+    machine.send()
+    for number, active in up.items():
+        said = [what for what, joint in machine.said if joint == number and what != "graver"]
+        assert said == ["raised", "cleared"] * (len(said) // 2) + ["raised"] * (len(said) % 2)
+        assert active == (len(said) % 2 == 1)
+
+
+@settings(max_examples=100)
+@given(st.lists(st.tuples(st.integers(1, 6), st.sampled_from(["info", "warning", "error"]))), st.integers(1, 4))
+def test_every_alarm_is_told_or_counted(raised: list[tuple[int, Any]], queue: int) -> None:
+    machine = Machine(queue=queue)
+    first: dict[int, str] = {}
+    for number, severity in raised:
+        if number not in first:
+            first[number] = severity
+            machine.take(alarm(number, severity=severity))
+    sent = machine.send()
+    if sent is not None:
+        assert len(sent.items) + sent.more == len(first)
+        gravest = sorted(("info", "warning", "error").index(s) for s in first.values())[-queue:]
+        assert sorted(("info", "warning", "error").index(i.alarm.severity) for i in sent.items) == gravest
+
+
+@given(st.lists(STEPS, max_size=30))
+def test_all_that_is_known_as_one_entry(steps: list[Any]) -> None:
+    machine = Machine(queue=3)
+    for time, step in enumerate(steps, EPOCH):
+        if step[0] in ("raise", "clear"):
+            machine.take(alarm(step[1], severity=step[2], active=step[0] == "raise", time=time))
+        elif step[0] in ("make", "send"):
+            machine.send(time)
+    read = Told()
+    read.apply(ENTRY.validate_python(json.loads(json.dumps(ENTRY.dump_python(machine.told.whole(), mode="json")))))
+    assert read == machine.told

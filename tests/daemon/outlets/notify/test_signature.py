@@ -1,0 +1,35 @@
+"""Signatures of webhooks, against a known vector and an independent calculation."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import hmac
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellwatt.outlets.notify.signature import headers, key_of, sign
+
+
+def test_the_example_of_the_specification() -> None:
+    secret = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"
+    found = sign(secret, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1614265330, b'{"test": 2432232314}')
+    assert found == "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="
+
+
+@given(st.text(min_size=1), st.text("0123456789abcdef", min_size=1), st.integers(0, 2**40), st.binary())
+def test_is_an_hmac_of_id_time_and_body(secret: str, message_id: str, timestamp: int, content: bytes) -> None:
+    if secret.startswith("whsec_"):
+        return
+    made = hmac.new(secret.encode("utf-8", "surrogatepass"), digestmod=hashlib.sha256)
+    made.update(f"{message_id}.{timestamp}.".encode() + content)
+    assert sign(secret, message_id, timestamp, content) == f"v1,{base64.b64encode(made.digest()).decode()}"
+
+
+def test_a_secret_that_only_looks_like_base64_is_a_text() -> None:
+    assert key_of("whsec_not base64") == b"whsec_not base64"
+
+
+def test_without_a_secret_nothing_is_signed() -> None:
+    assert headers(None, "1f", 5, b"") == {"webhook-id": "1f", "webhook-timestamp": "5"}

@@ -1,0 +1,186 @@
+"""Webhooks, ntfy and Home Assistant by real servers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import web
+
+from cellwatt.outlets.notify import courier as module
+from cellwatt.outlets.notify.signature import sign
+from cellwatt.outlets.notify.undelivered import FILE
+from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
+from tests.daemon.outlets.notify.servers import certificates, web_server
+from tests.patience import eventually
+
+SECRET = "a secret of the plant"
+
+
+@pytest.fixture(autouse=True)
+def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(module, "FAILING", 0.0)
+    yield
+
+
+async def test_the_same_message_until_it_is_taken(tmp_path: Path) -> None:
+    async with web_server() as server:
+        server.answers = [500, 503, 429, 408]
+        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": f"{server.url}/hook", "secret": SECRET}}})
+        async with running(made):
+            made.offer(alarm(3))
+            await eventually(lambda: made.account.counters["desk: sent"])
+            assert made.trouble() is None
+        assert len(server.calls) == 5
+        assert made.account.counters["desk: retried"] == 4
+        assert len({call.body for call in server.calls}) == 1
+        assert len({call.headers["webhook-id"] for call in server.calls}) == 1
+        for call in server.calls:
+            head = call.headers
+            expected = sign(SECRET, head["webhook-id"], int(head["webhook-timestamp"]), call.body)
+            assert head["webhook-signature"] == expected
+        told = server.calls[0].json
+        assert told["id"] == server.calls[0].headers["webhook-id"]
+        assert told["subject"] == "[plant-1/weld-3] error: Joint 3 is loaded 12 Nm more than it should be"
+        assert told["alarms"][0]["evidence"] == {"residual_Nm": 12.04}
+
+
+async def test_a_redirect_is_not_followed(tmp_path: Path) -> None:
+    async def elsewhere(_: web.Request) -> web.StreamResponse:
+        return web.Response(status=307, headers={"Location": "/other"})
+
+    async with web_server() as server:
+        server.answers = [elsewhere]
+        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": f"{server.url}/geheim"}}})
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["desk: undelivered"])
+            trouble = made.trouble()
+        assert [call.path for call in server.calls] == ["/geheim"]
+        assert trouble is not None
+        assert "307 Temporary Redirect" in trouble
+        assert "geheim" not in trouble + (tmp_path / FILE).read_text()
+
+
+async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
+    over = asyncio.Event()
+
+    async def endless(request: web.Request) -> web.StreamResponse:
+        response = web.StreamResponse()
+        await response.prepare(request)
+        await response.write(b"x")
+        await over.wait()
+        return response
+
+    async with web_server() as server:
+        server.answers = [endless]
+        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": server.url}}}, timeout=60.0)
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["desk: sent"])
+        over.set()
+        assert len(server.calls) == 1
+
+
+async def test_a_server_that_gives_no_answer(tmp_path: Path) -> None:
+    over = asyncio.Event()
+
+    async def silent(_: web.Request) -> web.StreamResponse:
+        await over.wait()
+        return web.Response()
+
+    async with web_server() as server:
+        server.answers = [silent]
+        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": server.url}}}, timeout=0.2)
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["desk: retried"])
+            await eventually(lambda: made.account.counters["desk: sent"])
+        over.set()
+        assert len({call.headers["webhook-id"] for call in server.calls}) == 1
+
+
+@pytest.mark.parametrize("status", [400, 404, 410, 413, 422])
+async def test_refused_for_good(tmp_path: Path, status: int) -> None:
+    async with web_server() as server:
+        server.answers = [status]
+        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": server.url}}})
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["desk: undelivered"])
+            assert f": {status} " in str(made.trouble())
+        assert len(server.calls) == 1
+        kept = json.loads((tmp_path / FILE).read_text())
+        assert kept["reason"].startswith(f"{status} ")
+        assert kept["alarms"][0]["id"] == alarm(1).id
+
+
+async def test_a_wrong_token_is_tried_again(tmp_path: Path) -> None:
+    async with web_server() as server:
+        server.answers = [401, 403]
+        made = outlet(View(tmp_path), {"phone": {"ntfy": {"url": server.url, "topic": "alarms", "token": "tk_geheim"}}})
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["phone: sent"])
+        assert len(server.calls) == 3
+
+
+async def test_ntfy(tmp_path: Path) -> None:
+    async with web_server() as server:
+        view = View(tmp_path)
+        ntfy = {"ntfy": {"url": server.url, "topic": "weld-alarms", "token": "tk_geheim"}}
+        made = outlet(view, {"phone": ntfy}, page="https://weld-3.plant.example:8480")
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["phone: sent"] == 1)
+            made.offer(alarm(1, active=False))
+            await eventually(lambda: made.account.counters["phone: sent"] == 2)
+        raised, cleared = (call.json for call in server.calls)
+        assert server.calls[0].headers["Authorization"] == "Bearer tk_geheim"
+        assert server.calls[0].path == "/"
+        assert (raised["topic"], raised["priority"], raised["tags"]) == ("weld-alarms", 5, ["rotating_light"])
+        assert raised["title"].startswith("[plant-1/weld-3] error: Joint 1")
+        assert raised["click"] == "https://weld-3.plant.example:8480/cell/plant-1/weld-3/alarms"
+        assert (cleared["priority"], cleared["tags"]) == (3, ["white_check_mark"])
+        assert raised["sequence_id"] != cleared["sequence_id"]
+
+
+async def test_home_assistant(tmp_path: Path) -> None:
+    async with web_server() as server:
+        to = {
+            "app": {"home_assistant": {"url": server.url, "service": "mobile_app_shift", "token": "geheim-1"}},
+            "automation": {"home_assistant": {"url": f"{server.url}/", "webhook": "geheim-2"}},
+        }
+        made = outlet(View(tmp_path), to)
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: len(server.calls) == 2)
+            await eventually(lambda: made.account.counters.total() == 2)
+        calls = {call.path: call for call in server.calls}
+        app, automation = calls["/api/services/notify/mobile_app_shift"], calls["/api/webhook/geheim-2"]
+        assert app.headers["Authorization"] == "Bearer geheim-1"
+        assert app.json["title"].startswith("[plant-1/weld-3] error")
+        assert set(app.json) == {"title", "message", "data"}
+        assert automation.json["alarms"][0]["joint"] == 1
+        assert "Authorization" not in automation.headers
+
+
+async def test_https_by_an_authority_of_the_plant(tmp_path: Path) -> None:
+    pki = certificates(tmp_path)
+    async with web_server(pki.context) as server:
+        to: dict[str, Any] = {
+            "trusted": {"webhook": {"url": server.url, "ca": str(pki.ca)}},
+            "distrusted": {"webhook": {"url": server.url}},
+        }
+        made = outlet(View(tmp_path), to)
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["trusted: sent"])
+            await eventually(lambda: made.account.counters["distrusted: retried"])
+            assert "distrusted is not reached (webhook by https://localhost" in str(made.trouble())
+            assert "its certificate is not trusted" in str(made.trouble())
+        assert len(server.calls) == 1

@@ -1,0 +1,408 @@
+"""The cell over OPC UA: values, units, the standard's nodes, alarms as conditions, and who comes in."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from asyncua import Client, ua
+from asyncua.common.utils import Buffer, NotEnoughData
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.ua import ua_binary
+from pydantic import ValidationError
+
+from cellwatt.channel import Quality
+from cellwatt.errors import CellwattError, OutletError
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.outlets.opc_ua.arrays import bound_arrays
+from cellwatt.outlets.opc_ua.bounds import OPERATIONS, SUBSCRIPTIONS_OF_SESSION
+from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet
+from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
+from cellwatt.results import Energy, Event
+from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm
+from tests.drivers.inlet import CollectingInlet
+from tests.drivers.opc_ua.rig import certificate
+from tests.drivers.running import supervised
+from tests.patience import eventually
+
+LAYOUT = Layout(
+    (
+        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
+        FrameChannel("arm.joint_1.velocity", "rad/s", "continuous", "linear"),
+        FrameChannel("arm.joint_1.current", "A", "continuous", "linear"),
+        FrameChannel("arm.joint_1.temperature", "degC", "continuous", "linear"),
+        FrameChannel("mains.supply.power", "W", "continuous", "average"),
+    ),
+    50.0,
+)
+CAPABILITIES = "Server_ServerCapabilities_"
+OWN = f"urn:cellwatt:{SITE}:{CELL}"
+VALUES = [0.5, -0.25, 2.5, 41.0, 600.0]
+
+
+class View(FakeView):
+    """A cell that notes what is acknowledged."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.acknowledged: list[tuple[str, str, str]] = []
+
+    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
+        if alarm_id != "alarm-1":
+            raise CellwattError("no such alarm is active")
+        self.acknowledged.append((alarm_id, name, note))
+
+
+def frames(number: int, values: list[float] = VALUES, quality: Quality = Quality.GOOD) -> Frames:
+    return Frames(
+        LAYOUT,
+        number,
+        EPOCH + np.array([number]) * LAYOUT.step,
+        np.array([values]),
+        np.full((1, len(values)), quality, np.uint8),
+        np.zeros((1, len(values)), np.int64),
+    )
+
+
+@asynccontextmanager
+async def serving(**settings: Any) -> AsyncIterator[OpcUaOutlet]:
+    """An outlet that serves, at 50 rows a second."""
+    given = {"listen": "127.0.0.1:0", "rate": "50 Hz"} | settings
+    outlet = OpcUaOutlet("opc_ua", OpcUaOutletSettings.model_validate(given), View())
+    running = asyncio.create_task(outlet.run())
+    try:
+        await eventually(lambda: outlet.url is not None or running.done())
+        if running.done():
+            running.result()
+        yield outlet
+    finally:
+        running.cancel()
+        await asyncio.wait([running])
+
+
+@asynccontextmanager
+async def client(outlet: OpcUaOutlet, user: str = "", password: str = "") -> AsyncIterator[Client]:
+    made = Client(outlet.url)
+    if user:
+        made.set_user(user)
+        made.set_password(password)
+    async with made:
+        yield made
+
+
+async def value(there: Client, name: str) -> ua.DataValue:
+    space = await there.get_namespace_index(OWN)
+    return await there.get_node(ua.NodeId(name, space)).read_data_value(raise_on_bad_status=False)
+
+
+async def has_value(there: Client, name: str) -> ua.DataValue:
+    for _ in range(1000):
+        try:
+            found = await value(there, name)
+        except ua.UaStatusCodeError:
+            found = None
+        if found is not None and found.Value is not None and found.Value.Value is not None:
+            return found
+        await asyncio.sleep(0.01)
+    raise AssertionError(f"{name} never had a value")
+
+
+async def test_a_cell_without_users():
+    """One server for all, as it takes seconds to start."""
+    async with serving(units={"angle": "deg", "power": "kW"}) as outlet:
+        outlet.offer(frames(1))
+        await clients_see_the_cells_values(outlet)
+        await an_arm_has_the_nodes_of_the_standard(outlet)
+        await nobody_acknowledges_without_a_name(outlet)
+        await too_much_is_refused_before_it_is_done(outlet)
+        await idle_connections_and_endless_messages_are_cut_off(outlet)
+        assert outlet.account.residue == 0
+        await a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet)
+
+
+async def clients_see_the_cells_values(outlet: OpcUaOutlet) -> None:
+    outlet.health({"state": "green"})
+    energy = Energy("arm", "task_1", "speed=1.00", 1, EPOCH, EPOCH + 10**9, 1234.5, {}, 1.0, 1.0, 50.0, 0.0, None)
+    outlet.offer(energy)
+    async with client(outlet) as there:
+        power = await has_value(there, "mains.supply.power")
+        assert power.Value.Value == pytest.approx(0.6)
+        assert round(power.SourceTimestamp.timestamp() * 1e3) == (EPOCH + LAYOUT.step) // 1_000_000
+        position = await has_value(there, "arm.joint_1.position")
+        assert position.Value.Value == pytest.approx(np.degrees(0.5))
+        assert (await has_value(there, "energy:arm.task_1")).Value.Value == 1234.5
+        assert (await has_value(there, "Health")).Value.Value in ("{}", '{"state":"green"}')
+        space = await there.get_namespace_index(OWN)
+        unit = await there.get_node(ua.NodeId("mains.supply.power", space)).get_child("0:EngineeringUnits")
+        assert (await unit.read_value()).UnitId == 4937556  # KWT, as the table of OPC 10000-8 has it
+        with pytest.raises(ua.UaStatusCodeError):
+            await there.get_node(ua.NodeId("Health", space)).write_value("{}")
+        outlet.offer(frames(2, [np.nan] * 5, Quality.MISSING))
+        await _until_bad(there, "mains.supply.power")
+
+
+async def _until_bad(there: Client, name: str) -> None:
+    for _ in range(1000):
+        if (await value(there, name)).StatusCode.name == "BadNoCommunication":
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError("never bad")
+
+
+async def an_arm_has_the_nodes_of_the_standard(outlet: OpcUaOutlet) -> None:
+    """Our own inlet reads it by the standard's names alone, and other clients find the types by their ids."""
+    outlet.offer(frames(3))
+    async with client(outlet) as there:
+        await has_value(there, "arm.joint_1.position")
+        robotics = await there.get_namespace_index("http://opcfoundation.org/UA/Robotics/")
+        devices = await there.get_namespace_index("http://opcfoundation.org/UA/DI/")
+        path = [f"{devices}:DeviceSet", None, f"{robotics}:MotionDevices", None, f"{robotics}:Axes"]
+        node = there.nodes.objects
+        for name in path:
+            node = (await node.get_children())[0] if name is None else await node.get_child(name)
+        (axis,) = await node.get_children()
+        assert await axis.read_type_definition() == ua.NodeId(16601, robotics)
+        kind = there.get_node(ua.NodeId(16601, robotics))
+        assert (await kind.read_browse_name()) == ua.QualifiedName("AxisType", robotics)
+    host, port = outlet.url.removeprefix("opc.tcp://").removesuffix("/cellwatt").split(":")
+    read = ["joint_1.position", "joint_1.velocity", "joint_1.temperature"]
+    settings = {"host": host, "port": port, "path": "/cellwatt", "model": "opc_40010", "read": read}
+    inlet = CollectingInlet()
+    driver = OpcUaDriver("arm", OpcUaSettings.model_validate(settings), inlet)
+    async with supervised(driver, inlet) as failures:
+        await inlet.until(lambda o: bool(o.readings) or bool(failures))
+    assert not failures
+    assert inlet.values[0] == pytest.approx([0.5, -0.25, 41.0])
+
+
+class Listener:
+    """Keeps events."""
+
+    def __init__(self) -> None:
+        self.events: list[Any] = []
+
+    def event_notification(self, event: Any) -> None:
+        self.events.append(event)
+
+    def states(self) -> list[tuple[bool, bool, bool]]:
+        return [(getattr(e, "ActiveState/Id"), getattr(e, "AckedState/Id"), e.Retain) for e in self.events]
+
+
+async def guesses_have_to_wait(outlet: OpcUaOutlet) -> None:
+    for _ in range(7):
+        with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+            async with client(outlet, "adam", "guess"):
+                pass
+    await eventually(lambda: outlet.account.counters["logins refused"] >= 2)
+    assert outlet.account.counters["failed logins"] == 5
+    async with client(outlet, "eve", "secret") as there:
+        assert await there.get_namespace_index(OWN)
+
+
+async def test_an_alarm_is_a_condition_that_users_acknowledge():
+    async with serving(users={"eve": "secret"}) as outlet, client(outlet, "eve", "secret") as there:
+        await guesses_have_to_wait(outlet)
+        listener = Listener()
+        subscription = await there.create_subscription(20, listener)
+        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        outlet.offer(alarm(1))
+        await eventually(lambda: listener.events)
+        raised = listener.events[0]
+        assert raised.Message.Text == "Joint 1 needs more power than it should."
+        assert (raised.Severity, raised.ConditionName, raised.SourceName) == (800, "joint_fault", "cell")
+        condition = there.get_node(raised.NodeId)
+        method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
+        note = ua.LocalizedText("on my way")
+        with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
+            await condition.call_method(method, b"another", note)
+        for foreign in (ua.Variant(2**31, ua.VariantType.UInt32), ua.Variant("event", ua.VariantType.String)):
+            with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
+                await condition.call_method(method, foreign, note)
+        await condition.call_method(method, raised.EventId, note)
+        assert outlet.view.acknowledged == [("alarm-1", "eve", "on my way")]
+        data = {"alarm": "alarm-1", "name": "eve", "note": "on my way"}
+        outlet.offer(Event(EPOCH, None, "acknowledged", "eve acknowledged alarm-1", data))
+        await eventually(lambda: len(listener.events) > 1)
+        with pytest.raises(ua.UaStatusCodeError, match="BadConditionBranchAlreadyAcked"):
+            await condition.call_method(method, listener.events[1].EventId, note)
+        await one_that_comes_later_asks_for_what_stands(outlet)
+        outlet.offer(alarm(1, active=False))
+        await eventually(lambda: len(listener.events) > 2)
+        assert listener.states() == [(True, False, True), (True, True, True), (False, True, False)]
+        outlet.offer(alarm(2))
+        await eventually(lambda: len(listener.events) > 3)
+        other = listener.events[3]
+        with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
+            await there.get_node(other.NodeId).call_method(method, other.EventId, note)
+
+
+async def one_that_comes_later_asks_for_what_stands(outlet: OpcUaOutlet) -> None:
+    async with client(outlet, "eve", "secret") as later:
+        listener = Listener()
+        subscription = await later.create_subscription(20, listener)
+        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        kind = later.get_node(ua.ObjectIds.ConditionType)
+        refresh = ua.NodeId(ua.ObjectIds.ConditionType_ConditionRefresh)
+        await kind.call_method(refresh, ua.Variant(subscription.subscription_id, ua.VariantType.UInt32))
+        await eventually(lambda: listener.events)
+        assert listener.states() == [(True, True, True)]
+        assert listener.events[0].ConditionName == "joint_fault"
+
+
+async def nobody_acknowledges_without_a_name(outlet: OpcUaOutlet) -> None:
+    async with client(outlet) as there:
+        listener = Listener()
+        subscription = await there.create_subscription(20, listener)
+        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        outlet.offer(alarm(1))
+        await eventually(lambda: listener.events)
+        raised = listener.events[0]
+        with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+            await there.get_node(raised.NodeId).call_method(
+                ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge), raised.EventId, ua.LocalizedText("")
+            )
+        assert not outlet.view.acknowledged
+
+
+async def too_much_is_refused_before_it_is_done(outlet: OpcUaOutlet) -> None:
+    """Limits are announced in the standard's nodes, and what is beyond them costs nobody any time."""
+    async with client(outlet) as there, client(outlet) as other:
+        limits = {name: await there.get_node(getattr(ua.ObjectIds, CAPABILITIES + name)).read_value() for name in (
+            "OperationLimits_MaxNodesPerRead", "OperationLimits_MaxNodesPerBrowse", "MaxSubscriptionsPerSession",
+        )}  # fmt: skip
+        assert limits == {
+            "OperationLimits_MaxNodesPerRead": OPERATIONS["MaxNodesPerRead"],
+            "OperationLimits_MaxNodesPerBrowse": OPERATIONS["MaxNodesPerBrowse"],
+            "MaxSubscriptionsPerSession": SUBSCRIPTIONS_OF_SESSION,
+        }
+        server = next(c for c in psutil.Process().children() if "cellwatt.outlets.opc_ua.serving" in c.cmdline())
+        before = server.memory_info().rss
+        names = [ua.ReadValueId(ua.NodeId(ua.ObjectIds.Server), ua.AttributeIds.DisplayName)]
+        ask = there.uaclient.read
+        assert len(await ask(ua.ReadParameters(NodesToRead=names * 1000))) == 1000
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManyOperations"):
+            await ask(ua.ReadParameters(NodesToRead=names * 5000))
+        paths = [ua.BrowsePath(ua.NodeId(ua.ObjectIds.RootFolder), ua.RelativePath())] * 201
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManyOperations"):
+            await there.uaclient.translate_browsepaths_to_nodeids(paths)
+        many = [await there.create_subscription(1, Listener()) for _ in range(SUBSCRIPTIONS_OF_SESSION)]
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManySubscriptions"):
+            await there.create_subscription(1000, Listener())
+        with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
+            await other.uaclient.delete_subscriptions([many[0].subscription_id])
+        with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):  # beyond the size of any request
+            await asyncio.wait_for(ask(ua.ReadParameters(NodesToRead=names * 50_000)), 10)
+        assert (await has_value(other, "mains.supply.power")).StatusCode.is_good()
+        assert server.memory_info().rss - before < 50e6
+
+
+async def idle_connections_and_endless_messages_are_cut_off(outlet: OpcUaOutlet) -> None:
+    host, port = outlet.url.removeprefix("opc.tcp://").removesuffix("/cellwatt").split(":")
+    idle = [await asyncio.open_connection(host, int(port)) for _ in range(100)]
+    async with client(outlet) as there:
+        assert await there.get_namespace_index(OWN)
+    reader, writer = await asyncio.open_connection(host, int(port))
+    with pytest.raises(ConnectionError):
+        writer.write(b"HELF" + (2**31).to_bytes(4, "little"))
+        for _ in range(200):
+            writer.write(bytes(65536))
+            await writer.drain()
+        await reader.readexactly(1)
+    await eventually(lambda: outlet.account.counters["connections displaced"] >= 50)
+    for _, each in [*idle, (reader, writer)]:
+        each.close()
+        with suppress(OSError):
+            await each.wait_closed()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("certificates")
+    return {name: certificate(folder, name) for name in ("server", "client", "stranger")}
+
+
+@pytest.mark.slow
+async def test_a_stranger_with_a_certificate_or_a_password_stays_out(files):
+    server, known, stranger = files["server"], files["client"], files["stranger"]
+    secure = {"certificate": server[0], "key": server[1], "trusted": [known[0]], "users": {"eve": "secret"}}
+    async with serving(**secure) as outlet:
+        for (certificate_, key), user, password, refused in (
+            (known, "eve", "secret", None),
+            (known, "eve", "guessed", "BadUserAccessDenied"),
+            (stranger, "eve", "secret", "BadCertificateUntrusted"),
+        ):
+            made = Client(outlet.url)
+            made.application_uri = f"urn:test:{certificate_.stem}"
+            mode = ua.MessageSecurityMode.SignAndEncrypt
+            await made.set_security(SecurityPolicyBasic256Sha256, str(certificate_), str(key), mode=mode)
+            made.set_user(user)
+            made.set_password(password)
+            if refused is None:
+                async with made:
+                    assert await made.get_namespace_index(OWN)
+            else:
+                with pytest.raises(ua.UaStatusCodeError, match=refused):
+                    await made.connect()
+        plain = Client(outlet.url)
+        with pytest.raises((ua.UaError, OSError, TimeoutError)):
+            await plain.connect()
+
+
+def test_an_array_is_no_longer_than_its_message(monkeypatch):
+    """2**31 - 1 empty items: the library would make them all."""
+    monkeypatch.setattr(ua_binary, "unpack_uatype_array", ua_binary.unpack_uatype_array)
+    bound_arrays()
+    with pytest.raises(NotEnoughData, match="an array of 2147483647 items in 4 bytes"):
+        ua_binary.variant_from_binary(Buffer(b"\x80\xff\xff\xff\x7f"))
+    for value in ([1.5, 2.5], ["a", ""], None):
+        told = ua_binary.variant_to_binary(ua.Variant(value))
+        assert ua_binary.variant_from_binary(Buffer(told)).Value == value
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"listen": "0.0.0.0:4840"}, "open to the network without a certificate and users or trusted certificates"),
+        ({"listen": "0.0.0.0:4840", "users": {"eve": "x"}}, "without a certificate"),
+        ({"certificate": __file__}, "are needed together"),
+        ({"trusted": [__file__]}, "of use only with a certificate"),
+        ({"listen": "here"}, "is not an address; expected host:port"),
+    ],
+)
+def test_what_is_open_to_the_network_is_refused(settings, text):
+    with pytest.raises(ValidationError, match=text):
+        OpcUaOutletSettings.model_validate(settings)
+
+
+def test_what_is_left_open_on_purpose_is_warned_of():
+    settings = OpcUaOutletSettings.model_validate({"listen": "0.0.0.0:4840", "open": True, "users": {"eve": "s3cret"}})
+    assert len(settings.warnings()) == 1
+    assert "s3cret" not in repr(settings)
+
+
+async def test_a_port_in_use_is_told():
+    server = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)
+    port = server.sockets[0].getsockname()[1]
+    async with server:
+        with pytest.raises(OutletError, match="cannot listen"):
+            async with serving(listen=f"127.0.0.1:{port}"):
+                pass
+
+
+async def a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet: OpcUaOutlet) -> None:
+    running = next(t for t in asyncio.all_tasks() if t.get_coro().__name__ == "run")
+    for child in psutil.Process().children():
+        if "cellwatt.outlets.opc_ua.serving" in child.cmdline():
+            child.kill()
+    await eventually(running.done)
+    with pytest.raises(OutletError, match="the OPC UA server ended"):
+        running.result()
+    for number in range(2000):
+        outlet.offer(frames(number))
+    assert outlet.account.dropped["queue: frames"] == 2000 - 512

@@ -1,0 +1,261 @@
+"""A cell for the page's tests: frames, results, a view that notes what people order, and a page served in-process."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import numpy as np
+
+from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
+from cellwatt.outlets.page.access import Gate, proof_of
+from cellwatt.outlets.page.app import Page
+from cellwatt.outlets.page.assets import Assets
+from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.passwords import hash_of
+from cellwatt.outlets.page.rooms import OneRoom, Room, prefix
+from cellwatt.outlets.page.sessions import Sessions
+from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.streams import Hub
+from cellwatt.results import Energy, Interval, Prediction, Task
+from tests.daemon.outlets.zenoh.fake_cell import FakeView
+
+SITE, CELL = "plant-1", "weld-3"
+EPOCH = 1_800_000_000_000_000_000
+MS = EPOCH / 1e6
+API = f"/api/cells/{SITE}/{CELL}"
+LAYOUT = Layout(
+    (
+        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
+        FrameChannel("arm.supply.power", "W", "continuous", "average"),
+        FrameChannel("arm.mode", "1", "discrete", "hold"),
+    ),
+    50.0,
+)
+PASSWORD = "correct horse"
+HASH = str(hash_of(PASSWORD, 2**14, 8, 1))
+USERS = {"ada": {"password": HASH, "may": "act"}, "eve": {"password": HASH}}
+
+
+def frames(first: int, count: int, layout: Layout = LAYOUT) -> Frames:
+    """Frames whose values say which they are: n/3, 100 + n, 4,000,000,000 + n; the power is missing every tenth."""
+    numbers = np.arange(first, first + count)
+    width = len(layout.channels)
+    values = np.column_stack([numbers / 3, np.where(numbers % 10 == 9, np.nan, 100.0 + numbers), 4e9 + numbers])
+    values = np.resize(values, (count, width)) if width != 3 else values
+    quality = np.zeros((count, width), np.uint8)
+    quality[numbers % 10 == 9, 1] = 4
+    return Frames(layout, first, EPOCH + numbers * layout.step, values, quality, np.ones((count, width), np.int64))
+
+
+def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
+    about: dict[str, Any] = {
+        "id": f"alarm-{number}",
+        "kind": "joint_fault",
+        "severity": "error",
+        "active": active,
+        "since": EPOCH,
+        "time": EPOCH + number * 1_000_000,
+        "statement": f"Joint {number} needs more power than it should.",
+        "source": "arm",
+        "joint": number,
+        "evidence": {"residual_W": 12.5},
+        "stage": "faults",
+    }
+    return Alarm(**{**about, **more})
+
+
+def interval(number: int) -> Interval:
+    start = EPOCH + number * 1_000_000_000
+    return Interval("arm", number, start, start + 500_000_000, (1, 2), (0.5,), (0.1,), (1.0,))
+
+
+TASK = Task("arm", "task_1", "abc", "speed=1.00", 1.0, EPOCH, EPOCH + 7_000_000_000, (1, 2), 3)
+ENERGY = Energy(
+    "arm", "task_1", "speed=1.00", 3, EPOCH, EPOCH + 7_000_000_000, 900.0, {"motion": 600.0}, 5.0, 400.0, 44.0
+)
+PREDICTION = Prediction("power", 0, (EPOCH, EPOCH + 20_000_000), {"power": (101.0, float("nan"))}, {"power": "W"})
+
+
+def status(alarms: Sequence[Mapping[str, Any]] = (), shelved: Sequence[Mapping[str, Any]] = (), **more: Any) -> Any:
+    """Health as the daemon tells it."""
+    return {
+        "site": SITE,
+        "cell": CELL,
+        "session": EPOCH,
+        "state": "green",
+        "time": EPOCH + 10_000_000_000,
+        "sources": {"arm": {"state": "ok", "received": 70, "missed": {"gap": 2}, "dropped": {"queue": 1}}},
+        "recorder": None,
+        "frames": {"count": 0},
+        "results": 0,
+        "alarms": list(alarms),
+        "shelved": list(shelved),
+        **more,
+    }
+
+
+class View(FakeView):
+    """A cell whose daemon notes what people order, and refuses what is about ``refused``."""
+
+    site, cell = SITE, CELL
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+        self.ordered: list[tuple[Any, ...]] = []
+
+    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
+        self._note("acknowledge", alarm_id, name, note)
+
+    def shelve(self, alarm_id: str, until: int, name: str, note: str) -> None:
+        self._note("shelve", alarm_id, until, name, note)
+
+    def unshelve(self, alarm_id: str, name: str) -> None:
+        self._note("unshelve", alarm_id, name)
+
+    def _note(self, *order: Any) -> None:
+        if order[1] == "alarm-13":
+            raise CellwattError("no alarm 'alarm-13' is active: it may have been cleared")
+        self.ordered.append(order)
+
+
+@dataclass
+class FakeArchive:
+    """What a record of nothing tells."""
+
+    folder: Path | None = None
+    asked: list[Any] = field(default_factory=list)
+    files: dict[str, Path] = field(default_factory=dict)
+
+    async def curves(self, live: Any, channels: Any, start: float, end: float, points: int) -> dict[str, Any]:
+        self.asked.append((tuple(channels), start, end, points))
+        return {
+            "t": [],
+            "v": {},
+            "step_ms": 20.0,
+            "intervals": [],
+            "alarms": [],
+            "from_record": False,
+            "complete": True,
+        }
+
+    async def alarms(self, live: Any, start: float, end: float, limit: int) -> dict[str, Any]:
+        self.asked.append((start, end, limit))
+        return {"alarms": [{"id": "alarm-1", "evidence_page": "evidence/a b.html"}], "complete": True}
+
+    async def reports(self) -> dict[str, Any]:
+        return {"reports": [{"path": "a b/x.html", "kind": "explain", "href": "elsewhere"}], "broken": []}
+
+    async def report(self, path: str) -> Path | None:
+        return self.files.get(path)
+
+    async def mismatch(self) -> dict[str, Any]:
+        return {"finding": None}
+
+
+@dataclass
+class Served:
+    """A page and what belongs to it."""
+
+    url: str
+    page: Page
+    feed: Feed
+    gate: Gate
+    archive: FakeArchive
+    browsers: Browsers
+    orders: list[Mapping[str, Any]]
+
+    @property
+    def hub(self) -> Hub:
+        return self.feed.hub
+
+
+STATIC = {
+    "index.html": b"<!doctype html><title>cellwatt</title>" + b" " * 2000,
+    "favicon.svg": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
+    "assets/main-1a2b.js": b"export const a = 1;\n" * 200,
+    "assets/main-1a2b.css": b"body{}",
+}
+
+
+def built(folder: Path) -> Assets:
+    for name, content in STATIC.items():
+        path = folder / "static" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    found = Assets(folder / "static")
+    found.load()
+    return found
+
+
+@asynccontextmanager
+async def served(
+    folder: Path, *, acts: bool = True, context: Any = None, archive: Any = None, **settings: Any
+) -> AsyncIterator[Served]:
+    """A page of one cell without a daemon."""
+    made = PageSettings(**{"listen": "127.0.0.1:0", **settings})
+    browsers, archive, orders = Browsers(made.browsers), archive or FakeArchive(), []
+    feed = Feed(SITE, CELL, Hub(browsers), f"{prefix(SITE, CELL)}/reports")
+
+    async def order(what: Mapping[str, Any]) -> None:
+        if what["alarm"] == "alarm-13":
+            raise CellwattError("no alarm 'alarm-13' is active: it may have been cleared")
+        orders.append(what)
+
+    gate = Gate(made, Sessions(None, lambda name: proof_of(made, name)))
+    rooms = OneRoom(Room(feed, archive, order if acts else None))
+    page = Page(made, gate, rooms, await asyncio.to_thread(built, folder), browsers)
+    url = (await page.start(context)).rstrip("/")
+    try:
+        yield Served(url, page, feed, gate, archive, browsers, orders)
+    finally:
+        await page.stop()
+
+
+def client() -> aiohttp.ClientSession:
+    """A browser: it keeps cookies, also of addresses."""
+    return aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True))
+
+
+async def csrf(browser: aiohttp.ClientSession, url: str) -> dict[str, str]:
+    """The header that a page of ours puts on what it posts."""
+    async with browser.get(f"{url}/api/site") as response:
+        return {"X-CSRF-Token": (await response.json())["csrf"]}
+
+
+async def log_in(browser: aiohttp.ClientSession, url: str, name: str, password: str = PASSWORD) -> int:
+    header = await csrf(browser, url)
+    async with browser.post(f"{url}/api/login", json={"name": name, "password": password}, headers=header) as response:
+        return response.status
+
+
+class Stream:
+    """What a browser reads of a stream, event by event."""
+
+    def __init__(self, response: aiohttp.ClientResponse) -> None:
+        self._response = response
+
+    async def next(self) -> tuple[str, Any]:
+        kind = ""
+        while True:
+            line = (await self._response.content.readline()).decode().rstrip("\n")
+            if line.startswith("event: "):
+                kind = line[7:]
+            elif line.startswith("data: "):
+                return kind, json.loads(line[6:])
+            elif not line and self._response.content.at_eof():
+                raise EOFError
+
+    async def until(self, kind: str) -> Any:
+        while True:
+            found, data = await self.next()
+            if found == kind:
+                return data

@@ -1,0 +1,361 @@
+"""Every answer of the page, as its front end asks for it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+
+from cellwatt.version import __version__
+from tests.daemon.outlets.page.cell import (
+    API,
+    CELL,
+    ENERGY,
+    EPOCH,
+    LAYOUT,
+    MS,
+    PREDICTION,
+    SITE,
+    STATIC,
+    TASK,
+    Served,
+    Stream,
+    alarm,
+    client,
+    csrf,
+    frames,
+    interval,
+    served,
+    status,
+)
+
+
+@pytest.fixture
+async def page(tmp_path: Path) -> AsyncIterator[Served]:
+    async with served(tmp_path) as found:
+        yield found
+
+
+@pytest.fixture
+async def browser() -> AsyncIterator[aiohttp.ClientSession]:
+    async with client() as found:
+        yield found
+
+
+async def get(browser: aiohttp.ClientSession, page: Served, path: str, status: int = 200) -> Any:
+    async with browser.get(page.url + path) as response:
+        assert response.status == status, await response.text()
+        assert response.content_type == "application/json"
+        return await response.json()
+
+
+async def post(browser: aiohttp.ClientSession, page: Served, path: str, body: Any, status: int = 200) -> Any:
+    header = await csrf(browser, page.url)
+    async with browser.post(page.url + path, json=body, headers=header) as response:
+        assert response.status == status, await response.text()
+        return await response.json()
+
+
+async def test_the_site_says_what_is_here_and_who_asks(browser: aiohttp.ClientSession, page: Served) -> None:
+    told = await get(browser, page, "/api/site")
+    assert len(told.pop("csrf")) == 64
+    assert told == {
+        "mode": "cell",
+        "site": SITE,
+        "cells": [{"site": SITE, "cell": CELL}],
+        "user": None,
+        "may_act": True,
+        "login_needed": False,
+        "version": __version__,
+    }
+
+
+@pytest.mark.parametrize("path", ["/", "/plant", "/login", f"/cell/{SITE}/{CELL}", f"/cell/{SITE}/{CELL}/alarms"])
+async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession, page: Served, path: str) -> None:
+    async with browser.get(page.url + path) as response:
+        assert (response.status, response.content_type) == (200, "text/html")
+        assert await response.read() == STATIC["index.html"]
+        assert response.headers["Cache-Control"] == "no-cache"
+        tag = response.headers["ETag"]
+    async with browser.get(page.url + path, headers={"If-None-Match": tag}) as response:
+        assert (response.status, await response.read()) == (304, b"")
+
+
+async def test_built_files_are_packed_and_kept_for_ever(page: Served) -> None:
+    async with aiohttp.ClientSession(auto_decompress=False) as browser:
+        async with browser.get(page.url + "/assets/main-1a2b.js", headers={"Accept-Encoding": "gzip"}) as response:
+            assert response.headers["Cache-Control"] == "public, max-age=31536000, immutable"
+            assert response.headers["Content-Encoding"] == "gzip"
+            assert response.content_type == "text/javascript"
+            assert len(await response.read()) < len(STATIC["assets/main-1a2b.js"]) / 10
+        async with browser.get(page.url + "/assets/main-1a2b.js", headers={"Accept-Encoding": "identity"}) as response:
+            assert await response.read() == STATIC["assets/main-1a2b.js"]
+        async with browser.get(page.url + "/favicon.svg") as response:
+            assert response.content_type == "image/svg+xml"
+
+
+async def test_the_state_before_anything_is_heard(browser: aiohttp.ClientSession, page: Served) -> None:
+    assert await get(browser, page, f"{API}/state") == {
+        "time": None,
+        "session": None,
+        "status": {},
+        "heard_age_s": None,
+        "channels": [],
+        "alarms": [],
+        "shelved": [],
+        "intervals": [],
+        "task": None,
+        "energies": {},
+        "predictions": [],
+        "arms": [],
+        "may_act": True,
+        "record": False,
+    }
+
+
+async def test_the_state_has_all_that_the_cell_told_in_ms(browser: aiohttp.ClientSession, page: Served) -> None:
+    feed = page.feed
+    feed.take_frames(frames(0, 2))
+    for kind, item in {"interval": interval(1), "task": TASK, "energy": ENERGY, "prediction": PREDICTION}.items():
+        feed.take_item(kind, asdict(item))
+    feed.take_item("alarm", asdict(alarm(1)))
+    feed.take_item("event", evidence("alarm-1", "weld-3_x.mcap"))
+    known = {"name": "ada", "note": "seen", "time": EPOCH + 3_000_000}
+    health = status([{**asdict(alarm(1)), "acknowledged": known}], [shelved(2)])
+    feed.take_health(health)
+    told = await get(browser, page, f"{API}/state")
+    assert told["time"] == MS + 10_000
+    assert told["status"]["sources"]["arm"]["missed"] == {"gap": 2}
+    assert 0 <= told["heard_age_s"] < 60
+    assert told["channels"][2] == {"name": "arm.mode", "unit": "1", "kind": "discrete", "source": "arm"}
+    assert told["intervals"] == [
+        {"source": "arm", "number": 1, "start": MS + 1000, "end": MS + 1500, "moving": [1, 2], "closed": True}
+    ]
+    assert told["task"]["name"] == "task_1"
+    assert (told["task"]["start"], told["task"]["end"]) == (MS, MS + 7000)
+    (energy,) = told["energies"]["task_1"]
+    assert (energy["total"], energy["groups"], energy["end"]) == (900.0, {"motion": 600.0}, MS + 7000)
+    assert told["predictions"] == [{"model": "power", "outputs": {"power": "W"}}]
+    (up,) = told["alarms"]
+    assert up["acknowledged"] == {"name": "ada", "note": "seen", "time": MS + 3}
+    assert (up["since"], up["time"], up["evidence"]) == (MS, MS + 1, {"residual_W": 12.5})
+    assert up["evidence_page"] == f"{API}/reports/evidence/weld-3_x.html"
+    assert told["shelved"] == [
+        {
+            "id": "alarm-2",
+            "kind": "joint_fault",
+            "severity": "error",
+            "statement": "It squeaks.",
+            "since": MS,
+            "shelf": {"name": "ada", "note": "known", "time": MS + 1, "until": MS + 60_000, "severity": "error"},
+        }
+    ]
+
+
+def evidence(alarm_id: str, pack: str) -> dict[str, Any]:
+    data = {"alarms": [alarm_id], "pack": pack}
+    return {"time": EPOCH, "source": "arm", "kind": "evidence", "text": "kept", "data": data}
+
+
+def shelved(number: int) -> dict[str, Any]:
+    shelf = {"name": "ada", "note": "known", "time": EPOCH + 1_000_000, "until": EPOCH + 60_000_000_000}
+    return {
+        "id": f"alarm-{number}",
+        "kind": "joint_fault",
+        "severity": "error",
+        "statement": "It squeaks.",
+        "since": EPOCH,
+        "shelf": {**shelf, "severity": "error"},
+    }
+
+
+async def test_a_stream_has_frames_and_all_events(browser: aiohttp.ClientSession, page: Served) -> None:
+    page.feed.take_frames(frames(0, 1))
+    page.feed.take_health(status())
+    wanted = "arm.supply.power,arm.mode,nonsense"
+    async with browser.get(f"{page.url}{API}/stream?channels={wanted}&rate=25") as response:
+        assert response.content_type == "text/event-stream"
+        stream = Stream(response)
+        assert (await stream.until("health"))["state"] == "green"
+        page.feed.take_frames(frames(5, 5))
+        got = await stream.until("frames")
+        assert got == {
+            "t": [MS + 20 * n for n in range(5, 10)],
+            "v": {
+                "arm.supply.power": [105.0, 106.0, 107.0, 108.0, None],
+                "arm.mode": [4e9 + n for n in range(5, 10)],
+            },
+            "q": {"arm.supply.power": 4, "arm.mode": 0},
+        }
+        feed = page.feed
+        feed.take_item("prediction", asdict(PREDICTION))
+        assert await stream.until("prediction") == {"model": "power", "t": [MS, MS + 20], "v": {"power": [101.0, None]}}
+        feed.take_item("interval", asdict(interval(3)))
+        assert (await stream.until("interval"))["number"] == 3
+        feed.take_item("task", asdict(TASK))
+        assert (await stream.until("task"))["repetition"] == 3
+        feed.take_item("energy", asdict(ENERGY))
+        assert (await stream.until("energy"))["total"] == 900.0
+        feed.take_item("alarm", asdict(alarm(1)))
+        assert (await stream.until("alarm"))["active"] is True
+        feed.take_item("event", evidence("alarm-1", "x.mcap"))
+        assert (await stream.until("event"))["t"] == MS
+        assert (await stream.until("alarm"))["evidence_page"].endswith("/evidence/x.html")
+        feed.take_health(status(shelved=[shelved(1)]))
+        assert (await stream.until("shelved"))[0]["id"] == "alarm-1"
+        feed.take_gap("3 of frame were lost: too late")
+        assert await stream.until("gap") == {"text": "3 of frame were lost: too late"}
+
+
+async def test_a_stream_always_has_the_joints_of_the_arms(browser: aiohttp.ClientSession, page: Served) -> None:
+    page.feed.arms = [{"source": "arm", "joints": [{"channel": "arm.joint_1.position"}, {"channel": None}]}]
+    async with browser.get(f"{page.url}{API}/stream?rate=25") as response:
+        page.feed.take_frames(frames(0, 2))
+        got = await Stream(response).until("frames")
+        assert got["v"] == {"arm.joint_1.position": [0.0, 0.3333333]}
+
+
+async def test_other_channels_end_the_stream_so_that_the_browser_asks_anew(
+    browser: aiohttp.ClientSession, page: Served
+) -> None:
+    page.feed.take_frames(frames(0, 1))
+    async with browser.get(f"{page.url}{API}/stream") as response:
+        page.feed.take_frames(frames(1, 1, type(LAYOUT)(LAYOUT.channels[:2], 50.0)))
+        with pytest.raises(EOFError):
+            await Stream(response).until("never")
+
+
+async def test_curves_alarms_and_reports_come_from_the_record(
+    browser: aiohttp.ClientSession, page: Served, tmp_path: Path
+) -> None:
+    asked = f"{API}/curves?channels=a,b,a&from={MS}&to={MS + 1000}&points=50"
+    assert (await get(browser, page, asked))["complete"] is True
+    (told,) = (await get(browser, page, f"{API}/alarms?from={MS}&to={MS + 1000}&limit=5"))["alarms"]
+    assert told == {"id": "alarm-1", "evidence_page": f"{API}/reports/evidence/a%20b.html"}
+    assert page.archive.asked == [(("a", "b"), MS, MS + 1000, 50), (MS, MS + 1000, 5)]
+    (report,) = (await get(browser, page, f"{API}/reports"))["reports"]
+    assert report["href"] == f"{API}/reports/a%20b/x.html"
+    page.archive.files["a b/x.html"] = tmp_path / "x.html"
+    await asyncio.to_thread((tmp_path / "x.html").write_text, "<!doctype html><script>1</script>")
+    async with browser.get(page.url + report["href"]) as response:
+        assert (response.status, response.content_type) == (200, "text/html")
+        assert response.headers["Content-Security-Policy"].startswith("sandbox allow-scripts; default-src 'none';")
+        assert await response.text() == "<!doctype html><script>1</script>"
+    assert await get(browser, page, f"{API}/reports/../secret", 404)
+    assert await get(browser, page, f"{API}/mismatch") == {"finding": None}
+
+
+async def test_one_cell_is_a_plant_of_one(browser: aiohttp.ClientSession, page: Served) -> None:
+    page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], power_W=123.5))
+    (cell,) = (await get(browser, page, "/api/plant"))["cells"]
+    assert 0 <= cell.pop("age_s") < 60
+    assert cell == {
+        "site": SITE,
+        "cell": CELL,
+        "state": "green",
+        "time": MS + 10_000,
+        "sources": 1,
+        "sources_ok": 1,
+        "received": 70,
+        "lost": 3,
+        "alarms": [
+            {
+                "id": "alarm-1",
+                "severity": "error",
+                "since": MS,
+                "statement": "Joint 1 needs more power than it should.",
+                "acknowledged": False,
+            }
+        ],
+        "shelved": 0,
+        "power_W": 123.5,
+        "energy_today_J": None,
+        "task": None,
+        "page": None,
+    }
+    await get(browser, page, "/api/plant/stream", 404)
+
+
+@pytest.mark.parametrize(
+    ("path", "code"),
+    [
+        ("/nothing", 404),
+        ("/api/cells/plant-1/weld-9/state", 404),
+        ("/api/cells/other/weld-3/state", 404),
+        ("/assets/../app.py", 404),
+        ("/assets/%2e%2e/app.py", 404),
+        ("/assets/..%2f..%2fapp.py", 404),
+        ("/assets/%2fetc%2fpasswd", 404),
+        (f"{API}/stream?rate=fast", 400),
+        (f"{API}/stream?rate=nan", 400),
+        (f"{API}/curves?from=5&to=1", 400),
+        (f"{API}/curves?from=1e400", 400),
+        (f"{API}/curves?channels={','.join(map(str, range(101)))}", 400),
+        (f"{API}/alarms?limit=x", 400),
+        ("/api/login", 405),
+    ],
+)
+async def test_what_cannot_be_answered_is_one_line(
+    browser: aiohttp.ClientSession, page: Served, path: str, code: int
+) -> None:
+    from yarl import URL
+
+    async with browser.get(URL(page.url + path, encoded=True)) as response:
+        assert response.status == code
+        told = await response.json()
+        assert list(told) == ["error"]
+        assert told["error"]
+        assert "\n" not in told["error"]
+
+
+async def test_what_people_say_reaches_the_daemon(browser: aiohttp.ClientSession, page: Served) -> None:
+    page.feed.take_item("alarm", asdict(alarm(1)))
+    page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], [shelved(2)]))
+    body = {"id": "alarm-1", "name": " Ada\x1b[31m ", "note": "a new\nbelt is ordered"}
+    assert await post(browser, page, f"{API}/acknowledge", body) == {}
+    await post(browser, page, f"{API}/shelve", {"id": "alarm-1", "name": "Ada", "minutes": 30, "note": ""})
+    await post(browser, page, f"{API}/unshelve", {"id": "alarm-2", "name": "Ada"})
+    first, second, third = page.orders
+    assert first == {"what": "acknowledge", "alarm": "alarm-1", "name": "Ada [31m", "note": "a new belt is ordered"}
+    assert second["until"] > EPOCH - 100 * 365 * 86400 * 10**9
+    assert third == {"what": "unshelve", "alarm": "alarm-2", "name": "Ada", "note": ""}
+
+
+@pytest.mark.parametrize(
+    ("what", "body", "code", "error"),
+    [
+        ("acknowledge", {"id": "alarm-9", "name": "Ada", "note": ""}, 409, "alarm 'alarm-9' is not active"),
+        ("unshelve", {"id": "alarm-1", "name": "Ada"}, 409, "alarm 'alarm-1' is not on the shelf"),
+        ("acknowledge", {"id": "alarm-13", "name": "Ada", "note": ""}, 409, "no alarm 'alarm-13' is active: it may"),
+        ("acknowledge", {"id": "alarm-1", "note": ""}, 400, "name: expected a text"),
+        ("acknowledge", {"id": "alarm-1", "name": " \x00", "note": ""}, 400, "name: expected a text that is not empty"),
+        ("acknowledge", {"id": 5, "name": "Ada"}, 400, "id: expected a text"),
+        ("acknowledge", {"id": "alarm-1", "name": "Ada", "note": "x" * 1001}, 400, "note: expected a text of at most"),
+        ("shelve", {"id": "alarm-1", "name": "Ada"}, 400, "minutes: expected a number"),
+        ("shelve", {"id": "alarm-1", "name": "Ada", "minutes": True}, 400, "minutes: expected a number"),
+        ("shelve", {"id": "alarm-1", "name": "Ada", "minutes": 1e9}, 400, "minutes: expected a number"),
+        ("acknowledge", [1], 400, "expected a JSON object"),
+        ("acknowledge", {"id": "x" * 20000}, 413, ""),
+    ],
+)
+async def test_what_people_say_wrongly_does_nothing(
+    browser: aiohttp.ClientSession, page: Served, what: str, body: Any, code: int, error: str
+) -> None:
+    page.feed.take_item("alarm", asdict(alarm(1)))
+    page.feed.take_item("alarm", asdict(alarm(13)))
+    told = await post(browser, page, f"{API}/{what}", body, code)
+    assert error in told["error"]
+    assert page.orders == []
+
+
+async def test_where_nothing_can_be_changed_it_says_where(browser: aiohttp.ClientSession, tmp_path: Path) -> None:
+    async with served(tmp_path, acts=False) as page:
+        page.feed.take_item("alarm", asdict(alarm(1)))
+        told = await post(browser, page, f"{API}/acknowledge", {"id": "alarm-1", "name": "Ada", "note": ""}, 403)
+        assert told == {"error": "acknowledge on the cell's own page"}
+        assert (await get(browser, page, f"{API}/state"))["may_act"] is False

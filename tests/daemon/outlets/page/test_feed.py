@@ -1,0 +1,310 @@
+"""What the page knows of a cell, by what the cell tells; curves of the last minute."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cellwatt.live.state import LiveCell
+from cellwatt.outlets.apart import wire
+from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.page import fresh, shapes
+from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.feed import LOST, Feed
+from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
+from cellwatt.subscriber import Gap, Health, Message
+from tests.daemon.outlets.page.cell import (
+    CELL,
+    ENERGY,
+    EPOCH,
+    LAYOUT,
+    MS,
+    PREDICTION,
+    SITE,
+    alarm,
+    frames,
+    interval,
+    status,
+)
+from tests.daemon.outlets.page.test_api import shelved
+
+
+class Heard(Hub):
+    """Keeps what browsers would be told."""
+
+    def __init__(self) -> None:
+        super().__init__(Browsers(1))
+        self.told: list[tuple[str, Any]] = []
+        self.ended = 0
+
+    def tell(self, event: str, data: Any) -> None:
+        if event != "health":
+            self.told.append((event, data))
+
+    def end(self) -> None:
+        self.ended += 1
+
+    def take(self) -> list[tuple[str, Any]]:
+        told, self.told = self.told, []
+        return told
+
+
+@pytest.fixture
+def hub() -> Heard:
+    return Heard()
+
+
+@pytest.fixture
+def feed(hub: Heard) -> Feed:
+    return Feed(SITE, CELL, hub)
+
+
+def up(number: int, acknowledged: Any = None) -> dict[str, Any]:
+    return {**asdict(alarm(number)), "acknowledged": acknowledged}
+
+
+def test_an_alarm_that_only_health_tells_of_is_up(feed: Feed, hub: Heard) -> None:
+    feed.take_health(status())
+    feed.take_health(status([up(1)]))
+    ((kind, told),) = hub.take()
+    assert (kind, told["id"], told["active"]) == ("alarm", "alarm-1", True)
+    assert feed.is_up("alarm-1")
+    feed.take_health(status([up(1)]))
+    assert hub.take() == []
+
+
+def test_an_alarm_that_health_does_not_know_is_over(feed: Feed, hub: Heard) -> None:
+    feed.take_item("alarm", asdict(alarm(1)))
+    feed.take_item("alarm", asdict(alarm(2, time=EPOCH + 20_000_000_000)))
+    hub.take()
+    feed.take_health(status())
+    ((_, told),) = hub.take()
+    assert (told["id"], told["active"], told["statement"]) == ("alarm-1", False, LOST)
+    assert [a["id"] for a in feed.state()["alarms"]] == ["alarm-2"], "it was raised after health was taken"
+
+
+def test_an_alarm_on_the_shelf_is_not_over(feed: Feed, hub: Heard) -> None:
+    feed.take_item("alarm", asdict(alarm(2)))
+    hub.take()
+    feed.take_health(status(shelved=[shelved(2)]))
+    assert [kind for kind, _ in hub.take()] == ["shelved"]
+    assert feed.state()["alarms"] == []
+    assert feed.is_shelved("alarm-2")
+    assert len(feed.live.cleared) == 0
+    feed.take_health(status([up(2)]))
+    assert [kind for kind, _ in hub.take()] == ["alarm", "shelved"]
+    assert feed.is_up("alarm-2")
+
+
+def test_an_acknowledgement_is_told_once_and_ends_with_the_alarm(feed: Feed, hub: Heard) -> None:
+    known = {"name": "ada", "note": "seen", "time": EPOCH}
+    feed.take_health(status([up(1)]))
+    hub.take()
+    data = {"alarm": "alarm-1", "name": "ada", "note": "seen"}
+    feed.take_item("event", {"time": EPOCH, "source": None, "kind": "acknowledged", "text": "", "data": data})
+    (_, (_, told)) = hub.take()
+    assert told["acknowledged"] == {"name": "ada", "note": "seen", "time": MS}
+    feed.take_health(status([up(1, known)]))
+    assert hub.take() == [], "health says the same"
+    feed.take_item("alarm", asdict(alarm(1, active=False)))
+    ((_, told),) = hub.take()
+    assert (told["active"], told["acknowledged"]) == (False, None)
+
+
+def test_messages_of_a_subscriber_are_the_same(feed: Feed, hub: Heard) -> None:
+    def take(topic: str, content: Any) -> None:
+        feed.take(Message(topic, EPOCH, 0, False, content))
+
+    take("health", Health(EPOCH, EPOCH, {}, status()))
+    take("frame", frames(0, 3))
+    take("prediction/power", PREDICTION)
+    take("interval", interval(1))
+    take("alarm", alarm(1))
+    take("frame", Gap(3, "too late"))
+    assert [kind for kind, _ in hub.take()] == ["interval", "alarm", "gap"]
+    told = feed.state()
+    assert told["session"] == MS
+    assert [len(told[name]) for name in ("channels", "alarms", "intervals", "predictions")] == [3, 1, 1, 1]
+    take("health", Health(EPOCH + 5, EPOCH, {}, status()))
+    assert feed.state()["alarms"] == [], "a daemon that was started again"
+    assert hub.ended == 1
+
+
+# curves of the last minute ------------------------------------------------------------------------
+
+
+def lively(count: int) -> LiveCell:
+    live = LiveCell()
+    live.add_frames(frames(0, count))
+    live.add("prediction", asdict(PREDICTION))
+    return live
+
+
+NAMES = ("arm.joint_1.position", "arm.supply.power", "prediction/power/power", "nonsense")
+
+
+def test_curves_at_the_step_of_the_frames_have_one_value() -> None:
+    got = fresh.curves(lively(20), NAMES, MS + 40, MS + 200, 1000)
+    assert got["step_ms"] == 20.0
+    assert got["t"] == [MS + 20 * n for n in range(2, 10)]
+    assert got["v"]["arm.supply.power"] == {"min": [*(100.0 + n for n in range(2, 9)), None]}
+    assert got["v"]["nonsense"] == {"min": [None] * 8}
+    assert fresh.curves(lively(20), NAMES, MS, MS + 40, 10)["v"]["prediction/power/power"] == {"min": [101.0, None]}
+
+
+def test_longer_curves_have_the_least_and_most_of_each_span() -> None:
+    got = fresh.curves(lively(200), NAMES[:2], MS, MS + 4000, 20)
+    assert got["step_ms"] == 200.0
+    assert len(got["t"]) == 20
+    values = frames(0, 200).values[:, 1].reshape(20, 10)
+    assert got["v"]["arm.supply.power"]["min"] == np.nanmin(values, axis=1).tolist()
+    assert got["v"]["arm.supply.power"]["max"] == np.nanmax(values, axis=1).tolist()
+
+
+def test_curves_never_have_more_points_than_asked_for() -> None:
+    for points in (1, 3, 7, 50, 199):
+        for start in (0.0, 3.0, 1999.0):
+            got = fresh.curves(lively(200), NAMES[:1], MS + start, MS + 4000, points)
+            assert len(got["t"]) <= points
+
+
+def test_the_end_of_recorded_curves_is_from_memory() -> None:
+    live = lively(100)
+    told = {"step_ms": 200.0, "t": [MS - 400, MS - 200, MS, MS + 200], "intervals": [], "alarms": []}
+    told["v"] = {"arm.supply.power": {"min": [1.0, 2.0, 3.0, 4.0], "max": [5.0, 6.0, 7.0, 8.0]}}
+    got = fresh.joined(told, live, NAMES[1:2], MS - 400, MS + 2000, 12)
+    assert got["t"] == [MS - 400 + 200 * n for n in range(12)]
+    power = got["v"]["arm.supply.power"]
+    assert power["min"][:3] == [1.0, 2.0, 100.0]
+    assert power["max"][:3] == [5.0, 6.0, 108.0]
+    assert len(power["min"]) == len(power["max"]) == 12
+
+
+def test_of_a_month_memory_adds_nothing() -> None:
+    told = {"step_ms": 600_000.0, "t": [MS], "v": {"a": {"min": [1.0], "max": [1.0]}}, "intervals": [], "alarms": []}
+    assert fresh.joined(told, lively(10), ("a",), MS, MS + 1e9, 100) is told
+
+
+def test_an_empty_record_is_no_obstacle() -> None:
+    told = {"step_ms": 0.0, "t": [], "v": {}, "intervals": [], "alarms": []}
+    got = fresh.joined(told, lively(5), NAMES[1:2], MS, MS + 100, 100)
+    assert got["t"] == [MS + 20 * n for n in range(5)]
+    assert got["v"] == {"arm.supply.power": {"min": [100.0, 101.0, 102.0, 103.0, 104.0]}}
+
+
+def test_intervals_and_alarms_are_told_once() -> None:
+    live = lively(5)
+    live.add("interval", asdict(interval(1)))
+    live.add("alarm", asdict(alarm(1)))
+    live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000)))
+    live.add("alarm", asdict(alarm(2)))
+    recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS, "cleared": None}
+    told = {"intervals": [shapes.interval(asdict(interval(1)))], "alarms": [recorded]}
+    got = fresh.marks(told, live, MS, MS + 2000)
+    assert len(got["intervals"]) == 1
+    assert {(a["id"], a["cleared"]) for a in got["alarms"]} == {("alarm-1", MS + 500), ("alarm-2", None)}
+    assert fresh.marks(None, live, MS + 600, MS + 700) == {"intervals": [], "alarms": got["alarms"][1:]}
+
+
+def test_alarms_in_memory_are_a_short_history() -> None:
+    live = lively(5)
+    live.add("alarm", asdict(alarm(1)))
+    live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000, statement="Resolved.")))
+    live.add("alarm", asdict(alarm(2)))
+    got = fresh.alarms(live, MS, MS + 2000, 10)
+    assert [(a["id"], a["cleared"], a["cleared_statement"]) for a in got["alarms"]] == [
+        ("alarm-2", None, None),
+        ("alarm-1", MS + 500, "Resolved."),
+    ]
+    assert got["complete"] is True
+    assert fresh.alarms(live, MS, MS + 2000, 1)["complete"] is False
+    assert [a["id"] for a in fresh.alarms(live, MS + 600, MS + 700, 10)["alarms"]] == ["alarm-2"]
+
+
+# forms --------------------------------------------------------------------------------------------
+
+
+def test_continuous_values_are_rounded_and_no_others() -> None:
+    exact = np.array([1234567.891, -0.000123456789, 0.0, np.nan, np.inf, 5e-320])
+    got = shapes.significant(exact)
+    assert got[:3].tolist() == [1234568.0, -0.0001234568, 0.0]
+    assert np.isnan(got[3])
+    assert got[4] == np.inf
+    told = shapes.frames([frames(1, 1)], ("arm.joint_1.position", "arm.mode"))
+    assert told["v"] == {"arm.joint_1.position": [0.3333333], "arm.mode": [4000000001.0]}
+
+
+async def test_the_wire_gives_back_what_it_was_given() -> None:
+    import asyncio
+
+    reader = asyncio.StreamReader()
+    sent = frames(7, 11)
+    reader.feed_data(wire.layout(LAYOUT) + wire.frames(sent) + wire.item(ENERGY))
+    reader.feed_eof()
+    kind, body = await wire.receive(reader) or (None, b"")
+    assert kind is Kind.LAYOUT
+    columns = wire.read_layout(body)
+    assert columns == LAYOUT
+    _, body = await wire.receive(reader) or (None, b"")
+    got = wire.read_frames(body, columns)
+    assert got.sequence == 7
+    assert np.array_equal(got.time, sent.time)
+    assert np.array_equal(got.values, sent.values, equal_nan=True)
+    assert np.array_equal(got.quality, sent.quality)
+    kind, body = await wire.receive(reader) or (None, b"")
+    assert kind is Kind.ITEM
+    assert b'"kind":"energy"' in body
+    assert await wire.receive(reader) is None
+
+
+@pytest.mark.parametrize("data", [b"\x63\x00\x00\x00\x01x", b"\x03\xff\xff\xff\xff"])
+async def test_nonsense_on_the_wire_is_an_error(data: bytes) -> None:
+    import asyncio
+
+    from cellwatt import ProtocolError
+
+    reader = asyncio.StreamReader()
+    reader.feed_data(data)
+    with pytest.raises(ProtocolError):
+        await wire.receive(reader)
+
+
+@pytest.mark.parametrize("body", [b"", b"x" * 11, wire.frames(frames(0, 2))[5:-1], b"\x00" * 8 + b"\xff" * 4])
+def test_frames_of_another_size_are_an_error(body: bytes) -> None:
+    from cellwatt import ProtocolError
+
+    with pytest.raises(ProtocolError):
+        wire.read_frames(body, LAYOUT)
+
+
+def test_energy_of_today_counts_each_message_once() -> None:
+    energy = EnergyToday()
+    now = EPOCH * 1e-9
+    energy.add(1, 0, EPOCH - 2 * 86400 * 10**9, 5.0, "old")
+    assert energy.total(now) is None
+    for _ in range(2):
+        energy.add(1, 1, EPOCH, 10.0, "task_1")
+        energy.add(2, 1, EPOCH, 20.0, "task_2")
+    energy.add(2, 2, EPOCH, float("nan"), "task_2")
+    energy.add(1, 0, EPOCH - 2 * 86400 * 10**9, 5.0, "old")
+    assert energy.total(now) == 30.0
+    assert energy.task == "task_2"
+    assert energy.total(now + 2 * 86400) is None
+
+
+def test_only_addresses_of_the_web_are_followed() -> None:
+    def told(url: Any) -> Any:
+        return {"sinks": {"page": {"url": url}}}
+
+    assert page_of(told("https://weld-3:8480/")) == "https://weld-3:8480/"
+    for status_ in (told("javascript:alert(1)"), told(5), told(None), {"sinks": 5}, {"sinks": {"page": 5}}, {}):
+        assert page_of(status_) is None
+
+
+def test_a_cell_that_does_not_answer_and_one_that_is_gone() -> None:
+    assert plant_cell(SITE, CELL, {})["state"] is None
+    assert plant_cell(SITE, CELL, status(), gone=True)["state"] == "gone"

@@ -1,0 +1,658 @@
+"""Curves out of recordings: true extremes whatever the span, from level files that may be damaged or missing."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import math
+import os
+import tempfile
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cellwatt.errors import CellwattError
+from cellwatt.outlets.page.levels import Curves, curves, level_file, sources, store, telling
+from cellwatt.outlets.page.levels.buckets import STEPS, Grid, chosen, of_samples
+from cellwatt.outlets.page.levels.keeping import Keeper
+from cellwatt.outlets.page.levels.sources import gather
+from cellwatt.record import Recorder, RecordSettings, recover
+from cellwatt.record.header import FileName
+from tests.daemon.outlets.page.recorded import (
+    CELL,
+    HEADER,
+    MS,
+    SESSION,
+    STEP,
+    S,
+    Written,
+    alarm,
+    frames,
+    interval,
+    prediction,
+    recording,
+)
+from tests.patience import wait_until
+
+START = SESSION / MS  # ms
+LARGEST = float(np.finfo(np.float32).max)
+
+
+def extremes(time: np.ndarray, values: np.ndarray, edges: list[float], step: float) -> tuple[list, list]:
+    """Of the samples from each edge (ms) on: by a loop over all of them."""
+    low: dict[int, float] = {}
+    high: dict[int, float] = {}
+    for t, v in zip(time.tolist(), values.tolist(), strict=True):
+        place = (t - round(edges[0] * MS)) // round(step * MS)
+        if math.isfinite(v) and 0 <= place < len(edges):
+            low[place], high[place] = min(v, low.get(place, v)), max(v, high.get(place, v))
+    return [low.get(i) for i in range(len(edges))], [high.get(i) for i in range(len(edges))]
+
+
+def same(found: list, true: list) -> bool:
+    """Equal as single-precision numbers, and None in the same places."""
+    return [*map(single, found)] == [*map(single, true)]
+
+
+def single(value: float | None) -> np.float32 | None:
+    return None if value is None else np.float32(np.clip(value, -LARGEST, LARGEST))
+
+
+def in_chunks(time: np.ndarray, values: np.ndarray, size: int, **more) -> list:
+    return [[frames(time[i : i + size], values[i : i + size], **more)] for i in range(0, len(time), size)]
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+# extremes -------------------------------------------------------------------------------------------
+
+GAPS = st.lists(st.integers(1, 400), min_size=1, max_size=5)
+SPIKES = st.lists(st.tuples(st.integers(0, 10**6), st.sampled_from([1e9, -1e9, math.nan, math.inf, -math.inf, 1e300])))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 2**32),
+    GAPS,
+    SPIKES,
+    st.integers(1, 40),
+    st.lists(st.integers(1, 3), min_size=1, max_size=3),
+    st.floats(0, 0.9),
+    st.floats(0.001, 1),
+    st.integers(2, 300),
+    st.sampled_from([STEP, 10 * STEP, 500 * STEP]),
+)
+def test_every_step_has_the_true_extremes(seed, gaps, spikes, chunk, files, begin, length, points, step):
+    random = np.random.default_rng(seed)
+    ticks = np.cumsum(np.concatenate([[g, *np.ones(random.integers(1, 300), int)] for g in gaps]))
+    time = SESSION + ticks * step
+    values = random.standard_normal(len(time)).cumsum()
+    for place, value in spikes:
+        values[place % len(values)] = value
+    parts = np.array_split(np.arange(len(time)), len(files))
+    start = START + begin * (time[-1] - SESSION) / MS
+    end = start + max(length * (time[-1] - SESSION + step) / MS, 0.001)
+    with tempfile.TemporaryDirectory() as folder:
+        for number, part in enumerate(parts, 1):
+            if len(part):
+                recording(Path(folder), in_chunks(time[part], values[part], chunk, rate=1e9 / step), number)
+        found = Curves(Path(folder), CELL).curves(["arm.power"], start, end, points)
+    assert len(found["t"]) <= points
+    assert found["complete"] and found["from_record"]
+    given_ = found["v"]["arm.power"]
+    if "max" in given_:
+        low, high = extremes(time, values, found["t"], found["step_ms"])
+        assert same(given_["min"], low) and same(given_["max"], high)
+        assert found["t"][0] <= start and found["t"][-1] + found["step_ms"] >= end
+    else:
+        inside = (time / MS >= start) & (time / MS < end)
+        shown = {round(t * MS): v for t, v in zip(found["t"], given_["min"], strict=True) if v is not None}
+        kept = inside & np.isfinite(values)
+        assert dict(zip(time[kept].tolist(), values[kept].tolist(), strict=True)) == pytest.approx(shown)
+    assert found["t"] == sorted(set(found["t"]))
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+@given(st.integers(0, 10**18), st.integers(1, 40 * 86400 * S), st.integers(2, 5000))
+def test_levels_read_are_few_for_each_point(start, length, points):
+    level, grid = chosen(start, start + length, points)
+    assert grid.count <= points
+    assert grid.start <= start and grid.end >= start + length
+    assert grid.step % STEPS[level] == 0
+    if length < 86400 * S * points:  # up to 500 days in 500 points
+        assert grid.count * grid.step / STEPS[level] <= 31 * max(points, 4) or level == len(STEPS) - 1
+    if level:
+        assert grid.step >= 3 * STEPS[level]
+
+
+@given(st.lists(st.tuples(st.integers(0, 10**11), st.floats(-1e6, 1e6)), max_size=200))
+def test_samples_may_come_in_any_order(samples):
+    time = np.array([t for t, _ in samples], np.int64)
+    values = np.array([v for _, v in samples]).reshape(-1, 1)
+    found = of_samples(time, values, S)
+    true: dict[int, list[float]] = {}
+    for t, v in samples:
+        true.setdefault(t // S, []).append(v)
+    assert found.index.tolist() == sorted(true)
+    assert found.low[0].tolist() == [float(np.float32(min(true[i]))) for i in sorted(true)]
+    assert found.high[0].tolist() == [float(np.float32(max(true[i]))) for i in sorted(true)]
+
+
+def test_a_grid_has_whole_steps():
+    assert Grid.over(19, 41, 10) == Grid(10, 1, 4)
+    assert Grid.over(20, 40, 10) == Grid(10, 2, 2)
+
+
+# spans ----------------------------------------------------------------------------------------------
+
+
+def hours(folder: Path, count: int = 3, names: tuple[str, ...] = ("arm.power", "arm.voltage")) -> tuple:
+    """Recordings of an hour each, one frame a second."""
+    time = SESSION + np.arange(3600 * count) * S
+    values = np.random.default_rng(1).standard_normal((len(time), len(names)))
+    values[3000, 0] = 1000.0
+    for number in range(count):
+        part = slice(3600 * number, 3600 * (number + 1))
+        recording(folder, in_chunks(time[part], values[part], 600, names=names, rate=1.0), number + 1)
+    return time, values
+
+
+def test_a_short_span_has_the_frames_themselves(tmp_path):
+    time = SESSION + np.arange(500) * STEP
+    values = np.sin(np.arange(500) / 7)
+    recording(tmp_path, in_chunks(time, values, 7))
+    found = Curves(tmp_path, CELL).curves(["arm.power"], START + 1000, START + 3000, 200)
+    assert found["t"] == [START + 1000 + 20 * i for i in range(100)]
+    assert found["v"] == {"arm.power": {"min": values[50:150].tolist()}}
+    assert found["step_ms"] == 20.0
+
+
+def test_gaps_stay_gaps(tmp_path):
+    time = SESSION + np.concatenate([np.arange(100), np.arange(200, 300)]) * STEP
+    recording(tmp_path, in_chunks(time, np.ones(200), 10))
+    reader = Curves(tmp_path, CELL)
+    short = reader.curves(["arm.power"], START, START + 6000, 1000)
+    assert len(short["t"]) == 201
+    assert short["v"]["arm.power"]["min"] == [1.0] * 100 + [None] + [1.0] * 100
+    assert short["t"][100] == START + 2000
+    long = reader.curves(["arm.power"], START, START + 6000, 30)
+    assert long["step_ms"] == 200.0
+    assert long["v"]["arm.power"]["max"] == [1.0] * 10 + [None] * 10 + [1.0] * 10
+
+
+def test_a_spike_is_seen_in_any_span(tmp_path):
+    hours(tmp_path)
+    reader = Curves(tmp_path, CELL)
+    for points in (2, 10, 100, 1000):
+        found = reader.curves(["arm.power", "arm.voltage"], START, START + 3 * 3_600_000, points)
+        assert max(v for v in found["v"]["arm.power"]["max"] if v is not None) == 1000.0
+        assert max(v for v in found["v"]["arm.voltage"]["max"] if v is not None) < 10
+        place = found["v"]["arm.power"]["max"].index(1000.0)
+        assert found["t"][place] <= START + 3_000_000 < found["t"][place] + found["step_ms"]
+
+
+def test_channels_that_were_not_recorded_are_empty(tmp_path):
+    hours(tmp_path, 1)
+    for span in (30_000, 3_600_000):
+        found = Curves(tmp_path, CELL).curves(["gone.power", "arm.power"], START, START + span, 100)
+        assert set(found["v"]["gone.power"]["min"]) == {None}
+        assert any(v is not None for v in found["v"]["arm.power"]["min"])
+    nothing = Curves(tmp_path / "nowhere", CELL).curves(["arm.power"], START, START + 1000, 100)
+    assert nothing["complete"] and set(nothing["v"]["arm.power"]["min"]) <= {None}
+
+
+def test_channels_may_change_from_file_to_file(tmp_path):
+    first, second = SESSION + np.arange(100) * S, SESSION + np.arange(100, 200) * S
+    recording(tmp_path, [[frames(first, np.arange(100), ("arm.power",), 1.0)]], 1)
+    both = np.stack([np.arange(100) * 2, np.arange(100) * 3], axis=1)
+    recording(tmp_path, [[frames(second, both, ("mains.power", "arm.power"), 1.0)]], 2)
+    found = Curves(tmp_path, CELL).curves(["arm.power", "mains.power"], START, START + 200_000, 20)
+    assert found["step_ms"] == 10_000.0
+    assert found["v"]["arm.power"]["max"][:11] == [*range(9, 100, 10), 27.0]
+    assert found["v"]["mains.power"]["min"] == [None] * 10 + [*range(0, 200, 20)]
+
+
+def test_predictions_are_channels(tmp_path):
+    time = SESSION + np.arange(3000) * STEP
+    said = np.cos(np.arange(3000) / 50)
+    chunks = [[prediction(time[i : i + 50].tolist(), total=said[i : i + 50].tolist())] for i in range(0, 3000, 50)]
+    recording(tmp_path, [[*c, *f] for c, f in zip(chunks, in_chunks(time, 2 * said, 50), strict=True)])
+    reader = Curves(tmp_path, CELL)
+    name = "prediction/power/total"
+    short = reader.curves([name, "arm.power"], START, START + 2000, 100)
+    assert short["v"][name]["min"] == said[:100].tolist()
+    assert short["v"]["arm.power"]["min"] == (2 * said[:100]).tolist()
+    long = reader.curves([name], START, START + 60_000, 60)
+    low, high = extremes(time, said, long["t"], long["step_ms"])
+    assert same(long["v"][name]["min"], low) and same(long["v"][name]["max"], high)
+
+
+@pytest.mark.parametrize(("start", "end"), [(10, 10), (20, 10), (math.nan, 10), (0, math.inf), (-5, 10), (0, 1e300)])
+def test_a_span_that_is_none_is_refused(tmp_path, start, end):
+    with pytest.raises(CellwattError, match="it must end after it begins"):
+        Curves(tmp_path, CELL).curves([], start, end, 100)
+
+
+def test_cells_that_share_a_folder_do_not_mix(tmp_path):
+    time = SESSION + np.arange(100) * S
+    recording(tmp_path, [[frames(time, np.ones(100), rate=1.0)]])
+    recording(tmp_path, [[frames(time, np.full(100, 7.0), rate=1.0)]], cell="other")
+    for cell, value in ((CELL, 1.0), ("other", 7.0)):
+        reader = Curves(tmp_path, cell)
+        found = reader.curves(["arm.power"], START, START + 100_000, 10)
+        assert set(found["v"]["arm.power"]["max"]) == {value}
+        reader.store.tidy()
+    assert len(list((tmp_path / "levels").iterdir())) == 2
+
+
+# open recordings ------------------------------------------------------------------------------------
+
+
+def test_an_open_recording_is_read_as_it_grows(tmp_path):
+    time = SESSION + np.arange(1000) * STEP
+    written, reader = Written(tmp_path), Curves(tmp_path, CELL)
+    for count in (1, 200, 999, 1000):
+        done = reader_count(reader)
+        for i in range(done, count):
+            written.chunk(frames(time[i : i + 1], [float(i)]))
+        for points, step in ((2000, 20.0), (50, 400.0)):
+            found = reader.curves(["arm.power"], START, START + 20_000, points)
+            assert found["step_ms"] == (step if count > 1 or points == 50 else 20.0)
+            assert max(v for v in found["v"]["arm.power"]["min" if step == 20 else "max"] if v is not None) == count - 1
+    written.close()
+    assert reader.curves(["arm.power"], START, START + 20_000, 50)["v"] == found["v"]
+
+
+def reader_count(reader: Curves) -> int:
+    """Frames of the open recording that were read so far."""
+    growing = list(reader.store._growing.values())
+    finest = growing[0].gathered.finest() if growing else {}
+    return round(float(np.nanmax(next(iter(finest.values())).high))) + 1 if finest else 0
+
+
+def test_a_torn_recording_is_read_as_far_as_it_goes(tmp_path):
+    time = SESSION + np.arange(100) * STEP
+    written = Written(tmp_path)
+    for i in range(0, 100, 10):
+        written.chunk(frames(time[i : i + 10], np.arange(i, i + 10)))
+    part = written.crash()
+    os.truncate(part, part.stat().st_size - 30)
+    found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 2000, 200)
+    assert found["v"]["arm.power"]["min"] == [*range(100)]  # the index of the last chunk alone is torn
+    os.truncate(part, part.stat().st_size - 200)
+    found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 2000, 200)
+    assert found["v"]["arm.power"]["min"] == [*range(90)]
+
+
+def test_a_recording_that_was_followed_and_repaired_is_whole(tmp_path):
+    time = SESSION + np.arange(1000) * STEP
+    written, reader = Written(tmp_path), Curves(tmp_path, CELL)
+    for i in range(0, 1000, 100):
+        written.chunk(frames(time[i : i + 100], np.arange(i, i + 100)))
+    span = (["arm.power"], START, START + 20_000, 50)
+    part = written.crash()
+    os.truncate(part, part.stat().st_size - 400)
+    torn = reader.curves(*span)
+    assert max(v for v in torn["v"]["arm.power"]["max"] if v is not None) == 899
+    repaired = recover(part)
+    assert repaired is not None and repaired.result is not None
+    low, high = extremes(time, np.arange(1000), torn["t"], 400.0)  # the index of the last chunk alone was torn
+    Keeper(reader.store).look()
+    assert level_file.path_of(repaired.result).exists()
+    for each in (reader, Curves(tmp_path, CELL)):
+        assert each.curves(*span)["v"] == {"arm.power": {"min": low, "max": high}}
+
+
+def test_a_damaged_chunk_leaves_a_gap(tmp_path):
+    time = SESSION + np.arange(1000) * STEP
+    random = np.random.default_rng(3).standard_normal(1000)
+    written = Written(tmp_path)
+    for i in range(0, 1000, 100):
+        written.chunk(frames(time[i : i + 100], random[i : i + 100]))
+    chunk = written.file.contents.chunks[4]
+    with written.file.part.open("r+b") as file:
+        file.seek(chunk.offset + chunk.length // 2)
+        file.write(b"\xff\x00\xff\x00")
+    for look in ("open", "closed"):
+        if look == "closed":
+            written.close()
+        found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 20_000, 40)
+        low = extremes(np.delete(time, range(400, 500)), np.delete(random, range(400, 500)), found["t"], 600.0)[0]
+        assert same(found["v"]["arm.power"]["min"], low)
+
+
+def test_the_thread_makes_levels_of_what_it_followed_without_reading_it_again(tmp_path, monkeypatch):
+    def no_reading(*_):
+        raise AssertionError("read again")
+
+    monkeypatch.setattr(store, "gather", no_reading)
+    monkeypatch.setattr("cellwatt.outlets.page.levels.keeping.PERIOD", 0.01)
+    time = SESSION + np.arange(100) * S
+    written, reader = Written(tmp_path), Curves(tmp_path, CELL)
+    written.chunk(frames(time[:50], np.arange(50), rate=1.0))
+    reader.start()
+    try:
+        wait_until(lambda: reader_count(reader) == 50)
+        written.chunk(frames(time[50:], np.arange(50, 100), rate=1.0), interval(1, SESSION, SESSION + S))
+        path = level_file.path_of(written.close())
+        wait_until(path.exists, "a level file")
+        found = reader.curves(["arm.power"], START, START + 100_000, 10)
+        assert found["v"]["arm.power"]["max"] == [*range(9, 100, 10)]
+        assert len(found["intervals"]) == 1
+    finally:
+        reader.close()
+    assert not any(thread.name == "levels" for thread in threading.enumerate())
+
+
+def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path, monkeypatch):
+    """The product's own recorder, in files of some 200 frames, of which retention keeps the last few."""
+    monkeypatch.setattr("cellwatt.outlets.page.levels.keeping.PERIOD", 0.02)
+    random = np.random.default_rng(7)
+    count = 4000
+    time = SESSION + np.arange(count) * STEP
+    values = random.standard_normal((count, 30)).cumsum(axis=0)
+    names = tuple(f"arm.c{i}" for i in range(30))
+    settings_ = RecordSettings(folder=tmp_path, keep="200 kB", file_size="40 kB", flush="10 ms")
+    recorder, reader = Recorder(settings_, HEADER), Curves(tmp_path, CELL)
+    recorder.start()
+    reader.start()
+    try:
+        for i in range(0, count, 50):
+            assert recorder.frames(frames(time[i : i + 50], values[i : i + 50], names))
+            assert recorder.flush(60)
+            end = time[i + 49] / MS + 20
+            found = reader.curves(["arm.c7"], max(end - 1000, START), end, 500)
+            assert found["v"]["arm.c7"]["min"] == values[i : i + 50, 7].tolist()
+            whole = reader.curves(["arm.c7"], START, end, 400)
+            low, high = extremes(time[: i + 50], values[: i + 50, 7], whole["t"], whole["step_ms"])
+            given_ = whole["v"]["arm.c7"]
+            kept = [v is not None for v in given_["min"]]
+            first = kept.index(True) + 1  # the first step may have lost its begin
+            assert all(kept[first:])
+            assert same(given_["min"][first:], low[first:])
+            assert same(given_.get("max", given_["min"])[first:], high[first:])
+        wait_until(lambda: reader.stats()["made"] and reader.stats()["removed"])
+    finally:
+        asyncio.run(recorder.close())
+        wait_until(lambda: levels_of(tmp_path) == {p.stem for p in tmp_path.glob("*.mcap")})
+        reader.close()
+    assert reader.stats()["damaged"] == 0
+    first_file = FileName.parse(min(tmp_path.glob("*.mcap")).name)
+    assert first_file is not None and first_file.number > 1, "retention removed some"
+
+
+def levels_of(folder: Path) -> set[str]:
+    return {path.stem for path in (folder / "levels").glob("*.levels")}
+
+
+# level files ----------------------------------------------------------------------------------------
+
+
+def test_levels_are_read_in_place_of_recordings(tmp_path, monkeypatch):
+    hours(tmp_path)
+    before = bytes_of(tmp_path)
+    first = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 3 * 3_600_000, 500)
+    assert bytes_of(tmp_path) == before, "recordings are only read"
+
+    def no_reading(*_):
+        raise AssertionError("read again")
+
+    monkeypatch.setattr(store, "gather", no_reading)
+    assert Curves(tmp_path, CELL).curves(["arm.power"], START, START + 3 * 3_600_000, 500) == first
+
+
+def damaged_files(folder: Path) -> list[Path]:
+    """The level files of a folder, each damaged in another way."""
+    paths = sorted((folder / "levels").iterdir())
+    body = bytearray(paths[0].read_bytes())
+    body[len(body) // 2] ^= 0xFF
+    paths[0].write_bytes(body)
+    os.truncate(paths[1], 40)
+    paths[2].write_bytes(b"")
+    return paths
+
+
+def test_damaged_level_files_are_made_anew(tmp_path, caplog):
+    hours(tmp_path)
+    names, span = ["arm.power"], (START, START + 3 * 3_600_000, 2000)
+    true = Curves(tmp_path, CELL).curves(names, *span)
+    paths = damaged_files(tmp_path)
+    reader = Curves(tmp_path, CELL)
+    reader.curves(names, *span)
+    assert reader.curves(names, *span) == true
+    assert reader.stats()["damaged"] == len(paths)
+    assert "it is made anew" in caplog.text
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.data())
+def test_no_damage_gives_wrong_numbers(data):
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        time = SESSION + np.arange(300) * S
+        path = recording(
+            folder,
+            [[frames(time, np.arange(300), rate=1.0), interval(1, SESSION, SESSION + S), alarm("a", SESSION, SESSION)]],
+        )
+        span = (["arm.power"], START, START + 300_000, 30)
+        true = Curves(folder, CELL).curves(*span)
+        file = level_file.path_of(path)
+        body = bytearray(file.read_bytes())
+        for _ in range(data.draw(st.integers(1, 3))):
+            body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
+        file.write_bytes(body[: data.draw(st.integers(0, len(body)))])
+        reader = Curves(folder, CELL)
+        reader.curves(*span)
+        assert reader.curves(*span) == true
+
+
+def test_a_level_file_of_another_recording_is_not_used(tmp_path):
+    time = SESSION + np.arange(300) * S
+    path = recording(tmp_path, [[frames(time, np.zeros(300), rate=1.0)]])
+    span = (["arm.power"], START, START + 300_000, 30)
+    Curves(tmp_path, CELL).curves(*span)
+    path.unlink()
+    recording(tmp_path, [[frames(time, np.arange(300), rate=1.0)]])
+    assert Curves(tmp_path, CELL).curves(*span)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
+
+
+def test_levels_go_with_their_recording(tmp_path):
+    hours(tmp_path)
+    reader = Curves(tmp_path, CELL)
+    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    reader.curves(*span)
+    foreign = tmp_path / "levels" / "notes.txt"
+    foreign.write_text("mine")
+    oldest = min(tmp_path.glob("*.mcap"))
+    oldest.unlink()
+    reader.store.tidy()
+    left = {path.name for path in (tmp_path / "levels").iterdir()}
+    assert left == {"notes.txt", *(p.stem + ".levels" for p in tmp_path.glob("*.mcap"))} and len(left) == 3
+    assert reader.curves(*span)["v"]["arm.power"]["max"][0] is None
+
+
+def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
+    hours(tmp_path)
+    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    true = Curves(tmp_path, CELL).curves(*span)
+    files = sorted((tmp_path / "levels").iterdir())
+    most = sum(file.stat().st_size for file in files[1:])
+    read = []
+    monkeypatch.setattr(store, "gather", lambda path, *more: read.append(path.stem) or gather(path, *more))
+    reader = Curves(tmp_path, CELL, most)
+    for _ in range(2):
+        Keeper(reader.store).look()
+    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
+    assert reader.stats()["over budget"] == 1 and read == []
+    assert reader.curves(*span) == true and read == [files[0].stem]
+    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
+    again = Curves(tmp_path, CELL, most)
+    for _ in range(2):
+        Keeper(again.store).look()
+    assert read == [files[0].stem] * 2, "made once to see that it is too much, not at each look"
+    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
+
+
+def test_a_new_recording_takes_the_place_of_the_oldest(tmp_path):
+    hours(tmp_path, 2)
+    Curves(tmp_path, CELL).curves(["arm.power"], START, START + 2 * 3_600_000, 100)
+    oldest, newer = sorted((tmp_path / "levels").iterdir())
+    reader = Curves(tmp_path, CELL, oldest.stat().st_size + newer.stat().st_size)
+    Keeper(reader.store).look()
+    time = SESSION + 2 * 3600 * S + np.arange(3600) * S
+    recording(tmp_path, [[frames(time, np.arange(3600.0), rate=1.0)]], number=3)
+    Keeper(reader.store).look()
+    left = {path.name for path in (tmp_path / "levels").iterdir()}
+    assert oldest.name not in left and left == {newer.name, level_file.path_of(max(tmp_path.glob("*.mcap"))).name}
+
+
+def test_a_level_file_is_a_small_part_of_the_memory_its_frames_take(tmp_path):
+    names = tuple(f"arm.c{i}" for i in range(60))
+    time = SESSION + np.arange(3000) * STEP
+    values = np.random.default_rng(2).standard_normal((3000, 60))
+    path = recording(tmp_path, in_chunks(time, values, 100, names=names))
+    Curves(tmp_path, CELL).curves(["arm.c1"], START, START + 60_000, 10)
+    assert level_file.path_of(path).stat().st_size < 0.2 * path.stat().st_size
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
+def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch, number):
+    hours(tmp_path)
+    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(level_file, "write", refuse)
+        reader = Curves(tmp_path, CELL)
+        refused = reader.curves(*span)
+        assert reader.curves(*span) == refused
+        stats = reader.stats()
+    assert stats["unwritten"] == 3 and os.strerror(number) in stats["problem"]
+    assert not (tmp_path / "levels").exists()
+    assert Curves(tmp_path, CELL).curves(*span) == refused
+
+
+def test_the_last_of_the_disk_belongs_to_the_record(tmp_path, monkeypatch):
+    hours(tmp_path)
+    monkeypatch.setattr(store, "RESERVE", 1e18)
+    reader = Curves(tmp_path, CELL)
+    assert reader.curves(["arm.power"], START, START + 3 * 3_600_000, 100)["complete"]
+    assert reader.stats()["unwritten"] == 3 and "no room" in reader.stats()["problem"]
+    assert not (tmp_path / "levels").exists()
+
+
+def test_without_room_memory_stays_bounded(tmp_path, monkeypatch):
+    hours(tmp_path)
+    monkeypatch.setattr(store, "RESERVE", 1e18)
+    monkeypatch.setattr(store, "HELD", 1.0)
+    reader = Curves(tmp_path, CELL)
+    reader.curves(["arm.power"], START, START + 3 * 3_600_000, 100)
+    assert len(reader.store._held) == 1
+
+
+def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
+    hours(tmp_path)
+    monkeypatch.setattr(curves, "PATIENCE", -1.0)
+    found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 3 * 3_600_000, 100)
+    assert not found["complete"] and set(found["v"]["arm.power"]["max"]) == {None}
+
+
+def test_a_recording_that_holds_nothing_is_told_and_not_read_again_and_again(tmp_path, monkeypatch, caplog):
+    hours(tmp_path, 2)
+    bad = min(tmp_path.glob("*.mcap"))
+    bad.write_bytes(b"nothing" * 100)
+    reader = Curves(tmp_path, CELL)
+    span = (["arm.power"], START, START + 2 * 3_600_000, 100)
+    found = reader.curves(*span)
+    assert reader.curves(*span) == found
+    assert any(v is not None for v in found["v"]["arm.power"]["max"])
+    assert reader.stats()["unreadable"] == 1
+    assert bad.name in caplog.text
+
+
+# what happened --------------------------------------------------------------------------------------
+
+
+def test_intervals_and_alarms_come_with_the_curves(tmp_path):
+    time = SESSION + np.arange(100) * S
+    first = [
+        frames(time[:50], np.ones(50), rate=1.0),
+        interval(1, SESSION, SESSION + 10 * S, (1, 2)),
+        interval(2, SESSION + 10 * S, SESSION + 49 * S, (), closed=False),
+        alarm("a", SESSION + 5 * S, SESSION + 6 * S, severity="warning", statement="A"),
+    ]
+    second = [
+        frames(time[50:], np.ones(50), rate=1.0),
+        interval(2, SESSION + 10 * S, SESSION + 60 * S, ()),
+        alarm("a", SESSION + 5 * S, SESSION + 70 * S, False, severity="warning", statement="gone"),
+        alarm("b", SESSION + 80 * S, SESSION + 81 * S, statement="B"),
+    ]
+    recording(tmp_path, [first], 1)
+    written = Written(tmp_path, 2).chunk(*second)
+    reader = Curves(tmp_path, CELL)
+    whole = reader.curves(["arm.power"], START, START + 100_000, 50)
+    shape = {"source": "arm", "closed": True}
+    assert whole["intervals"] == [
+        {**shape, "number": 1, "start": START, "end": START + 10_000, "moving": [1, 2]},
+        {**shape, "number": 2, "start": START + 10_000, "end": START + 60_000, "moving": []},
+    ]
+    a = {"id": "a", "severity": "warning", "statement": "A", "raised": START + 6000, "cleared": START + 70_000}
+    b = {"id": "b", "severity": "error", "statement": "B", "raised": START + 81_000, "cleared": None}
+    assert whole["alarms"] == [a, b]
+    for start, end, expected in ((0, 5000, []), (20_000, 30_000, [a]), (75_000, 80_000, []), (90_000, 95_000, [b])):
+        found = reader.curves(["arm.power"], START + start, START + end, 1000)
+        assert found["alarms"] == expected and found["complete"]
+    written.crash()
+
+
+def test_too_many_intervals_are_cut_to_the_longest(tmp_path, monkeypatch):
+    monkeypatch.setattr(telling, "MOST", 5)
+    spans = [interval(i, SESSION + i * S, SESSION + i * S + (i + 1) * 10 * MS) for i in range(20)]
+    recording(tmp_path, [spans])
+    found = Curves(tmp_path, CELL).curves([], START, START + 100_000, 50)
+    assert [i["number"] for i in found["intervals"]] == [15, 16, 17, 18, 19]
+    assert not found["complete"]
+
+
+def test_questions_from_many_threads_have_the_same_answer(tmp_path):
+    hours(tmp_path)
+    written = Written(tmp_path, 4)
+    time = SESSION + np.arange(3 * 3600, 3 * 3600 + 100) * S
+    for i in range(100):
+        written.chunk(frames(time[i : i + 1], [[1.0, 2.0]], ("arm.power", "arm.voltage"), 1.0))
+    reader, found = Curves(tmp_path, CELL), []
+
+    def ask() -> None:
+        for length in (20_000, 3 * 3_600_000 + 100_000):
+            end = START + 3 * 3_600_000 + 100_000
+            found.append((length, reader.curves(["arm.power"], end - length, end, 400)))
+
+    threads = [threading.Thread(target=ask) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for length in (20_000, 3 * 3_600_000 + 100_000):
+        answers = [answer for asked, answer in found if asked == length]
+        assert len(answers) == 6 and all(answer == answers[0] for answer in answers)
+    written.crash()
+
+
+def test_unused_sources_is_the_protocol_of_all(tmp_path):
+    path = recording(tmp_path, [[frames([SESSION], [1.0])]])
+    held = sources.Held(sources.gather(path, sources.EVERYTHING, lambda: None))
+    level_file.write(path, path.stat().st_size, sources.gather(path, sources.EVERYTHING, lambda: None))
+    written = sources.Written(path, path.stat().st_size)
+    for level in range(len(STEPS)):
+        ((columns, a),) = held.levels(level, ["arm.power"])
+        ((same_columns, b),) = written.levels(level, ["arm.power"])
+        assert columns == same_columns and a.index.tolist() == b.index.tolist() and a.high.tolist() == b.high.tolist()

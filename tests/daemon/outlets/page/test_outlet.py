@@ -1,0 +1,279 @@
+"""The outlet with the process that really serves: told, ordered about, killed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import psutil
+import pytest
+
+from cellwatt import Event, OutletError
+from cellwatt.outlets.apart import outlet as outlet_module
+from cellwatt.outlets.apart import wire
+from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.page import PageOutlet, PageSettings
+from cellwatt.outlets.page.sessions import FILE
+from cellwatt.runtime.delivery import Delivery
+from tests.daemon.outlets.page.cell import (
+    API,
+    EPOCH,
+    HASH,
+    PREDICTION,
+    USERS,
+    Stream,
+    View,
+    alarm,
+    client,
+    csrf,
+    frames,
+    log_in,
+    status,
+)
+from tests.daemon.outlets.zenoh.fake_cell import batch
+from tests.patience import eventually
+
+
+@pytest.fixture
+def view(tmp_path: Path) -> View:
+    return View(tmp_path)
+
+
+def outlet_of(view: View, **settings: Any) -> PageOutlet:
+    return PageOutlet("page", PageSettings(**{"listen": "127.0.0.1:0", **settings}), view)
+
+
+@asynccontextmanager
+async def serving(outlet: PageOutlet) -> AsyncIterator[str]:
+    """The address of the page while its outlet runs."""
+    running = asyncio.create_task(outlet.run())
+    try:
+        await eventually(lambda: outlet.url or running.done(), "the page")
+        if running.done():
+            running.result()
+        yield str(outlet.url).rstrip("/")
+    finally:
+        running.cancel()
+        with suppress(asyncio.CancelledError, OutletError):
+            await running
+
+
+def serving_process() -> psutil.Process:
+    (child,) = (p for p in psutil.Process().children() if "cellwatt.outlets.page.serving" in p.cmdline())
+    return child
+
+
+async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
+    outlet = outlet_of(view)
+    async with serving(outlet) as url, client() as browser:
+        outlet.health(status())
+        outlet.offer(frames(0, 5))
+        await eventually(lambda: outlet.account.received == 5, "the frames")
+        async with browser.get(f"{url}{API}/stream?channels=arm.mode&rate=25") as response:
+            stream = Stream(response)
+            await stream.until("health")
+            outlet.offer(frames(5, 5))
+            outlet.offer(alarm(1))
+            outlet.offer(batch(0, 5))
+            outlet.offer(Event(EPOCH, "arm", "connected", "UR10e"))
+            got = dict([await stream.next() for _ in range(3)])
+        assert got["frames"]["v"]["arm.mode"] == [4e9 + n for n in range(5, 10)]
+        assert got["alarm"]["id"] == "alarm-1"
+        assert got["event"]["text"] == "UR10e"
+        async with browser.get(f"{url}{API}/state") as response:
+            told = await response.json()
+        assert (told["session"], told["record"], len(told["channels"])) == (EPOCH / 1e6, False, 3)
+    assert outlet.account.received == 12
+    assert outlet.account.residue == 0
+    assert outlet.url is None
+
+
+async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:
+    outlet = outlet_of(view)
+    async with serving(outlet) as url, client() as browser:
+        outlet.offer(alarm(1))
+        outlet.offer(alarm(13))
+        header = await csrf(browser, url)
+
+        async def order(what: str, **body: Any) -> tuple[int, Any]:
+            async with browser.post(f"{url}{API}/{what}", json=body, headers=header) as response:
+                return response.status, await response.json()
+
+        async def acknowledged() -> bool:
+            return (await order("acknowledge", id="alarm-1", name="Ada", note="seen"))[0] == 200
+
+        await eventually(acknowledged, "the alarm at the page")
+        assert view.ordered == [("acknowledge", "alarm-1", "Ada", "seen")]
+        before = time.time_ns()
+        assert (await order("shelve", id="alarm-1", name="Ada", note="", minutes=10))[0] == 200
+        (_, shelve) = view.ordered
+        assert shelve[:2] == ("shelve", "alarm-1")
+        assert before + 600e9 <= shelve[2] <= time.time_ns() + 600e9
+        told = await order("acknowledge", id="alarm-13", name="Ada", note="")
+        assert told == (409, {"error": "no alarm 'alarm-13' is active: it may have been cleared"})
+        assert (await order("unshelve", id="alarm-1", name="Ada"))[0] == 409, "the page knows it is not on the shelf"
+        outlet.health(status(shelved=[on_shelf()]))
+
+        async def unshelved() -> bool:
+            return (await order("unshelve", id="alarm-2", name="Ada"))[0] == 200
+
+        await eventually(unshelved, "the shelf at the page")
+        assert view.ordered[-1] == ("unshelve", "alarm-2", "Ada")
+    assert outlet.account.counters["acknowledge by a person"] == 1
+
+
+def on_shelf() -> dict[str, Any]:
+    shelf = {"name": "ada", "note": "", "time": EPOCH, "until": EPOCH, "severity": "error"}
+    return {**asdict(alarm(2)), "shelf": shelf}
+
+
+async def test_secrets_are_on_no_command_line_and_in_no_environment(view: View) -> None:
+    async with serving(outlet_of(view, users=USERS)) as url, client() as browser:
+        child = await asyncio.to_thread(serving_process)
+        command = await asyncio.to_thread(child.cmdline)
+        environment = await asyncio.to_thread(child.environ)
+        assert HASH not in " ".join(command)
+        assert HASH not in " ".join(environment.values())
+        assert await asyncio.to_thread(child.nice) == max(10, os.nice(0))
+        assert await log_in(browser, url, "ada") == 200
+
+
+async def test_logins_survive_a_restart(view: View, tmp_path: Path) -> None:
+    view.record_folder = record = tmp_path / "rec"
+    record.mkdir()
+    port = free()
+    outlet = outlet_of(view, users=USERS, listen=f"127.0.0.1:{port}")
+    async with client() as browser:
+        async with serving(outlet) as url:
+            assert await log_in(browser, url, "ada") == 200
+        assert (record / FILE).stat().st_mode & 0o777 == 0o600
+        async with serving(outlet) as url, browser.get(f"{url}{API}/state") as response:
+            assert response.status == 200
+
+
+def free() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return int(found.getsockname()[1])
+
+
+async def test_a_port_that_is_taken_is_named(view: View) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        listen = f"127.0.0.1:{other.getsockname()[1]}"
+        with pytest.raises(OutletError, match=f"^{listen} is taken by another program: choose another port"):
+            await outlet_of(view, listen=listen).run()
+
+
+async def test_a_certificate_that_is_none_is_named(view: View, tmp_path: Path) -> None:
+    await asyncio.to_thread((tmp_path / "x.pem").write_text, "nonsense")
+    outlet = outlet_of(view, certificate=tmp_path / "x.pem", key=tmp_path / "x.pem")
+    with pytest.raises(OutletError, match=r"^certificate: .*x\.pem with key .*x\.pem cannot be used: "):
+        await outlet.run()
+
+
+async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.runtime.delivery.FIRST_PAUSE", 0.01)
+    outlet = outlet_of(view)
+    delivery = Delivery("page", outlet)
+    assert delivery.status()["state"] == "starting"
+    running = asyncio.create_task(delivery.run())
+    try:
+        await eventually(lambda: outlet.url, "the page")
+        assert delivery.status()["state"] == "ok"
+        (await asyncio.to_thread(serving_process)).kill()
+        await eventually(lambda: delivery.status()["error"], "its end")
+        told = delivery.status()
+        assert (told["state"], told["error"]) == ("down", "the process that serves the page ended (by SIGKILL)")
+        await eventually(lambda: outlet.url, "the page again")
+        delivery.offer(frames(0, 5))
+        await eventually(lambda: outlet.account.received == 5, "frames again")
+        async with client() as browser, browser.get(f"{outlet.url}api/site") as response:
+            assert response.status == 200
+    finally:
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
+
+
+async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outlet_module, "BLOCKS", 20)
+    monkeypatch.setattr(outlet_module, "SILENT", 0.3)
+    monkeypatch.setattr("cellwatt.outlets.apart.process.END", 0.1)
+    outlet = outlet_of(view)
+    async with serving(outlet):
+        child = await asyncio.to_thread(serving_process)
+        assert outlet.trouble() is None
+        child.send_signal(signal.SIGSTOP)
+        offered = 0
+        while not outlet.account.dropped:
+            outlet.offer(frames(offered, 500))
+            outlet.offer(alarm(1))
+            offered += 500
+            await asyncio.sleep(0)
+        assert set(outlet.account.dropped) == {"queue: frames"}
+        await eventually(outlet.trouble, "that it is silent")
+        assert "says nothing for" in str(outlet.trouble())
+    assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
+    assert outlet.account.dropped.total() > 0
+
+
+async def test_a_stop_while_it_starts_is_a_stop(view: View) -> None:
+    running = asyncio.create_task(outlet_of(view).run())
+    await asyncio.sleep(0.01)
+    running.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await running
+
+
+async def test_who_follows_hears_of_what_an_earlier_process_told(view: View) -> None:
+    class Kept:
+        def put(self, item: Any) -> int:
+            return 0
+
+        def past(self) -> Any:
+            return [(0, alarm(1)), (1, replace(alarm(2), active=False)), (2, PREDICTION)]
+
+    view.journal = Kept()  # type: ignore[assignment]
+    async with serving(outlet_of(view)) as url, client() as browser:
+
+        async def alarms() -> Any:
+            async with browser.get(f"{url}{API}/state") as response:
+                return (await response.json())["alarms"]
+
+        assert [a["id"] for a in await eventually(alarms, "the alarm")] == ["alarm-1"]
+
+
+async def test_an_item_that_cannot_be_encoded_costs_only_itself(view: View, caplog: pytest.LogCaptureFixture) -> None:
+    outlet = outlet_of(view)
+    async with serving(outlet):
+        outlet.offer(replace(frames(0, 3), time=["now"]))
+        outlet.offer(frames(0, 5))
+        await eventually(lambda: outlet.account.received == 5, "the others")
+    assert outlet.account.dropped == {"not encodable": 3 - 2}
+    assert "an item cannot be told: page" in caplog.text
+
+
+@pytest.mark.parametrize(("kind", "told"), [(Kind.ORDER, []), (Kind.ALIVE, {"counts": ["a"]}), (Kind.ORDER, {})])
+async def test_a_process_that_speaks_nonsense_is_told(view: View, kind: Kind, told: Any) -> None:
+    reader = asyncio.StreamReader()
+    reader.feed_data(wire.json_message(kind, told))
+    reader.feed_eof()
+    with pytest.raises(OutletError, match="speaks nonsense"):
+        await outlet_of(view)._listen(reader, None)  # type: ignore[arg-type]
+
+
+async def test_streams_end_with_the_page(view: View) -> None:
+    async with client() as browser:
+        async with serving(outlet_of(view)) as url:
+            response = await browser.get(f"{url}{API}/stream")
+        with pytest.raises((EOFError, aiohttp.ClientError)):
+            await Stream(response).until("never")
+        response.close()

@@ -1,0 +1,283 @@
+"""All cells of a site over real Zenoh sessions, each an outlet that publishes as a daemon's does."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pyarrow  # noqa: F401  # so that no loop waits for its import
+import pytest
+
+from cellwatt.outlets.page import plant as plant_module
+from cellwatt.outlets.page.archive import Desk
+from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.plant import Plant
+from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.viewing import view
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from tests.daemon.outlets.page.cell import ENERGY, EPOCH, MS, Stream, alarm, client, csrf, status
+from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames
+from tests.daemon.outlets.zenoh.processes import free_port
+from tests.patience import eventually, wait_until
+
+SITE = "plant-1"
+
+
+class OtherView(FakeView):
+    def __init__(self, cell: str) -> None:
+        super().__init__()
+        self.cell = cell
+
+
+@asynccontextmanager
+async def speaking(cell: str, router: str, told: dict[str, Any]) -> AsyncIterator[ZenohOutlet]:
+    """A cell that publishes, with its health ten times a second as ``told`` has it."""
+    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(router,)), OtherView(cell))
+
+    async def beat() -> None:
+        while True:
+            outlet.health(told)
+            await asyncio.sleep(0.1)
+
+    tasks = [asyncio.create_task(outlet.run()), asyncio.create_task(beat())]
+    try:
+        yield outlet
+    finally:
+        for task in reversed(tasks):
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+
+
+@asynccontextmanager
+async def viewing(router: str, cell: str | None = None) -> AsyncIterator[str]:
+    """The address of a page by itself."""
+    told: list[str] = []
+    link = LinkSettings(mode="client", connect=(router,))
+    settings = PageSettings(listen="127.0.0.1:0")
+    running = asyncio.create_task(view(settings, link, SITE, cell, None, None, told.append))
+    try:
+        await eventually(lambda: told or running.done(), "the page")
+        yield told[0].removeprefix("the page is at ").rstrip("/")
+    finally:
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
+
+
+@pytest.fixture
+async def router() -> AsyncIterator[str]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    session = await asyncio.to_thread(open_session, LinkSettings(mode="router", listen=(endpoint,)))
+    yield endpoint
+    await asyncio.to_thread(session.close)
+
+
+@pytest.fixture(autouse=True)
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plant_module, "LOOK", 0.1)
+
+
+async def cells(browser: aiohttp.ClientSession, url: str) -> dict[str, Any]:
+    async with browser.get(f"{url}/api/plant") as response:
+        return {cell["cell"]: cell for cell in (await response.json())["cells"]}
+
+
+async def test_all_cells_of_the_site_are_shown_with_their_states(router: str) -> None:
+    up = {**asdict(alarm(1)), "acknowledged": {"name": "ada", "note": "", "time": EPOCH}}
+    page = {"page": {"url": "http://192.0.2.7:8480/"}}
+    states = {
+        "weld-1": status(),
+        "weld-2": status([up], state="red", power_W=812.5, sinks=page),
+        "weld-3": {"state": "green"},
+    }
+    async with AsyncExitStack() as stack:
+        url = await stack.enter_async_context(viewing(router))
+        browser = await stack.enter_async_context(client())
+        for name, told in states.items():
+            await stack.enter_async_context(speaking(name, router, told))
+
+        async def all_answer() -> Any:
+            found = await cells(browser, url)
+            return len(found) == 3 and all(cell["state"] for cell in found.values()) and found
+
+        found = await eventually(all_answer, "all three")
+        assert [cell["state"] for cell in found.values()] == ["green", "red", "green"]
+        assert (found["weld-1"]["received"], found["weld-1"]["lost"]) == (70, 3)
+        red = found["weld-2"]
+        assert red["alarms"][0] == {
+            "id": "alarm-1",
+            "severity": "error",
+            "since": MS,
+            "statement": "Joint 1 needs more power than it should.",
+            "acknowledged": True,
+        }
+        assert (red["power_W"], red["page"]) == (812.5, "http://192.0.2.7:8480/")
+        assert red["age_s"] < 60
+        async with browser.get(f"{url}/api/site") as response:
+            site = await response.json()
+        assert (site["mode"], site["site"], len(site["cells"])) == ("plant", SITE, 3)
+
+
+async def test_a_cell_comes_and_goes_in_the_stream(router: str) -> None:
+    async with viewing(router) as url, client() as browser, browser.get(f"{url}/api/plant/stream") as response:
+        stream = Stream(response)
+        assert await stream.until("plant") == {"cells": []}
+
+        async def state(wanted: str) -> None:
+            while not any(cell["state"] == wanted for cell in (await stream.until("plant"))["cells"]):
+                pass
+
+        async with speaking("weld-1", router, status()):
+            await asyncio.wait_for(state("green"), 30)
+        await asyncio.wait_for(state("gone"), 30)
+        assert (await cells(browser, url))["weld-1"]["state"] == "gone"
+
+
+async def test_energy_of_today_counts_also_what_was_told_before(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.outlets.page.plant.time.time", lambda: EPOCH * 1e-9)
+    async with speaking("weld-1", router, status()) as cell, client() as browser:
+        cell.offer(replace(ENERGY, total=100.0))
+        cell.offer(replace(ENERGY, total=20.0))
+        await eventually(lambda: cell.account.received == 2, "the energies of before")
+        async with viewing(router) as url:
+
+            async def energy(wanted: float) -> bool:
+                found = await cells(browser, url)
+                return "weld-1" in found and found["weld-1"]["energy_today_J"] == wanted
+
+            await eventually(lambda: energy(120.0), "the energies of before")
+            cell.offer(replace(ENERGY, total=3.0))
+            await eventually(lambda: energy(123.0), "the energy of now")
+            assert (await cells(browser, url))["weld-1"]["task"] == "task_1"
+
+
+async def test_a_cell_that_is_looked_at_is_followed_and_then_left(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.outlets.page.followed.KEPT", 0.2)
+    told = status([asdict(alarm(1))])
+    async with speaking("weld-1", router, told) as cell, viewing(router) as url, client() as browser:
+        await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
+        api = f"{url}/api/cells/{SITE}/weld-1"
+        async with browser.get(f"{api}/stream?channels=arm.joint_1.position&rate=25") as response:
+            offered = 0
+
+            async def offering() -> None:
+                nonlocal offered
+                while True:
+                    cell.offer(frames(offered, 5))
+                    offered += 5
+                    await asyncio.sleep(0.05)
+
+            task = asyncio.create_task(offering())
+            got = await Stream(response).until("frames")
+            task.cancel()
+            first = got["v"]["arm.joint_1.position"][0]
+            assert first % 1 == 0.25
+            assert got["t"][0] == MS + 20 * (first - 0.25)
+
+            async def alarmed() -> Any:
+                async with browser.get(f"{api}/state") as state:
+                    told = await state.json()
+                return told["alarms"] and told
+
+            told = await eventually(alarmed, "its alarm")
+            assert [a["id"] for a in told["alarms"]] == ["alarm-1"]
+            assert (told["may_act"], told["record"]) == (False, False)
+            async with browser.get(f"{api}/curves?channels=arm.joint_1.position&from={MS}&to={MS + 60000}") as curves:
+                told = await curves.json()
+            assert told["from_record"] is False
+            assert told["v"]["arm.joint_1.position"]["min"][-1] is not None
+        header = await csrf(browser, url)
+        body = {"id": "alarm-1", "name": "Ada", "note": ""}
+        async with browser.post(f"{api}/acknowledge", json=body, headers=header) as refused:
+            assert refused.status == 403
+            assert await refused.json() == {"error": "acknowledge on the cell's own page"}
+        watching = lambda: [t for t in asyncio.all_tasks() if "watch" in repr(t.get_coro())]  # noqa: E731
+        await eventually(lambda: not watching(), "nobody follows it any more")
+
+
+async def in_plant(browser: aiohttp.ClientSession, url: str, name: str) -> bool:
+    return name in await cells(browser, url)
+
+
+async def test_there_is_a_limit_of_cells_that_are_followed(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.outlets.page.followed.MOST_OPEN", 1)
+    async with (
+        speaking("weld-1", router, status()),
+        speaking("weld-2", router, status()),
+        viewing(router) as url,
+        client() as browser,
+    ):
+        await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
+        await eventually(lambda: in_plant(browser, url, "weld-2"), "the other")
+        async with browser.get(f"{url}/api/cells/{SITE}/weld-1/state") as response:
+            assert response.status == 200
+        async with browser.get(f"{url}/api/cells/{SITE}/weld-2/state") as response:
+            assert response.status == 503
+            assert "1 cells are being looked at" in (await response.json())["error"]
+        for where in (f"{SITE}/weld-9", "plant-2/weld-1"):
+            async with browser.get(f"{url}/api/cells/{where}/state") as response:
+                assert response.status == 404
+
+
+async def test_a_cell_that_is_looked_at_before_the_link_is_open_is_left_at_the_end(
+    router: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opening(plant: Plant, stopped: Callable[[], bool]) -> None:
+        plant._loop.call_soon_threadsafe(plant._of, "weld-1")
+        wait_until(stopped, "the end")
+
+    monkeypatch.setattr(Plant, "_open", opening)
+    desk = Desk()
+    plant = Plant(LinkSettings(mode="client", connect=(router,)), SITE, Browsers(1), desk)
+    running = asyncio.create_task(plant.run())
+    await eventually(lambda: plant.cells, "the cell")
+    await plant.room(SITE, "weld-1")
+    running.cancel()
+    with suppress(asyncio.CancelledError):
+        await running
+    assert not [task for task in asyncio.all_tasks() if "watch" in repr(task.get_coro())]
+    await asyncio.to_thread(desk.close)
+
+
+async def test_nonsense_in_a_cells_name_costs_only_that_cell(router: str, tmp_path: Path) -> None:
+    stranger = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(router,)))
+    try:
+        async with speaking("weld-1", router, status()), viewing(router) as url, client() as browser:
+            await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
+
+            async def nonsense() -> bool:
+                for payload in (b"", b"[]", b'{"positions": {}, "session": 1, "time": 1, "status": {"alarms": 5}}'):
+                    stranger.put(f"cellwatt/{SITE}/odd/health", payload)
+                stranger.put(f"cellwatt/{SITE}/odd/energy", b"x")
+                async with browser.get(f"{url}/api/cells/{SITE}/odd/state") as response:
+                    assert response.status in (200, 404)
+                found = await cells(browser, url)
+                return "odd" in found and found["odd"]["state"] is None and found["weld-1"]["state"] == "green"
+
+            await eventually(nonsense, "both cells")
+    finally:
+        await asyncio.to_thread(stranger.close)
+
+
+async def test_one_cell_by_itself_is_looked_at_over_the_bus(router: str) -> None:
+    async with (
+        speaking("weld-1", router, status([asdict(alarm(1))])),
+        viewing(router, "weld-1") as url,
+        client() as browser,
+    ):
+        async with browser.get(f"{url}/api/site") as response:
+            told = await response.json()
+        assert (told["mode"], told["cells"]) == ("cell", [{"site": SITE, "cell": "weld-1"}])
+
+        async def alarms() -> Any:
+            async with browser.get(f"{url}/api/cells/{SITE}/weld-1/state") as response:
+                return (await response.json())["alarms"]
+
+        assert (await eventually(alarms, "the alarm"))[0]["id"] == "alarm-1"

@@ -1,0 +1,161 @@
+"""Logins across restarts, and tries at passwords by the clock."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cellwatt.door.tries import LONGEST, Tries
+from cellwatt.outlets.page.sessions import FILE, LASTS, MOST, Sessions
+
+
+class World:
+    """Users, and a clock."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / FILE
+        self.proofs = {"ada": "p1", "eve": "p2"}
+        self.now = 1e9
+
+    def sessions(self) -> Sessions:
+        made = Sessions(self.file, self.proofs.get, lambda: self.now)
+        made.load()
+        return made
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path)
+
+
+def test_a_login_survives_a_restart_and_its_token_is_not_on_disk(world: World) -> None:
+    before = world.sessions()
+    token = before.begin("ada")
+    before.save()
+    assert token not in world.file.read_text()
+    assert world.file.stat().st_mode & 0o777 == 0o600
+    after = world.sessions()
+    assert after.name_of(token) == "ada"
+    assert after.csrf(token) == before.csrf(token)
+    after.end(token)
+    after.save()
+    assert world.sessions().name_of(token) is None
+
+
+def test_a_login_ends_with_its_time_its_password_and_its_user(world: World) -> None:
+    sessions = world.sessions()
+    old = sessions.begin("ada")
+    world.now += LASTS + 1
+    assert sessions.name_of(old) is None
+    changed = sessions.begin("ada")
+    gone = sessions.begin("eve")
+    world.proofs["ada"] = "other"
+    del world.proofs["eve"]
+    assert sessions.name_of(changed) is None
+    assert sessions.name_of(gone) is None
+    with pytest.raises(KeyError):
+        sessions.begin("eve")
+
+
+def test_a_login_that_is_used_goes_on(world: World) -> None:
+    sessions = world.sessions()
+    token = sessions.begin("ada")
+    for _ in range(5):
+        world.now += 0.9 * LASTS
+        assert sessions.name_of(token) == "ada"
+
+
+def test_what_is_no_token_is_nobody(world: World) -> None:
+    sessions = world.sessions()
+    sessions.begin("ada")
+    for token in ("", "x", "\ud800", "0" * 10000):
+        assert sessions.name_of(token) is None
+
+
+def test_logins_are_bounded(world: World) -> None:
+    sessions = world.sessions()
+    first = sessions.begin("ada")
+    world.now += 1
+    last = [sessions.begin("ada") for _ in range(MOST)][-1]
+    assert sessions.name_of(first) is None
+    assert sessions.name_of(last) == "ada"
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", "{}", '{"secret": "zz", "logins": {}}', '{"secret": "00", "logins": {"a": 5}}']
+)
+def test_a_damaged_file_is_void(world: World, content: str, caplog: pytest.LogCaptureFixture) -> None:
+    world.file.write_text(content)
+    world.file.chmod(0o600)
+    sessions = world.sessions()
+    assert "everybody has to log in again" in caplog.text
+    token = sessions.begin("ada")
+    sessions.save()
+    assert world.sessions().name_of(token) == "ada"
+
+
+def test_a_file_that_others_may_read_is_void(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    sessions = world.sessions()
+    token = sessions.begin("ada")
+    sessions.save()
+    world.file.chmod(0o644)
+    assert world.sessions().name_of(token) is None
+    assert "others may read it" in caplog.text
+
+
+def test_a_link_in_its_place_is_not_followed(world: World, tmp_path: Path) -> None:
+    target = tmp_path / "target"
+    target.write_text("precious")
+    world.file.with_name(f"{FILE}.new").symlink_to(target)
+    sessions = world.sessions()
+    sessions.begin("ada")
+    sessions.save()
+    assert target.read_text() == "precious"
+    assert json.loads(world.file.read_text())["logins"]
+
+
+def test_a_folder_that_cannot_be_written_is_told(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    world.file = world.file.parent / "none" / FILE
+    sessions = world.sessions()
+    token = sessions.begin("ada")
+    sessions.save()
+    assert "logins end with this process" in caplog.text
+    assert sessions.name_of(token) == "ada"
+
+
+# tries --------------------------------------------------------------------------------------------
+
+
+def test_after_five_tries_the_wait_doubles_up_to_five_minutes() -> None:
+    tries, now, waits = Tries(), 0.0, []
+    for _ in range(20):
+        waits.append(tries.wait(("a",), now))
+        now += waits[-1]
+        tries.begin(("a",), now)
+    assert waits[:10] == [0, 0, 0, 0, 0, 1, 2, 4, 8, 16]
+    assert waits[-1] == LONGEST
+
+
+def test_tries_count_by_address_and_by_name() -> None:
+    tries = Tries()
+    for _ in range(5):
+        tries.begin(("address a", "name x"), 0.0)
+    assert tries.wait(("address a", "name y"), 0.0) == 1.0
+    assert tries.wait(("address b", "name x"), 0.0) == 1.0
+    assert tries.wait(("address b", "name y"), 0.0) == 0.0
+    tries.succeed(("address a", "name x"))
+    assert tries.wait(("address a", "name x"), 0.0) == 0.0
+
+
+def test_tries_are_forgotten_in_time_and_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    tries = Tries()
+    for _ in range(5):
+        tries.begin(("a",), 0.0)
+    tries.begin(("a",), 4000.0)
+    assert tries.wait(("a",), 4000.0) == 0.0
+    monkeypatch.setattr("cellwatt.door.tries.MOST", 10)
+    for number in range(100):
+        tries.begin((str(number),), 0.0)
+    assert len(tries._failed) == 10

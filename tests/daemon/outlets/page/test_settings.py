@@ -1,0 +1,142 @@
+"""Who may come in by the settings of the page, and that a password never stands in them."""
+
+from __future__ import annotations
+
+import re
+from base64 import b64encode
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.outlets.page.passwords import hash_of, parse
+from cellwatt.outlets.page.settings import PageSettings
+from tests.daemon.outlets.page.cell import HASH, PASSWORD, USERS
+from tests.daemon.outlets.zenoh.test_link import certificates
+
+__all__ = ["certificates"]
+
+TLS = {"certificate": "page.pem", "key": "page.key"}
+
+
+@pytest.mark.parametrize("listen", ["127.0.0.1:8480", "localhost:80", "[::1]:8480", "127.3.2.1:0"])
+def test_this_pc_alone_needs_nothing(listen: str) -> None:
+    settings = PageSettings(listen=listen)
+    assert settings.warnings() == ()
+    assert settings.local
+    assert settings.may_act(None)
+
+
+@pytest.mark.parametrize(
+    ("settings", "lacks"),
+    [
+        ({"listen": "0.0.0.0:8480"}, "TLS and users: whoever reaches it sees the cell"),
+        ({"listen": "[::]:8480"}, "TLS and users"),
+        ({"listen": "weld-3:8480", "users": USERS}, "TLS: passwords and data pass in the clear"),
+        ({"listen": "192.0.2.1:8480", **TLS}, "users: whoever reaches it sees the cell"),
+        ({"listen": "localhost.example.com:80"}, "TLS and users"),
+    ],
+)
+def test_strangers_are_let_in_only_on_purpose(settings: dict[str, Any], lacks: str) -> None:
+    with pytest.raises(ValidationError, match=f"open to the network without {re.escape(lacks)}"):
+        PageSettings(**settings)
+    opened = PageSettings(**settings, open=True)
+    (first, *_) = opened.warnings()
+    assert first.startswith(f"listen: {settings['listen']}: open to the network without {lacks}")
+    assert not opened.may_act(None)
+
+
+def test_beyond_this_pc_it_takes_a_certificate_and_users(certificates: Path) -> None:
+    files = {"certificate": certificates / "cell", "key": certificates / "cell.key"}
+    settings = PageSettings(listen="0.0.0.0:8480", users=USERS, **files)
+    assert not [text for text in settings.warnings() if "ends on" not in text]
+    assert (settings.may_act("ada"), settings.may_act("eve"), settings.may_act("bob")) == (True, False, False)
+    assert not settings.may_act(None)
+
+
+def test_files_that_are_missing_are_warned_of(tmp_path: Path) -> None:
+    settings = PageSettings(certificate=tmp_path / "no.pem", key=tmp_path / "no.key")
+    first, second = (text for text in settings.warnings() if "cannot be read" in text)
+    assert first == f"certificate: {tmp_path}/no.pem cannot be read: No such file or directory"
+    assert second.startswith("key: ")
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"listen": "8480"}, "'8480' is not an address; expected host:port, like 127.0.0.1:8480"),
+        ({"listen": "127.0.0.1:70000"}, "is not an address"),
+        ({"listen": "::1:8480"}, "is not an address"),
+        ({"listen": "http://127.0.0.1:80"}, "is not an address"),
+        ({"names": ["a b"]}, "expected a host name"),
+        ({"certificate": "a.pem"}, "certificate and key are needed together"),
+        ({"users": {"ada": {"password": PASSWORD}}}, "expected the hash of a password, as 'cellwatt view"),
+        ({"users": {"ada": {"password": HASH, "may": "do"}}}, "'look' or 'act'"),
+        ({"users": {"a\nb": {"password": HASH}}}, "printable characters"),
+        ({"users": {"": {"password": HASH}}}, "1 to 100"),
+        ({"browsers": 0}, "greater than 0"),
+        ({"lissen": 1}, "Extra inputs"),
+    ],
+)
+def test_mistakes_are_named(settings: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValidationError, match=re.escape(text)):
+        PageSettings(**settings)
+
+
+def test_neither_a_password_nor_its_hash_is_shown() -> None:
+    settings = PageSettings(users=USERS)
+    assert HASH not in repr(settings)
+    assert HASH not in settings.model_dump_json()
+    for password in (PASSWORD, "scrypt$2$8$1$AAAA$AAAA"):
+        with pytest.raises(ValidationError) as caught:
+            PageSettings(users={"ada": {"password": password}})
+        assert password not in str(caught.value)
+    assert PageSettings.model_validate(settings.told()) == settings
+
+
+def test_a_hash_fits_its_password_alone() -> None:
+    made = hash_of(PASSWORD, 2**14, 8, 1)
+    read = parse(str(made))
+    assert read == made
+    assert read.fits(PASSWORD)
+    for wrong in ("", "Correct horse", PASSWORD + " ", "\ud800", PASSWORD * 1000):
+        assert not read.fits(wrong)
+    assert hash_of(PASSWORD, 2**14, 8, 1).salt != made.salt
+    assert not hash_of("x" * 1024, 2**14, 8, 1).fits("x" * 1025)
+
+
+def test_a_hash_is_what_every_scrypt_gives() -> None:
+    """The third vector of RFC 7914, section 12."""
+    known = bytes.fromhex("7023bdcb3afd7348461c06cd81fd38ebfda8fbba904f8e3ea9b543f6545da1f2")
+    salt, value = (b64encode(part).decode() for part in (b"SodiumChloride", known))
+    assert parse(f"scrypt$16384$8$1${salt}${value}").fits("pleaseletmein")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "secret",
+        "scrypt$16384$8$1$AAAA",
+        HASH + "$",
+        HASH.replace("scrypt", "bcrypt"),
+        HASH.replace("16384", "16383"),
+        HASH.replace("16384", "1024"),
+        HASH.replace("16384", str(2**24)),
+        HASH.replace("$8$1$", "$8$1000$"),
+        HASH.replace("$8$1$", "$8$0$"),
+        HASH[:-4],
+        HASH.replace("16384", "ten"),
+    ],
+    ids=[f"wrong {n}" for n in range(12)],  # a hash has other salt in each process, and so would the names of the tests
+)
+def test_what_is_no_hash_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="hash"):
+        parse(text)
+
+
+@pytest.mark.parametrize("password", ["", "x" * 1025])
+def test_no_password_is_no_password(password: str) -> None:
+    with pytest.raises(ValueError, match="1 to 1024 characters"):
+        hash_of(password)

@@ -1,0 +1,154 @@
+"""Browsers that follow: one that reads nothing costs only itself."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt import FrameChannel, Layout
+from cellwatt.outlets.page import browsers, streams
+from cellwatt.outlets.page.browsers import Browser, Browsers
+from tests.daemon.outlets.page.cell import API, Served, Stream, alarm, client, frames, served
+from tests.patience import eventually
+
+WIDE = Layout(tuple(FrameChannel(f"arm.c_{i}", "1", "continuous", "linear") for i in range(60)), 50.0)
+NAMES = ",".join(WIDE.names)
+
+
+async def mute(page: Served) -> socket.socket:
+    """A browser that asks for all channels and then reads nothing."""
+    host, port = page.url.removeprefix("http://").split(":")
+    made = socket.socket()
+    made.setblocking(False)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    loop = asyncio.get_running_loop()
+    await loop.sock_connect(made, (host, int(port)))
+    asked = f"GET {API}/stream?channels={NAMES}&rate=25 HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n"
+    await loop.sock_sendall(made, asked.encode())
+    return made
+
+
+async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(browsers, "MOST_BYTES", 50_000)
+    async with served(tmp_path) as page, client() as browser:
+        silent = await mute(page)
+        try:
+            async with browser.get(f"{page.url}{API}/stream?channels=arm.c_0&rate=25") as response:
+                stream, got, sent = Stream(response), [], 0
+                await eventually(lambda: len(page.hub) == 2, "both browsers")
+                while not page.browsers.counts["blocks dropped"]:
+                    page.feed.take_frames(frames(sent, 25, WIDE))
+                    sent += 25
+                    while len(got) < sent:
+                        got += (await stream.until("frames"))["t"]
+                assert got == [t / 1e6 for t in frames(0, sent, WIDE).time.tolist()], "the other got every frame"
+                (stalled,) = [b for g in page.hub._groups.values() for b in g.members if b.dropped]
+                assert stalled._size <= 50_000
+        finally:
+            silent.close()
+        await eventually(lambda: page.feed.take_gap("x") or len(page.browsers) == 0, "both have left")
+
+
+async def test_a_browser_that_was_too_slow_is_told_how_much_it_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(browsers, "MOST_BYTES", 50_000)
+    async with served(tmp_path) as page:
+        silent = await mute(page)
+        sent = 0
+        await eventually(lambda: len(page.hub), "the browser")
+        while not page.browsers.counts["blocks dropped"]:
+            page.feed.take_frames(frames(sent, 25, WIDE))
+            sent += 25
+            await asyncio.sleep(0.01)
+        page.feed.take_item("alarm", asdict(alarm(1)))
+        dropped, read = 0, b""
+        loop = asyncio.get_running_loop()
+        while b"event: alarm" not in read:
+            read += await loop.sock_recv(silent, 65536)
+        dropped = sum(int(part.split(b"}")[0]) for part in read.split(b'event: behind\ndata: {"dropped":')[1:])
+        assert dropped == page.browsers.counts["blocks dropped"] > 0
+        silent.close()
+        await eventually(lambda: page.feed.take_gap("x") or not len(page.browsers), "its end")
+
+
+async def test_a_browser_that_takes_nothing_for_long_is_disconnected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(browsers, "STALLED", 0.2)
+    async with served(tmp_path) as page:
+        silent = await mute(page)
+        await eventually(lambda: len(page.hub), "the browser")
+        sent = 0
+        while page.browsers.counts["browsers too slow"] == 0:
+            page.feed.take_frames(frames(sent, 25, WIDE))
+            sent += 25
+            await asyncio.sleep(0.01)
+        await eventually(lambda: len(page.browsers) == 0, "its place")
+        silent.close()
+
+
+async def test_events_go_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(browsers, "MOST_BYTES", 100)
+    browser = Browser(Browsers(1).counts)
+    browser.put(b"alarm" * 10)
+    for _ in range(5):
+        browser.put(b"frame" * 10, frames=True)
+    browser.put(b"clear" * 10)
+    assert (await browser._next()).startswith(b"event: behind")
+    assert [await browser._next() for _ in range(2)] == [b"alarm" * 10, b"clear" * 10]
+    for _ in range(3):
+        browser.put(b"alarm" * 10)
+    assert browser._ended, "one that cannot even take events has to ask anew"
+
+
+async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
+    async with served(tmp_path, browsers=2) as page, client() as browser:
+        url = f"{page.url}{API}/stream"
+        async with browser.get(url) as first, browser.get(url) as second:
+            assert (first.status, second.status) == (200, 200)
+            async with browser.get(url) as third:
+                assert third.status == 503
+                assert "2 browsers follow already" in (await third.json())["error"]
+        page.feed.take_gap("x")
+        await eventually(lambda: page.feed.take_gap("x") or len(page.browsers) == 0, "room")
+        async with browser.get(url) as again:
+            assert again.status == 200
+
+
+async def test_a_quiet_stream_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(browsers, "HEARTBEAT", 0.01)
+    async with served(tmp_path) as page, client() as browser, browser.get(f"{page.url}{API}/stream") as response:
+        lines = [await response.content.readline() for _ in range(5)]
+        assert lines[0].startswith(b"retry: ")
+        assert b": still here\n" in lines
+
+
+async def test_blocks_are_made_once_for_all_that_want_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    encoded = streams.encoded
+    monkeypatch.setattr(streams, "encoded", lambda event, data: made.append(event) or encoded(event, data))
+    async with served(tmp_path) as page, client() as browser:
+        url = f"{page.url}{API}/stream?channels=arm.c_0&rate=25"
+        async with browser.get(url) as one, browser.get(url) as two, browser.get(f"{url}&channels=arm.c_1") as other:
+            await eventually(lambda: len(page.hub) == 3, "all browsers")
+            page.feed.take_frames(frames(0, 5, WIDE))
+            blocks = [await Stream(response).until("frames") for response in (one, two, other)]
+        assert blocks[0] == blocks[1] == blocks[2]
+        assert made.count("frames") == 1
+
+
+async def test_many_frames_are_one_message_at_the_rate_that_is_asked_for(tmp_path: Path) -> None:
+    url = f"{API}/stream?channels=arm.c_0&rate=5"
+    async with served(tmp_path) as page, client() as browser, browser.get(page.url + url) as response:
+        await eventually(lambda: len(page.hub), "the browser")
+        for first in range(0, 50, 5):
+            page.feed.take_frames(frames(first, 5, WIDE))
+        got = await Stream(response).until("frames")
+        assert np.allclose(np.diff(got["t"]), 20.0)
+        assert len(got["t"]) == 50

@@ -1,0 +1,168 @@
+"""A publishing cell as a process: a ``ZenohOutlet`` over a record in memory or in a ``folder``, ordered about in JSON
+lines.
+
+Orders: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from where it is,
+``{"offer_only": n}`` / ``{"record_only": n}`` samples that only go there, ``{"frames": n}`` and ``{"tasks": n}``
+publish those at once.
+Health goes out each 0.2 s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from cellwatt import Batch, Frames
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.record import Header, History, Recorder, RecordSettings
+from cellwatt.results import Event, Result
+from cellwatt.ring import Ring, RingJournal
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames, task
+from tests.patience import PATIENCE
+
+FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH, TASKS_OF_A_FLUSH = 10, 500, 100
+
+
+class RecordingView(FakeView):
+    """The cell with a record on disk, in small files."""
+
+    def __init__(self, session: int, folder: Path) -> None:
+        super().__init__(session)
+        self.recorder = Recorder(RecordSettings(folder=folder, file_size=10e3), Header(SITE, CELL, session))
+        self.recorder.start()
+        self._history = History(folder, self.recorder)
+        self.journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
+
+    def record(self, item: Batch | Frames, session: int | None = None) -> None:
+        assert self.recorder.frames(item) if isinstance(item, Frames) else self.recorder.batch(item)
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        return self._history.recordings()
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        asked = source, stream, session, first, count
+        return self._history.history(*asked) or self._history.later(*asked)
+
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        return self._history.frames(session, first, count)
+
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        return self._history.results(series, session, first, count)
+
+
+class Cell:
+    def __init__(self, settings: dict[str, Any]) -> None:
+        session, folder = settings.pop("session", EPOCH), settings.pop("folder", None)
+        self.recorded = None if folder is None else RecordingView(session, Path(folder))
+        self.view = self.recorded or FakeView(session)
+        for session, count in settings.pop("recorded", {}).items():
+            self.view.record(batch(0, count), int(session))
+        self.outlet = ZenohOutlet("zenoh", ZenohSettings(**settings), self.view)
+        self.samples = self.frames = self.alarms = self.tasks = 0
+
+    async def stream(self, samples: int, frames_too: bool, every: int, rate: float, block: int) -> None:
+        """``samples`` of one source at ``rate`` Hz in blocks; a frame a block; an alarm every ``every`` blocks."""
+        loop = asyncio.get_running_loop()
+        start = loop.time()
+        for i in range(samples // block):
+            await asyncio.sleep(start + i * block / rate - loop.time())
+            self.offer(batch(self.samples, block))
+            if frames_too:
+                self.offer_frames(1)
+            if every and i % every == 0:
+                self.outlet.offer(alarm(self.alarms, active=self.alarms % 2 == 0))
+                self.alarms += 1
+        self.say_published()
+
+    def offer_frames(self, count: int) -> None:
+        self.view.record(frames(self.frames, count))
+        self.outlet.offer(frames(self.frames, count))
+        self.frames += count
+
+    async def burst(self, count: int) -> None:
+        """Frames at once, in blocks; they are on disk when it says so."""
+        end = self.frames + count
+        while self.frames < end:
+            self.offer_frames(FRAMES_OF_A_BLOCK)
+            if self.recorded is not None and (self.frames == end or self.frames % FRAMES_OF_A_FLUSH == 0):
+                assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
+        self.say_published()
+
+    async def found(self, count: int) -> None:
+        """Tasks at once; they are on disk when it says so."""
+        assert self.recorded is not None
+        for _ in range(count):
+            item = task(self.tasks)
+            assert self.recorded.recorder.result(item, self.recorded.journal.put(item))
+            self.outlet.offer(item)
+            self.tasks += 1
+            if self.tasks % TASKS_OF_A_FLUSH == 0:
+                assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
+        self.say_published()
+
+    def say_published(self) -> None:
+        made = {"samples": self.samples, "frames": self.frames, "alarms": self.alarms, "tasks": self.tasks}
+        say({"published": made})
+
+    def offer(self, item: Any, live: bool = True, record: bool = True) -> None:
+        self.samples += len(item)
+        if record:
+            self.view.record(item)
+        if live:
+            self.outlet.offer(item)
+
+    async def beat(self) -> None:
+        while True:
+            self.outlet.health(STATUS)
+            await asyncio.sleep(0.2)
+
+    async def obey(self) -> None:
+        reader = asyncio.StreamReader()
+        await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+        async with asyncio.TaskGroup() as group:
+            while line := await reader.readline():
+                order = json.loads(line)
+                if "stream" in order:
+                    group.create_task(self.stream(**order["stream"]))
+                elif "frames" in order:
+                    group.create_task(self.burst(order["frames"]))
+                elif "tasks" in order:
+                    group.create_task(self.found(order["tasks"]))
+                elif "record_only" in order:
+                    self.offer(batch(self.samples, order["record_only"]), live=False)
+                elif "offer_only" in order:
+                    self.offer(batch(self.samples, order["offer_only"]), record=False)
+                elif "alarm" in order:
+                    self.outlet.offer(alarm(**order["alarm"]))
+                elif "account" in order:
+                    say({"account": self.outlet.account.snapshot()})
+
+
+def say(what: Any) -> None:
+    print(json.dumps(what), flush=True)
+
+
+async def main() -> None:
+    cell = Cell(json.loads(sys.argv[1]))
+    serving = asyncio.create_task(cell.outlet.run())
+    beating = asyncio.create_task(cell.beat())
+    say("ready")
+    try:
+        await cell.obey()
+    finally:
+        for task in (beating, serving):
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        if cell.recorded is not None:
+            await cell.recorded.recorder.close()
+        say({"account": cell.outlet.account.snapshot()})
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

@@ -1,0 +1,67 @@
+"""A ``Subscriber`` as a process; says each message it is given, with what a test wants to know of its content."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+from typing import Any
+
+from cellwatt import Alarm, Batch, Frames, Task
+from cellwatt.outlets.zenoh.link import LinkSettings
+from cellwatt.subscriber import Gap, Message, Subscriber
+from tests.daemon.outlets.zenoh.fake_cell import frames, task
+
+_one_at_a_time = threading.Lock()
+
+
+def say(what: Any) -> None:
+    """Print a line; two threads do, and print writes its end apart from the line."""
+    with _one_at_a_time:
+        print(json.dumps(what), flush=True)
+
+
+def summary(message: Message) -> dict[str, Any]:
+    content = message.content
+    about: dict[str, Any] = {"topic": message.topic, "session": message.session, "first": message.sequence}
+    about |= {"count": message.count, "backfilled": message.backfilled}
+    if isinstance(content, Batch | Frames):
+        about["values"] = content.values[:, 0].tolist()
+        if isinstance(content, Frames):
+            about["as_offered"] = same_frames(content, frames(content.sequence, len(content)))
+    elif isinstance(content, Alarm):
+        about |= {"id": content.id, "active": content.active}
+    elif isinstance(content, Task):
+        about["as_offered"] = content == task(message.sequence)
+    elif isinstance(content, Gap):
+        about["gap"] = content.reason
+    return about
+
+
+def same_frames(a: Frames, b: Frames) -> bool:
+    """Equal to the last bit."""
+    arrays = "time", "values", "quality", "bound"
+    alike = all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in arrays)
+    return alike and (a.layout, a.sequence, len(a)) == (b.layout, b.sequence, len(b))
+
+
+def main() -> None:
+    settings = json.loads(sys.argv[1])
+    want = settings.pop("want", ["raw", "frame", "alarm", "event", "health"])
+    with Subscriber("plant-1", "weld-3", LinkSettings(**settings), want=want) as cell:
+
+        def stop() -> None:
+            sys.stdin.read()
+            say({"counts": cell.counts})
+            cell.close()
+
+        stopper = threading.Thread(target=stop)
+        stopper.start()
+        say("ready")
+        for message in cell:
+            say(summary(message))
+        stopper.join()
+
+
+if __name__ == "__main__":
+    main()

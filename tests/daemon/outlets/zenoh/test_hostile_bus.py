@@ -1,0 +1,417 @@
+"""What somebody hostile can put on a cell's keys: it is refused and counted, and what the cell says still comes, once.
+
+A stranger's messages have right marks and checksums: they are made by the code that makes the cell's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import zenoh
+
+from cellwatt import ProtocolError
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh.encode import decode, encode_batch
+from cellwatt.outlets.zenoh.link import open_session
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import encode_item, encode_json, health
+from cellwatt.subscriber import Gap, Health, Message, Subscriber
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm, batch
+from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell, cell, joined, read
+from tests.patience import PATIENCE, eventually
+
+__all__ = ["cell"]
+
+ROOT = f"cellwatt/{SITE}/{CELL}"
+FUTURE = EPOCH + 10**18
+"""A session that began 30 years after the cell's."""
+LEAP = 10**6
+ALARM_KEY = f"{ROOT}/alarm/error/joint_fault"
+
+
+class Stranger:
+    """Somebody who may publish on the cell's keys."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+
+    def put(self, path: str, payload: bytes, mark: Mark | None) -> None:
+        attachment = None if mark is None else mark.encode(payload)
+        self.session.put(f"{ROOT}/{path}", payload, attachment=attachment)
+
+    def raw(self, session: int, first: int, count: int = 5, topic: str = RAW) -> None:
+        self.put(topic, encode_batch(batch(0, count)), Mark(session, first, count, EPOCH))
+
+    def alarm(self, session: int, number: int, count: int = 1) -> None:
+        mark = Mark(session, number, count, EPOCH)
+        self.put("alarm/error/joint_fault", encode_item(alarm(1), mark), mark)
+
+    def health(self, session: int, positions: dict[str, tuple[int, int]], marked: bool = True) -> None:
+        mark = Mark(session, 7, 1, EPOCH)
+        self.put("health", health(mark, session, positions, {"state": "red"}), mark if marked else None)
+
+
+@pytest.fixture
+async def stranger(cell: Cell) -> AsyncIterator[Stranger]:
+    session = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
+    yield Stranger(session)
+    session.close()
+
+
+async def refused(subscriber: Subscriber, count: int) -> None:
+    await eventually(lambda: subscriber.counts.get("refused", 0) >= count, f"{count} refused: {subscriber.counts}")
+
+
+async def only_the_truth(cell: Cell, subscriber: Subscriber, first: int) -> None:
+    """What the cell says next comes, in its place, and nothing was called lost or doubled."""
+    cell.give(first, 5)
+    (message,) = await read(subscriber, 1, RAW)
+    assert (message.session, message.sequence, message.count, message.backfilled) == (EPOCH, first, 5, False)
+    assert isinstance(message.content, type(batch(0, 1)))
+    assert "lost" not in subscriber.counts
+    assert subscriber.counts["duplicates"] == 0
+
+
+def forge(what: str, stranger: Stranger, numbering: int) -> None:
+    """One message of somebody who knows where the cell is: ``numbering`` is that of its results."""
+    match what:
+        case "a session in the future":
+            stranger.raw(FUTURE, 0)
+        case "a session in the future, far on":
+            stranger.raw(FUTURE, LEAP)
+        case "a session in the past":
+            stranger.raw(EPOCH - 10**15, 3)
+        case "a leap of a million samples":
+            stranger.raw(EPOCH, LEAP)
+        case "a leap to the end of numbers":
+            stranger.raw(EPOCH, 2**63 - 10)
+        case "a leap of some samples":
+            stranger.raw(EPOCH, 50)
+        case "a topic that is not":
+            stranger.raw(EPOCH, 3, topic="raw/ghost/samples")
+        case "alarms of the future":
+            stranger.alarm(FUTURE, 0)
+        case "a leap of alarms":
+            stranger.alarm(numbering, LEAP)
+        case "a million million samples by health":
+            stranger.health(EPOCH, {RAW: (EPOCH, 10**12), "alarm": (numbering, 10**12)})
+        case "the same without a mark":
+            stranger.health(EPOCH, {RAW: (EPOCH, 10**12)}, marked=False)
+        case "a session of the daemon by health":
+            stranger.health(FUTURE, {RAW: (FUTURE, 10**12)})
+        case _:
+            raise AssertionError(what)
+
+
+FORGED = [
+    "a session in the future",
+    "a session in the future, far on",
+    "a session in the past",
+    "a leap of a million samples",
+    "a leap to the end of numbers",
+    "a leap of some samples",
+    "a topic that is not",
+    "alarms of the future",
+    "a leap of alarms",
+    "a million million samples by health",
+    "the same without a mark",
+    "a session of the daemon by health",
+]
+
+
+@pytest.mark.parametrize("what", FORGED)
+async def test_what_the_cell_does_not_know_is_refused(cell: Cell, stranger: Stranger, what: str) -> None:
+    async with cell.subscriber(want=("raw", "alarm"), patience=0.2) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        cell.outlet.offer(alarm(1))
+        messages = {m.topic: m for m in await read(subscriber, 2)}
+        forge(what, stranger, messages["alarm"].session)
+        await refused(subscriber, 1)
+        await only_the_truth(cell, subscriber, 5)
+        cell.outlet.offer(alarm(1, active=False))
+        (message,) = await read(subscriber, 1, "alarm")
+        assert (message.sequence, message.content) == (1, alarm(1, active=False))
+
+
+async def test_a_flood_of_forged_messages_stops_nothing(cell: Cell, stranger: Stranger) -> None:
+    async with cell.subscriber(want=("raw",), patience=0.2) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        for i in range(2000):
+            stranger.raw(FUTURE + i, i * LEAP)
+            stranger.health(FUTURE, {f"raw/ghost{i}/samples": (EPOCH, 10**12), RAW: (FUTURE, i)})
+            if i % 20 == 0:
+                cell.give(5 + i // 4, 5)
+                await asyncio.sleep(0)
+        messages: list[Message] = []
+        while not messages or messages[-1].sequence + messages[-1].count < 505:
+            messages += await read(subscriber, 1, RAW)
+        assert {(m.topic, m.session) for m in messages} == {(RAW, EPOCH)}
+        assert [n for m in messages for n in range(m.sequence, m.sequence + m.count)] == list(range(5, 505))
+        await refused(subscriber, 1)
+        assert "lost" not in subscriber.counts
+
+
+async def test_who_is_forged_to_before_it_knows_the_cell_finds_it(cell: Cell, stranger: Stranger) -> None:
+    """The first message that a subscriber hears is not the cell's, and the cell answers late."""
+    cell.give(0, 100)
+    await eventually(lambda: cell.outlet.account.received == 100, "the samples")
+    async with cell.subscriber(want=("raw",), patience=0.2) as subscriber:
+        # As if it had come before the cell's first answer.
+        with subscriber._inbox.lock:
+            following = subscriber._inbox.following
+            following.joined, following._topics = False, {}
+            following.message(RAW, Mark(FUTURE, LEAP, 5, EPOCH), batch(0, 5))
+            following.doubt()
+            subscriber._inbox.look.set()
+        await refused(subscriber, 1)
+        await only_the_truth(cell, subscriber, 100)
+        assert subscriber.positions[RAW] == (EPOCH, 105)
+
+
+async def test_a_true_long_loss_is_followed(cell: Cell) -> None:
+    """A leap of two million that the cell confirms: what it no longer has is a gap, and the stream goes on."""
+    async with cell.subscriber(want=("raw",), patience=0.2) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        cell.view.forgotten = 2 * LEAP
+        cell.give(2 * LEAP, 5)
+        gap, live = await read(subscriber, 2)
+        assert "refused" not in subscriber.counts
+    assert isinstance(gap.content, Gap)
+    assert (gap.sequence, gap.count) == (5, 2 * LEAP - 5)
+    assert (live.sequence, live.count) == (2 * LEAP, 5)
+
+
+async def test_a_true_restart_is_followed_beside_a_forged_one(cell: Cell, stranger: Stranger) -> None:
+    """The cell ends and begins anew on the same port in a later session, while somebody claims one still later."""
+    later = EPOCH + 60 * 10**9
+    async with cell.subscriber(want=("raw", "health"), patience=0.2) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1, RAW)
+        stranger.raw(FUTURE, 0)
+        stranger.health(FUTURE, {RAW: (FUTURE, 10)})
+        await refused(subscriber, 2)
+        cell.view.session = later
+        item = batch(0, 5)
+        cell.view.record(item, later)
+        cell.outlet.offer(item)
+        (message,) = await read(subscriber, 1, RAW)
+        assert (message.session, message.sequence) == (later, 0)
+        healthy: Any = None
+        while healthy is None or healthy.session != later:
+            (message,) = await read(subscriber, 1, "health")
+            healthy = message.content
+            assert isinstance(healthy, Health)
+            assert healthy.session in (EPOCH, later)
+        assert "lost" not in subscriber.counts
+
+
+# what cannot be a message --------------------------------------------------------------------------------
+
+
+def packed(compression: str) -> bytes:
+    """A batch of 20 million zeros, packed."""
+    rows = 2_000_000
+    real = pa.ipc.open_stream(encode_batch(batch(0, 1))).schema
+    columns = [
+        pa.array(np.zeros(rows, np.int64)),
+        pa.nulls(rows, pa.int64()),
+        pa.array(np.zeros(rows, np.int64)),
+        pa.array(np.zeros(rows, np.uint8)),
+        pa.FixedSizeListArray.from_arrays(np.zeros(3 * rows), 3),
+    ]
+    made = pa.RecordBatch.from_arrays(columns, schema=real)
+    out = io.BytesIO()
+    with pa.ipc.new_stream(out, real, options=pa.ipc.IpcWriteOptions(compression=compression)) as writer:
+        writer.write_batch(made)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_what_is_small_and_unpacks_to_much_is_not_unpacked(compression: str) -> None:
+    payload = packed(compression)
+    assert len(payload) < 1_000_000
+    before = pa.total_allocated_bytes()
+    with pytest.raises(ProtocolError, match="its columns are compressed"):
+        decode(payload, Mark(EPOCH, 0, 2_000_000, EPOCH))
+    assert pa.total_allocated_bytes() - before < 1_000_000
+
+
+DEEP = b"[" * 100_000
+MARK = Mark(EPOCH, 0, 1, EPOCH)
+
+
+@pytest.mark.parametrize(
+    ("path", "payload", "mark"),
+    [
+        ("alarm/error/joint_fault", DEEP, MARK),
+        ("alarm/error/joint_fault", b'{"mark": 1e999}', MARK),
+        ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, count=10**9)),
+        ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, sequence=-1)),
+        ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, session=-1)),
+        ("event", b"1" + b"0" * 5000, MARK),
+        (RAW, encode_batch(batch(0, 5)), replace(MARK, sequence=2**63 - 2, count=5)),
+        (RAW, encode_batch(batch(0, 0)), replace(MARK, count=0)),
+        ("health", DEEP, MARK),
+        ("health", b'{"session": 1e999, "time": 1, "positions": {}, "status": {}}', MARK),
+        ("health", b'{"session": 1, "time": 1, "positions": {"frame": [1, 1e400]}, "status": {}}', MARK),
+        ("health", b'{"session": 1, "time": 1, "positions": {"frame": [1, 9223372036854775808]}, "status": {}}', MARK),
+        ("health", b'{"session": 1, "time": 1, "positions": {}, "status": 5}', None),
+        ("health", encode_json({"positions": {f"raw/a{i}/b": (1, 1) for i in range(2000)}}), MARK),
+        ("raw/%FF/\u00e4\u2028", b"", None),
+    ],
+    ids=range(15),
+)
+async def test_what_is_no_message_ends_nothing(
+    cell: Cell, stranger: Stranger, path: str, payload: bytes, mark: Mark | None
+) -> None:
+    async with cell.subscriber() as subscriber:
+        await joined(subscriber)
+        stranger.put(path, payload, mark)
+        await eventually(lambda: subscriber.counts.get("unreadable") == 1, "the refusal")
+        await only_the_truth(cell, subscriber, 0)
+
+
+async def test_a_large_result_is_not_read(cell: Cell, stranger: Stranger, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.outlets.zenoh.received._LARGEST_JSON", 1000)
+    async with cell.subscriber(want=("event",)) as subscriber:
+        await eventually(lambda: subscriber._session is not None, "the session")
+        stranger.put("event", b'"' + b"x" * 2000 + b'"', MARK)
+        await eventually(lambda: subscriber.counts.get("unreadable"), "the refusal")
+
+
+async def test_topics_in_health_that_are_no_topics_are_not_asked_for(cell: Cell, stranger: Stranger) -> None:
+    async with cell.subscriber(want=("raw", "alarm", "frame")) as subscriber:
+        await joined(subscriber)
+        odd = ("raw/a", "raw/a/b/c", "raw/*/x", "alarm/**", "frame?x", "raw//", "raw/a/" + "b" * 5000)
+        stranger.health(EPOCH, dict.fromkeys(odd, (EPOCH, 9)))
+        cell.give(0, 5)
+        (message,) = await read(subscriber, 1, RAW)
+        assert message.sequence == 0
+        assert "refused" not in subscriber.counts
+
+
+async def test_an_answer_about_something_else_is_not_taken(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody answers in the cell's place with samples of another session."""
+    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
+        await joined(subscriber)
+        monkeypatch.setattr(
+            cell.outlet._answers, "_known", {**cell.outlet._answers._known, "history": lambda _: forged_answer()}
+        )
+        cell.give(0, 4, live=False)
+        cell.give(4, 5)
+        gap, live = await read(subscriber, 2)
+    assert isinstance(gap.content, Gap)
+    assert "the answer has 1000000 to 1000005 in session" in gap.content.reason
+    assert (gap.count, live.session, live.sequence) == (4, EPOCH, 4)
+
+
+def forged_answer() -> Any:
+    from cellwatt.outlets.zenoh.past import Answer
+
+    payload = encode_batch(batch(0, 5))
+    return Answer(payload, "application/vnd.apache.arrow.stream", Mark(FUTURE, LEAP, 5, EPOCH, True), RAW)
+
+
+# the mark of health ----------------------------------------------------------------------------------------
+
+
+async def test_health_has_the_mark_of_every_message(cell: Cell, stranger: Stranger) -> None:
+    heard: list[zenoh.Sample] = []
+    stranger.session.declare_subscriber(f"{ROOT}/health", heard.append)
+    await eventually(lambda: len(heard) >= 3, "health")
+    marks = [Mark.decode(s.attachment.to_bytes(), s.payload.to_bytes()) for s in heard]
+    numbers = [m.sequence for m in marks]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert {(m.session, m.count, m.backfill) for m in marks} == {(marks[0].session, 1, False)}
+    for sample, mark in zip(heard, marks, strict=True):
+        body = json.loads(sample.payload.to_bytes())
+        assert body["mark"] == {"session": mark.session, "sequence": mark.sequence}
+        assert body["time"] == mark.arrival
+    (reply,) = await asyncio.to_thread(lambda: list(stranger.session.get(f"{ROOT}/@/status", timeout=10.0)))
+    mark = Mark.decode(reply.ok.attachment.to_bytes(), reply.ok.payload.to_bytes())
+    assert mark.backfill
+    assert mark.sequence > numbers[-1]
+
+
+async def test_health_that_was_damaged_on_its_way_is_not_taken(cell: Cell, stranger: Stranger) -> None:
+    async with cell.subscriber(want=("health",)) as subscriber:
+        await joined(subscriber)
+        mark = Mark(EPOCH, 7, 1, EPOCH)
+        good = health(mark, EPOCH, {}, {"state": "green"})
+        stranger.session.put(f"{ROOT}/health", good.replace(b"green", b"grean"), attachment=mark.encode(good))
+        await eventually(lambda: subscriber.counts.get("unreadable") == 1, "the damaged one")
+        messages = await read(subscriber, 3)
+    assert all(m.content.status == {"state": "green"} for m in messages)  # type: ignore[union-attr]
+    assert [m.sequence for m in messages] == list(range(messages[0].sequence, messages[0].sequence + 3))
+
+
+# access rules ----------------------------------------------------------------------------------------------
+
+
+def ruled(*allowed: tuple[str, str]) -> dict[str, Any]:
+    """Access rules of a cell that let everybody do what is named, by message and direction, and nothing else."""
+    keys = [f"{ROOT}/**", f"{ROOT}/@/**"]
+    rules = [
+        {"id": f"{message} {flow}", "messages": [message], "flows": [flow], "permission": "allow", "key_exprs": keys}
+        for message, flow in allowed
+    ]
+    names = [rule["id"] for rule in rules]
+    policies = [{"rules": names, "subjects": ["all"]}]
+    return {
+        "access_control": {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": rules,
+            "subjects": [{"id": "all"}],
+            "policies": policies,
+        }
+    }
+
+
+SEE = (("declare_subscriber", "ingress"), ("put", "egress"))
+
+
+async def test_rules_keep_a_stranger_from_speaking_and_a_viewer_who_may_only_see_sees() -> None:
+    """Through the settings of the outlet; whoever may not ask gets what comes live, from where it is."""
+    cell = Cell()
+    cell.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=cell.link.connect, options=ruled(*SEE)), cell.view)
+    serving = asyncio.create_task(cell.outlet.run())
+    try:
+        async with cell.subscriber(want=("raw", "health")) as viewer:
+            session = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
+            try:
+                green = {"state": "green"}
+                await eventually(lambda: cell.outlet.health(green) or viewer._inbox.mailbox._items.qsize(), "health")
+                Stranger(session).raw(EPOCH, 0)
+                Stranger(session).health(FUTURE, {RAW: (FUTURE, 9)})
+                assert await asyncio.to_thread(lambda: list(session.get(f"{ROOT}/@/config", timeout=0.5))) == []
+                cell.give(0, 5)
+                heard = await read(viewer, 1, RAW)
+                cell.give(5, 5)
+                heard += await read(viewer, 1, RAW)
+            finally:
+                session.close()
+        assert [(m.session, m.sequence) for m in heard] == [(EPOCH, 0), (EPOCH, 5)]
+        np.testing.assert_array_equal(heard[1].content.values, batch(5, 5).values)  # type: ignore[union-attr]
+        assert set(viewer.counts) == {"live", "duplicates"}
+        assert viewer.counts["duplicates"] == 0
+        assert cell.outlet.account.counters == {}
+    finally:
+        serving.cancel()
+        with suppress(asyncio.CancelledError):
+            await serving

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import pytest
+import zenoh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cellwatt import ConfigError, ProtocolError
+from cellwatt.outlets.zenoh.keys import (
+    KINDS,
+    Address,
+    CellKeys,
+    alarm_path,
+    escape,
+    parse,
+    raw_topic,
+    series_of_topic,
+    topic_of_series,
+)
+
+NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
+KEYS = CellKeys("plant-1", "weld-3")
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        (KEYS.root, "cellwatt/plant-1/weld-3"),
+        (KEYS.live(raw_topic("arm", "samples")), "cellwatt/plant-1/weld-3/raw/arm/samples"),
+        (KEYS.live("frame"), "cellwatt/plant-1/weld-3/frame"),
+        (KEYS.live(topic_of_series("prediction/power")), "cellwatt/plant-1/weld-3/prediction/power"),
+        (KEYS.live(alarm_path("error", "joint_fault")), "cellwatt/plant-1/weld-3/alarm/error/joint_fault"),
+        (KEYS.live(alarm_path("error", "joint_fault", "a/1")), "cellwatt/plant-1/weld-3/alarm/error/joint_fault/a%2F1"),
+        (KEYS.backfill(raw_topic("arm", "samples")), "cellwatt/plant-1/weld-3/backfill/raw/arm/samples"),
+        (KEYS.question("history"), "cellwatt/plant-1/weld-3/@/history"),
+    ],
+)
+def test_keys_are_those_of_the_design(key: str, text: str) -> None:
+    assert key == text
+
+
+@settings(deadline=None)
+@given(NAMES)
+def test_any_name_is_one_chunk_that_zenoh_takes_as_it_is(name: str) -> None:
+    chunk = escape(name)
+    assert "/" not in chunk
+    key = f"cellwatt/{chunk}/x"
+    assert str(zenoh.KeyExpr(key)) == key
+    # No escaped name may act as a wildcard or hide from one.
+    assert zenoh.KeyExpr(key).intersects("cellwatt/*/x")
+    assert not zenoh.KeyExpr(key).intersects("cellwatt/other/x") or name == "other"
+
+
+@settings(deadline=None)
+@given(NAMES, NAMES, NAMES, NAMES)
+def test_parse_gives_back_what_the_key_was_made_of(site: str, cell: str, source: str, stream: str) -> None:
+    keys, topic = CellKeys(site, cell), raw_topic(source, stream)
+    for key, backfill in ((keys.live(topic), False), (keys.backfill(topic), True)):
+        assert parse(key) == Address(site, cell, "raw", (source, stream), backfill)
+        assert parse(key).topic == topic
+
+
+def test_topic_of_an_alarm_is_without_severity_and_kind() -> None:
+    address = parse(KEYS.live(alarm_path("error", "joint_fault", "a 1")))
+    assert address.names == ("error", "joint_fault", "a 1")
+    assert address.topic == "alarm"
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("raw", "prediction")])
+def test_plain_topics_parse(kind: str) -> None:
+    assert parse(KEYS.live(kind)) == Address("plant-1", "weld-3", kind)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "",
+        "cellwatt",
+        "cellwatt/a/b",
+        "cellwatt/a/b/@/status",
+        "cellwatt/a/b/raw",
+        "cellwatt/a/b/raw/arm",
+        "cellwatt/a/b/raw/arm/main/more",
+        "cellwatt/a/b/prediction",
+        "cellwatt/a/b/frame/x",
+        "cellwatt/a/b/alarm/error",
+        "cellwatt/a/b/backfill",
+        "cellwatt/a/b/backfill/backfill/frame",
+        "cellwatt/a//frame",
+        "other/a/b/frame",
+    ],
+)
+def test_foreign_keys_are_refused(key: str) -> None:
+    with pytest.raises(ProtocolError, match="not a key of a cellwatt cell"):
+        parse(key)
+
+
+def test_an_empty_name_is_refused_at_once() -> None:
+    with pytest.raises(ConfigError, match="empty name"):
+        CellKeys("plant", "")
+
+
+@pytest.mark.parametrize("series", ["event", "prediction/power", "prediction/a/b %20#"])
+def test_a_series_is_known_by_its_topic(series: str) -> None:
+    topic = topic_of_series(series)
+    assert parse(KEYS.live(topic)).kind == series.partition("/")[0]
+    assert series_of_topic(topic) == series

@@ -1,0 +1,301 @@
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from pydantic import ValidationError
+
+from cellwatt import OutletError
+from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config, why_unconnected
+from tests.daemon.outlets.zenoh.processes import free_port
+from tests.patience import PATIENCE, wait_until
+
+HOST = "127.0.0.1"
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"mode": "bus"}, "'peer', 'client' or 'router'"),
+        ({"mode": "client"}, "mode client needs an endpoint in connect, like tcp/plant-router:7447"),
+        ({"listen": ["192.0.2.1"]}, r"'192.0.2.1' is not an endpoint; expected protocol/host:port"),
+        ({"listen": ["tcp/192.0.2.1"]}, "is not an endpoint"),
+        ({"connect": ["tpc/192.0.2.1:7447"]}, "is not an endpoint"),
+        ({"connect": ["tcp/192.0.2.1:70000"]}, "is not an endpoint"),
+        ({"connect": ["tls/router:7447"]}, r"tls/router:7447 needs tls: \{root_ca: FILE"),
+        ({"user": "edge"}, "user and password are needed together"),
+        ({"tls": {"root_ca": "a", "key": "b"}}, "certificate and key are needed together"),
+        ({"tls": {}}, "root_ca"),
+        ({"namespace": "a//b"}, "Zenoh refuses namespace = "),
+        ({"options": {"no/such": 1}}, r"Zenoh refuses options: no/such = 1: unknown key"),
+        ({"options": {"transport/link/tx/lease": "long"}}, 'Zenoh refuses options: transport/link/tx/lease = "long"'),
+        ({"options": {"access_control": {"enabled": True, "rule": []}}}, "unknown field `rule`, expected one of"),
+        ({"options": {"transport/auth/usrpwd/password": 5}}, r"usrpwd/password = …"),
+        ({"lisen": []}, "Extra inputs are not permitted"),
+    ],
+)
+def test_settings_mistakes_are_named(settings: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValidationError, match=text) as caught:
+        LinkSettings(**settings)
+    assert ".cargo" not in str(caught.value)
+
+
+def test_nothing_is_exposed_or_looked_for_by_default() -> None:
+    config = session_config(LinkSettings())
+    assert config.get_json("mode") == '"peer"'
+    assert config.get_json("listen/endpoints") == "[]"
+    assert config.get_json("connect/endpoints") == "[]"
+    assert config.get_json("scouting/multicast/enabled") == "false"
+    assert config.get_json("scouting/gossip/enabled") == "false"
+
+
+def test_options_reach_zenoh_and_have_the_last_word() -> None:
+    settings = LinkSettings(options={"transport/shared_memory/enabled": True, "transport/link/tx/lease": 5000})
+    config = session_config(settings)
+    assert config.get_json("transport/shared_memory/enabled") == "true"
+    assert config.get_json("transport/link/tx/lease") == "5000"
+
+
+def test_a_password_is_never_shown() -> None:
+    settings = LinkSettings(user="edge", password="correct horse")
+    assert "horse" not in repr(settings)
+    assert "horse" not in settings.model_dump_json()
+    assert session_config(settings).get_json("transport/auth/usrpwd/user") == '"edge"'
+
+
+def test_an_address_that_is_taken_is_named() -> None:
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    with open_session(LinkSettings(listen=(endpoint,))), pytest.raises(OutletError, match="Address already in use"):
+        open_session(LinkSettings(listen=(endpoint,)))
+
+
+def test_a_dead_router_is_named() -> None:
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    with pytest.raises(OutletError, match=rf"^{endpoint}: nobody answers \(connection refused\)$"):
+        open_session(LinkSettings(mode="client", connect=(endpoint,)), patience=0)
+
+
+def test_an_unknown_host_is_named() -> None:
+    with pytest.raises(OutletError, match=r"the host name 'no-such-host\.invalid' is not known"):
+        open_session(LinkSettings(mode="client", connect=("tcp/no-such-host.invalid:7447",)), patience=0)
+
+
+def test_a_router_that_comes_up_meanwhile_is_found() -> None:
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    opened: list[zenoh.Session] = []
+    client = LinkSettings(mode="client", connect=(endpoint,))
+    thread = threading.Thread(target=lambda: opened.append(open_session(client, patience=20)))
+    thread.start()
+    time.sleep(0.3)  # not for synchronisation: so that at least one attempt fails
+    with open_session(LinkSettings(mode="router", listen=(endpoint,))):
+        thread.join(PATIENCE)
+        assert opened
+        opened[0].close()
+
+
+@pytest.mark.parametrize("first", ["dead", "unknown", "both"])
+def test_a_router_further_down_the_list_is_found(first: str) -> None:
+    live = f"tcp/{HOST}:{free_port()}"
+    with socket.create_server((HOST, 0)) as silent, open_session(LinkSettings(mode="router", listen=(live,))) as router:
+        away = {
+            "dead": [f"tcp/{HOST}:{free_port()}"],
+            "unknown": ["tcp/no-such-host.invalid:7447"],
+            "silent": [f"tcp/{HOST}:{silent.getsockname()[1]}"],
+        }
+        endpoints = away[first] if first != "both" else away["dead"] + away["silent"]
+        client = LinkSettings(mode="client", connect=(*endpoints, live))
+        with open_session(client, patience=0) as session:
+            assert [str(zid) for zid in session.info.routers_zid()] == [str(router.zid())]
+
+
+def test_each_endpoint_is_told_with_its_own_reason() -> None:
+    dead = f"tcp/{HOST}:{free_port()}"
+    with socket.create_server((HOST, 0)) as server:
+        silent = f"tcp/{HOST}:{server.getsockname()[1]}"
+        with pytest.raises(OutletError) as told:
+            open_session(LinkSettings(mode="client", connect=(dead, silent)), patience=0)
+    one, other = str(told.value).split("; ")
+    assert one.startswith(f"{dead}: nobody answers")
+    assert other.startswith(f"{silent}: somebody answers but refuses")
+
+
+def test_opening_can_be_stopped() -> None:
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    with pytest.raises(OutletError, match="nobody answers"):
+        open_session(LinkSettings(mode="client", connect=(endpoint,)), lambda: True, patience=3600)
+
+
+def test_somebody_who_is_no_zenoh_is_told_apart(tmp_path: Path) -> None:
+    with socket.create_server((HOST, 0)) as server:
+        endpoint = f"tcp/{HOST}:{server.getsockname()[1]}"
+        settings = LinkSettings(mode="client", connect=(endpoint,))
+        assert why_unconnected(settings).startswith(f"{endpoint}: somebody answers, but there is no session yet")
+        with pytest.raises(OutletError, match="somebody answers but refuses the session"):
+            open_session(settings, lambda: True)
+
+
+def test_a_router_on_a_pc_whose_cores_are_taken_is_no_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its kernel accepts the connection, and the session comes about only at the third attempt."""
+    import zenoh
+
+    attempts: list[zenoh.Config] = []
+    opened = zenoh.open
+
+    def late(config: zenoh.Config) -> zenoh.Session:
+        attempts.append(config)
+        if len(attempts) < 3:
+            raise zenoh.ZError("Unable to connect to any of [...]. Timeout!")
+        return opened(config)
+
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    with open_session(LinkSettings(mode="router", listen=(endpoint,))):
+        monkeypatch.setattr(zenoh, "open", late)
+        open_session(LinkSettings(mode="client", connect=(endpoint,)), patience=60).close()
+    asked = [json.loads(config.get_json("connect/timeout_ms")) for config in attempts]
+    assert asked == sorted(asked)
+    assert asked[-1] > asked[0]
+
+
+@pytest.fixture
+def users(tmp_path: Path) -> Path:
+    path = tmp_path / "users"
+    path.write_text("edge:correct\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("user", "password", "accepted"),
+    [("edge", "correct", True), ("edge", "wrong", False), ("other", "correct", False), (None, None, False)],
+)
+def test_user_and_password(
+    users: Path, user: str | None, password: str | None, accepted: bool, request: pytest.FixtureRequest
+) -> None:
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    client = LinkSettings(mode="client", connect=(endpoint,), user=user, password=password)
+    with open_session(LinkSettings(mode="router", listen=(endpoint,), users=users)):
+        if accepted:
+            open_session(client).close()
+            return
+        request.getfixturevalue("soon_refused")
+        with pytest.raises(OutletError, match="refuses the session: check user and password"):
+            open_session(client, patience=60)
+
+
+def test_a_file_of_users_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OutletError, match=r"^users: .*nobody cannot be read: No such file"):
+        open_session(LinkSettings(users=tmp_path / "nobody"))
+
+
+def openssl(folder: Path, *arguments: str) -> None:
+    subprocess.run(["openssl", *arguments], cwd=folder, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A CA, a certificate for localhost signed by it, and one signed by another CA."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl command to make certificates with")
+    folder = tmp_path_factory.mktemp("certificates")
+    (folder / "san").write_text("subjectAltName=DNS:localhost\n")
+    new_key = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
+    for ca, name in (("ca", "cell"), ("other_ca", "stranger")):
+        openssl(
+            folder, "req", "-x509", *new_key, "-days", "2", "-subj", f"/CN={ca}", "-keyout", f"{ca}.key", "-out", ca
+        )
+        openssl(folder, "req", *new_key, "-subj", f"/CN={name}", "-keyout", f"{name}.key", "-out", f"{name}.csr")
+        sign = ("-CA", ca, "-CAkey", f"{ca}.key", "-CAcreateserial", "-days", "2", "-extfile", "san")
+        openssl(folder, "x509", "-req", "-in", f"{name}.csr", *sign, "-out", name)
+    return folder
+
+
+def tls(folder: Path, ca: str, name: str | None, **more: Any) -> TlsSettings:
+    own = {"certificate": folder / name, "key": folder / f"{name}.key"} if name else {}
+    return TlsSettings(root_ca=folder / ca, **own, **more)
+
+
+@pytest.fixture
+def secure_router(certificates: Path) -> Iterator[str]:
+    endpoint = f"tls/localhost:{free_port()}"
+    settings = LinkSettings(mode="router", listen=(endpoint,), tls=tls(certificates, "ca", "cell"))
+    with open_session(settings):
+        yield endpoint
+
+
+def test_mutual_tls_works(secure_router: str, certificates: Path) -> None:
+    client = LinkSettings(mode="client", connect=(secure_router,), tls=tls(certificates, "ca", "cell"))
+    with open_session(client) as session:
+        assert list(session.info.routers_zid())
+
+
+@pytest.mark.usefixtures("soon_refused")
+@pytest.mark.parametrize(("ca", "name"), [("other_ca", "cell"), ("ca", "stranger"), ("ca", None)])
+def test_wrong_certificates_are_refused_with_a_hint(
+    secure_router: str, certificates: Path, ca: str, name: str | None
+) -> None:
+    client = LinkSettings(mode="client", connect=(secure_router,), tls=tls(certificates, ca, name))
+    with pytest.raises(OutletError, match="refuses the session: check user and password, the certificates"):
+        open_session(client, patience=60)
+
+
+def test_a_client_without_certificate_is_let_in_where_tls_is_not_mutual(certificates: Path) -> None:
+    endpoint = f"tls/localhost:{free_port()}"
+    settings = LinkSettings(mode="router", listen=(endpoint,), tls=tls(certificates, "ca", "cell", mutual=False))
+    client = LinkSettings(mode="client", connect=(endpoint,), tls=tls(certificates, "ca", None))
+    with open_session(settings), open_session(client) as session:
+        assert list(session.info.routers_zid())
+
+
+@pytest.mark.parametrize("option", ["root_ca", "certificate", "key"])
+def test_a_certificate_file_that_is_missing_is_named(certificates: Path, option: str) -> None:
+    files = {"root_ca": "ca", "certificate": "cell", "key": "cell.key"} | {option: "missing.pem"}
+    settings = TlsSettings(**{name: certificates / file for name, file in files.items()})
+    with pytest.raises(OutletError, match=rf"^tls\.{option}: .*missing\.pem cannot be read: No such file"):
+        open_session(LinkSettings(listen=(f"tls/localhost:{free_port()}",), tls=settings))
+
+
+def test_a_key_that_is_no_key_is_named(certificates: Path) -> None:
+    files = {"root_ca": certificates / "ca", "certificate": certificates / "cell", "key": certificates / "san"}
+    settings = LinkSettings(listen=(f"tls/localhost:{free_port()}",), tls=TlsSettings(**files))
+    with pytest.raises(OutletError, match="private key"):
+        open_session(settings)
+
+
+def test_access_control_passes_through_options(users: Path) -> None:
+    """A user may be kept from one cell; what Zenoh drops it drops in silence, so look at what arrives."""
+    users.write_text("edge:correct\nplant:correct\n")
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    rule = {"messages": ["put", "declare_subscriber"], "flows": ["ingress", "egress"], "permission": "allow"}
+    control = {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [{"id": "own cell", "key_exprs": ["cellwatt/plant/edge/**"], **rule}],
+        "subjects": [{"id": "all", "usernames": ["edge", "plant"]}],
+        "policies": [{"rules": ["own cell"], "subjects": ["all"]}],
+    }
+    router = LinkSettings(mode="router", listen=(endpoint,), users=users, options={"access_control": control})
+    client = {"mode": "client", "connect": (endpoint,), "password": "correct"}
+    got: list[str] = []
+    with (
+        open_session(router),
+        open_session(LinkSettings(user="edge", **client)) as edge,
+        open_session(LinkSettings(user="plant", **client)) as plant,
+    ):
+        plant.declare_subscriber("cellwatt/plant/edge/**", lambda s: got.append(str(s.key_expr)))
+        plant.declare_subscriber("cellwatt/plant/other/**", lambda s: got.append(str(s.key_expr)))
+
+        def put_both() -> bool:
+            edge.put("cellwatt/plant/other/frame", b"")
+            edge.put("cellwatt/plant/edge/frame", b"")
+            return len(got) > 3
+
+        wait_until(put_both, "messages of the cell that is allowed")
+    assert set(got) == {"cellwatt/plant/edge/frame"}

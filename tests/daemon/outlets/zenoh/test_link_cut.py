@@ -1,0 +1,281 @@
+"""A link that is cut loses nothing and duplicates nothing: cell, router and consumer as processes of their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.daemon.outlets.zenoh.fake_cell import EPOCH
+from tests.daemon.outlets.zenoh.processes import Child, Link, free_port
+from tests.patience import wait_until
+
+RATE, BLOCK = 500.0, 5
+
+
+def stream(seconds: float) -> dict[str, Any]:
+    return {"samples": int(RATE * seconds), "frames_too": True, "every": 10, "rate": RATE, "block": BLOCK}
+
+
+def received(consumer: Child, topic: str) -> list[dict[str, Any]]:
+    return [s for s in list(consumer.said) if isinstance(s, dict) and s.get("topic") == topic]
+
+
+def reached(consumer: Child, topic: str, end: int) -> bool:
+    messages = received(consumer, topic)
+    return bool(messages) and messages[-1]["first"] + messages[-1]["count"] >= end
+
+
+def assert_complete(messages: list[dict[str, Any]], begin: int, end: int) -> None:
+    """Every number from begin to end once, in order, with the values that belong to it."""
+    following = begin
+    for message in messages:
+        assert message["first"] == following, message
+        assert "gap" not in message
+        assert message.get("as_offered", True)
+        if "values" in message:
+            numbers = range(message["first"], message["first"] + message["count"])
+            offset = 0.25 if message["topic"] == "frame" else 0.0
+            assert message["values"] == [n + offset for n in numbers]
+        following += message["count"]
+    assert following == end
+
+
+def publish(cell: Child, seconds: float, begin: float = 0.0) -> None:
+    """Publish from ``begin`` on, and be done with it."""
+    cell.send(stream=stream(seconds))
+    published(cell, begin + seconds)
+
+
+def published(cell: Child, seconds: float) -> dict[str, int]:
+    """What is published once so many seconds of samples are."""
+    end = int(RATE * seconds)
+    return cell.wait_for(lambda s: "published" in s and s["published"]["samples"] == end, "published")["published"]
+
+
+def check_all(cell: Child, consumer: Child, seconds: float) -> dict[str, int]:
+    """Wait for the end of what was published and compare; gives what the consumer counted."""
+    end = published(cell, seconds)
+    ends = {"raw/arm/samples": "samples", "frame": "frames", "alarm": "alarms"}
+    for topic, name in ends.items():
+        wait_until(lambda t=topic, n=name: reached(consumer, t, end[n]), f"all of {topic}")
+        assert_complete(received(consumer, topic), 0, end[name])
+    consumer.finish()
+    # not the last it said: a message may still come while it closes
+    counts = next(s["counts"] for s in consumer.said if isinstance(s, dict) and "counts" in s)
+    assert counts.get("lost", 0) == 0
+    return counts
+
+
+@pytest.fixture
+def cell() -> Iterator[tuple[Child, int]]:
+    port = free_port()
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as child:
+        yield child.ready(), port
+
+
+def start_consumer(port: int, **more: Any) -> Child:
+    consumer = Child("consumer_process", mode="client", connect=[f"tcp/127.0.0.1:{port}"], **more).ready()
+    consumer.wait_for(lambda s: isinstance(s, dict) and s.get("topic") == "health", "health")
+    return consumer
+
+
+def test_cut_of_two_seconds(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publish(publisher, 1.0)
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 250), "half a second of data")
+        link.cut()
+        publish(publisher, 2.0, begin=1.0)
+        link.restore()
+        publish(publisher, 1.0, begin=3.0)
+        counts = check_all(publisher, consumer, 4.0)
+    assert counts["backfilled"] >= 2 * RATE
+    assert counts["live"] > RATE / 4
+
+
+def test_cut_that_outlasts_the_data(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(1.0))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "some data")
+        link.cut()
+        published(publisher, 1.0)
+        link.restore()
+        check_all(publisher, consumer, 1.0)
+
+
+def test_first_data_ever_fall_into_the_cut(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        link.cut()
+        publish(publisher, 1.0)
+        link.restore()
+        counts = check_all(publisher, consumer, 1.0)
+    assert counts.get("live", 0) < 100
+
+
+@pytest.mark.slow
+def test_many_short_cuts(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(3.0))
+        for number in range(1, 4):
+            wait_until(lambda n=number: reached(consumer, "raw/arm/samples", 300 * n), f"cut {number}")
+            link.cut()
+            time.sleep(0.1)
+            link.restore()
+        check_all(publisher, consumer, 3.0)
+
+
+def test_link_that_hangs_without_being_closed(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(3.0))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 250), "half a second of data")
+        link.hang()
+        time.sleep(1.5)
+        link.resume()
+        check_all(publisher, consumer, 3.0)
+
+
+@pytest.mark.parametrize("side", ["cell", pytest.param("consumer", marks=pytest.mark.slow)])
+def test_cut_beside_a_router(side: str) -> None:
+    port = free_port()
+    with Child("router_process", listen=[f"tcp/127.0.0.1:{port}"]) as router, Link(port) as link:
+        router.ready()
+        ends = {"cell": port, "consumer": port} | {side: link.port}
+        with Child("cell_process", mode="client", connect=[f"tcp/127.0.0.1:{ends['cell']}"]) as publisher:
+            publisher.ready()
+            with start_consumer(ends["consumer"]) as consumer:
+                publish(publisher, 1.0)
+                wait_until(lambda: reached(consumer, "raw/arm/samples", 250), "half a second of data")
+                link.cut()
+                publish(publisher, 1.0, begin=1.0)
+                link.restore()
+                publish(publisher, 0.5, begin=2.0)
+                counts = check_all(publisher, consumer, 2.5)
+                assert counts["backfilled"] >= RATE / 2
+        assert router.finish() == 0
+
+
+def test_restart_of_the_daemon() -> None:
+    """What the old session recorded and did not deliver comes first, then the new session from its first sample."""
+    port = free_port()
+    listen = {"listen": [f"tcp/127.0.0.1:{port}"]}
+    later = EPOCH + 10**9
+    with Child("cell_process", **listen) as first, start_consumer(port) as consumer:
+        first.ready().send(stream=stream(1.0))
+        published = first.wait_for(lambda s: "published" in s, "published")["published"]["samples"]
+        wait_until(lambda: reached(consumer, "raw/arm/samples", published), "the first session")
+        first.kill()
+        with Child("cell_process", session=later, recorded={str(EPOCH): published + 70}, **listen) as second:
+            second.ready().send(stream=stream(1.0))
+            again = second.wait_for(lambda s: "published" in s, "published")["published"]["samples"]
+            new = lambda: [m for m in received(consumer, "raw/arm/samples") if m["session"] == later]  # noqa: E731
+            wait_until(lambda: new() and new()[-1]["first"] + new()[-1]["count"] == again, "the second session")
+    messages = received(consumer, "raw/arm/samples")
+    assert_complete([m for m in messages if m["session"] == EPOCH], 0, published + 70)
+    assert_complete([m for m in messages if m["session"] == later], 0, again)
+    assert [m["session"] for m in messages] == sorted(m["session"] for m in messages)
+
+
+def test_restarts_while_the_link_is_cut() -> None:
+    """Of a session that began and ended during the cut nothing was ever heard; its recordings tell of it."""
+    port = free_port()
+    listen = {"listen": [f"tcp/127.0.0.1:{port}"]}
+    between, last = EPOCH + 10**9, EPOCH + 2 * 10**9
+    with Child("cell_process", **listen) as first, Link(port) as link, start_consumer(link.port) as consumer:
+        first.ready().send(stream=stream(0.2))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "the first session")
+        link.cut()
+        first.kill()
+        recorded = {str(EPOCH): 130, str(between): 90}
+        with Child("cell_process", session=last, recorded=recorded, **listen) as second:
+            second.ready().send(stream=stream(0.2))
+            second.wait_for(lambda s: "published" in s, "published")
+            link.restore()
+            new = lambda: [m for m in received(consumer, "raw/arm/samples") if m["session"] == last]  # noqa: E731
+            wait_until(lambda: new() and new()[-1]["first"] + new()[-1]["count"] == 100, "the last session")
+    messages = received(consumer, "raw/arm/samples")
+    for session, end in ((EPOCH, 130), (between, 90), (last, 100)):
+        assert_complete([m for m in messages if m["session"] == session], 0, end)
+    assert [m["session"] for m in messages] == sorted(m["session"] for m in messages)
+
+
+def made_known(cell: Child, what: str, count: int, end: int) -> None:
+    """Publish and record frames or tasks at once, up to number ``end``."""
+    cell.send(**{what: count})
+    cell.wait_for(lambda s: "published" in s and s["published"][what] == end, what)
+
+
+@pytest.mark.parametrize(("topic", "what"), [("frame", "frames"), ("task", "tasks")])
+def test_what_a_cut_left_far_beyond_the_memory_comes_from_the_record(tmp_path: Path, topic: str, what: str) -> None:
+    port = free_port()
+    recording = {"listen": [f"tcp/127.0.0.1:{port}"], "folder": str(tmp_path), "frame_memory": "1 B"}
+    with Child("cell_process", **recording) as publisher, Link(port) as link:
+        publisher.ready()
+        with start_consumer(link.port, want=[topic, "health"]) as consumer:
+            made_known(publisher, what, 50, 50)
+            wait_until(lambda: reached(consumer, topic, 50), f"{what} before the cut")
+            link.cut()
+            made_known(publisher, what, 9000, 9050)
+            link.restore()
+            made_known(publisher, what, 50, 9100)
+            wait_until(lambda: reached(consumer, topic, 9100), f"all {what}")
+    assert len(list(tmp_path.glob("*.mcap"))) > 5
+    messages = received(consumer, topic)
+    assert_complete(messages, 0, 9100)
+    late = [m["count"] for m in messages if m["backfilled"]]
+    assert sum(late) >= 9000 > 2000 >= max(late)
+
+
+@pytest.mark.parametrize(
+    ("topic", "what"), [pytest.param("frame", "frames", marks=pytest.mark.slow), ("task", "tasks")]
+)
+def test_what_restarts_left_while_the_link_was_cut_comes_from_the_record(tmp_path: Path, topic: str, what: str) -> None:
+    """Also those of a session that began and ended during the cut."""
+    port = free_port()
+    recording = {"listen": [f"tcp/127.0.0.1:{port}"], "folder": str(tmp_path)}
+    between, last = EPOCH + 10**9, EPOCH + 2 * 10**9
+    wanted = {"want": [topic, "health"]}
+    with (
+        Child("cell_process", **recording) as first,
+        Link(port) as link,
+        start_consumer(link.port, **wanted) as consumer,
+    ):
+        made_known(first, what, 100, 100)
+        wait_until(lambda: reached(consumer, topic, 100), f"{what} before the cut")
+        link.cut()
+        made_known(first, what, 200, 300)
+        assert first.finish() == 0
+        with Child("cell_process", session=between, **recording) as second:
+            made_known(second.ready(), what, 200, 200)
+            assert second.finish() == 0
+        with Child("cell_process", session=last, **recording) as third:
+            made_known(third.ready(), what, 100, 100)
+            link.restore()
+            new = lambda: [m for m in received(consumer, topic) if m["session"] == last]  # noqa: E731
+            wait_until(lambda: new() and new()[-1]["first"] + new()[-1]["count"] == 100, "the last session")
+    messages = received(consumer, topic)
+    for session, end in ((EPOCH, 300), (between, 200), (last, 100)):
+        assert_complete([m for m in messages if m["session"] == session], 0, end)
+    assert [m["session"] for m in messages] == sorted(m["session"] for m in messages)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_cut_of_a_minute(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publish(publisher, 2.0)
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 500), "a second of data")
+        link.cut()
+        publish(publisher, 60.0, begin=2.0)
+        link.restore()
+        publish(publisher, 8.0, begin=62.0)
+        counts = check_all(publisher, consumer, 70.0)
+    assert counts["backfilled"] >= 60 * RATE

@@ -1,0 +1,416 @@
+"""The outlet over real sessions: what a plain Zenoh consumer sees."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import zlib
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
+from typing import Any
+
+import pyarrow as pa
+import pytest
+import zenoh
+
+from cellwatt import Event, OutletError, Prediction, Stream
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
+from cellwatt.outlets.zenoh.encode import decode, schema_in
+from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.mark import Mark
+from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STREAM, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.processes import free_port
+from tests.patience import PATIENCE, eventually
+
+ROOT = "cellwatt/plant-1/weld-3"
+
+
+def mark_of(sample: Any) -> Mark:
+    return Mark.decode(sample.attachment.to_bytes(), sample.payload.to_bytes())
+
+
+class Consumer:
+    """A plain session that keeps all it hears of the cell."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self.samples: list[zenoh.Sample] = []
+        session.declare_subscriber(f"{ROOT}/**", self.samples.append)
+
+    def keys(self) -> list[str]:
+        return [str(s.key_expr).removeprefix(f"{ROOT}/") for s in self.samples]
+
+    async def until(self, count: int) -> list[zenoh.Sample]:
+        await eventually(lambda: len(self.samples) >= count, f"{count} messages, heard {self.keys()}")
+        return self.samples
+
+    async def ask(self, path: str, **more: Any) -> list[zenoh.Reply]:
+        return await asyncio.to_thread(lambda: list(self.session.get(f"{ROOT}/{path}", timeout=10.0, **more)))
+
+    async def ask_json(self, path: str) -> Any:
+        (reply,) = await self.ask(path)
+        return json.loads(reply.ok.payload.to_bytes())
+
+
+@asynccontextmanager
+async def serving(outlet: ZenohOutlet) -> AsyncIterator[asyncio.Task[None]]:
+    task = asyncio.create_task(outlet.run())
+    try:
+        yield task
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def view() -> FakeView:
+    return FakeView()
+
+
+@pytest.fixture
+def outlet(endpoint: str, view: FakeView) -> ZenohOutlet:
+    return ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), view)
+
+
+@pytest.fixture
+async def consumer(outlet: ZenohOutlet, endpoint: str) -> AsyncIterator[Consumer]:
+    async with serving(outlet):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            found = Consumer(session)
+            await hears(found, outlet)
+            yield found
+        finally:
+            session.close()
+
+
+async def hears(consumer: Consumer, outlet: ZenohOutlet) -> None:
+    """Until the subscription has reached the outlet."""
+    await eventually(lambda: outlet.health({}) or consumer.samples, "health")
+    await asyncio.sleep(0.1)  # what health is still on its way
+    consumer.samples.clear()
+
+
+async def test_each_item_has_its_key_encoding_and_mark(consumer: Consumer, outlet: ZenohOutlet) -> None:
+    outlet.offer(Prediction("power", 3, (5,), {"power": (1.0,)}, {"power": "W"}))
+    outlet.offer(alarm(1))
+    outlet.offer(Event(EPOCH, "arm", "connected", "UR10e"))
+    await consumer.until(3)
+    outlet.offer(frames(8, 2))
+    await consumer.until(4)
+    outlet.offer(batch(20, 5))
+    samples = await consumer.until(5)
+    assert consumer.keys() == ["prediction/power", "alarm/error/joint_fault", "event", "frame", "raw/arm/samples"]
+    assert [str(s.encoding) for s in samples] == ["application/json"] * 3 + ["application/vnd.apache.arrow.stream"] * 2
+    marks = [mark_of(s) for s in samples]
+    assert [(m.sequence, m.count, m.backfill) for m in marks] == [(0, 1, False)] * 3 + [(8, 2, False), (20, 5, False)]
+    assert marks[4].session == EPOCH
+    decoded = decode(samples[4].payload.to_bytes(), marks[4])
+    assert decoded.values.tolist() == batch(20, 5).values.tolist()
+    assert json.loads(samples[1].payload.to_bytes())["mark"] == {"session": marks[1].session, "sequence": 0}
+
+
+async def test_health_tells_the_numbers_that_were_reached(consumer: Consumer, outlet: ZenohOutlet) -> None:
+    outlet.offer(batch(0, 5))
+    outlet.offer(alarm(1))
+    await consumer.until(2)
+    outlet.health({"state": "green"})
+    body = json.loads((await consumer.until(3))[-1].payload.to_bytes())
+    assert body["status"] == {"state": "green"}
+    assert body["session"] == EPOCH
+    assert body["positions"]["raw/arm/samples"] == [EPOCH, 5]
+    assert body["positions"]["alarm"][1] == 1
+
+
+async def test_a_late_comer_gets_the_active_alarms_and_not_the_cleared_ones(
+    consumer: Consumer, outlet: ZenohOutlet
+) -> None:
+    for number in (1, 2, 3):
+        outlet.offer(alarm(number))
+    outlet.offer(alarm(2, active=False))
+    await consumer.until(4)
+    assert json.loads(consumer.samples[3].payload.to_bytes())["active"] is False
+    # The default consolidation keeps one reply a key: two alarms of one kind must still both arrive.
+    replies = await consumer.ask("alarm/**")
+    assert sorted(json.loads(r.ok.payload.to_bytes())["id"] for r in replies) == ["alarm-1", "alarm-3"]
+    assert all(mark_of(r.ok).backfill for r in replies)
+    assert sorted(str(r.ok.key_expr) for r in replies)[0] == f"{ROOT}/alarm/error/joint_fault/alarm-1"
+    assert await consumer.ask("alarm/warning/**") == []
+    assert len(await consumer.ask("alarm/error/**")) == 2
+    over = await consumer.ask("alarm/**?cleared=1")
+    assert sorted(json.loads(r.ok.payload.to_bytes())["id"] for r in over) == ["alarm-1", "alarm-2", "alarm-3"]
+    (one,) = await consumer.ask("alarm/error/joint_fault")
+    assert str(one.ok.key_expr) == f"{ROOT}/alarm/error/joint_fault"
+
+
+async def test_whoever_follows_one_severity_hears_of_a_change(consumer: Consumer, outlet: ZenohOutlet) -> None:
+    outlet.offer(alarm(1, severity="error"))
+    outlet.offer(alarm(1, severity="warning"))
+    await consumer.until(3)
+    assert sorted(consumer.keys()) == [
+        "alarm/error/joint_fault",
+        "alarm/error/joint_fault",
+        "alarm/warning/joint_fault",
+    ]
+    marks = {mark_of(s).sequence for s in consumer.samples}
+    assert marks == {0, 1}
+
+
+async def test_questions(consumer: Consumer, outlet: ZenohOutlet, view: FakeView) -> None:
+    view.record(batch(0, 10))
+    assert (await consumer.ask_json("@/config"))["password"] == "${SECRET}"
+    assert await consumer.ask_json("@/schema") == view.schema()
+    assert await consumer.ask_json("@/recordings") == view.recordings()
+    assert (await consumer.ask_json("@/status"))["session"] == EPOCH
+    everything = await consumer.ask("@/*")
+    assert {str(r.ok.key_expr).rsplit("/", 1)[1] for r in everything} == {"status", "config", "schema", "recordings"}
+    (refused,) = await consumer.ask("@/stat")
+    assert "there is no question 'stat'" in json.loads(refused.err.payload.to_bytes())["error"]
+    assert [str(r.ok.key_expr) for r in await consumer.ask("**")] == [], "questions are asked by name, never by **"
+
+
+async def test_history_is_answered_on_its_backfill_key(consumer: Consumer, view: FakeView) -> None:
+    view.record(batch(0, 10))
+    asked = "@/history?source=arm;stream=samples;first=4;count=3"
+    (plain,) = await consumer.ask(asked)
+    assert str(plain.ok.key_expr) == f"{ROOT}/@/history"
+    (reply,) = await consumer.ask(asked, accept_replies=zenoh.ReplyKeyExpr.ANY)
+    assert str(reply.ok.key_expr) == f"{ROOT}/backfill/raw/arm/samples"
+    assert mark_of(reply.ok) == Mark(EPOCH, 4, 3, EPOCH, backfill=True)
+    table = pa.ipc.open_stream(reply.ok.payload.to_bytes()).read_all()
+    assert [row[0] for row in table["values"].to_pylist()] == [4, 5, 6]
+    (nothing,) = await consumer.ask("@/history?source=arm;stream=samples;first=40")
+    assert "nothing is recorded" in json.loads(nothing.err.payload.to_bytes())["error"]
+
+
+async def test_results_of_the_past(consumer: Consumer, outlet: ZenohOutlet) -> None:
+    for number in range(5):
+        outlet.offer(alarm(number))
+    (reply,) = await consumer.ask("@/results?kind=alarm;first=2")
+    assert [a["id"] for a in json.loads(reply.ok.payload.to_bytes())] == ["alarm-2", "alarm-3", "alarm-4"]
+
+
+async def test_a_record_that_breaks_is_an_answer_not_an_end(
+    consumer: Consumer, view: FakeView, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(view, "history", lambda *_: 1 / 0)
+    (reply,) = await consumer.ask("@/history?source=arm;stream=samples")
+    assert json.loads(reply.err.payload.to_bytes()) == {"error": "ZeroDivisionError: division by zero"}
+    assert "weld-3/@/history?source=arm;stream=samples' could not be answered" in caplog.text
+    assert (await consumer.ask_json("@/status"))["session"] == EPOCH
+
+
+async def test_liveliness_comes_and_goes_with_the_cell(outlet: ZenohOutlet, endpoint: str) -> None:
+    seen: list[tuple[str, str]] = []
+    async with serving(outlet):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            session.liveliness().declare_subscriber(
+                "cellwatt/*/*", lambda s: seen.append((str(s.key_expr), str(s.kind))), history=True
+            )
+            await eventually(lambda: seen, "the token")
+        except BaseException:
+            session.close()
+            raise
+    await eventually(lambda: len(seen) == 2, "the end of the token")
+    session.close()
+    assert seen == [(ROOT, "SampleKind.PUT"), (ROOT, "SampleKind.DELETE")]
+
+
+async def test_what_is_not_to_be_published_is_not(view: FakeView, endpoint: str) -> None:
+    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), publish={"raw": False, "frames": False}), view)
+    async with serving(outlet):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            consumer = Consumer(session)
+            await hears(consumer, outlet)
+            outlet.offer(batch(0, 5))
+            outlet.offer(frames(0, 5))
+            outlet.offer(alarm(1))
+            await consumer.until(1)
+            assert consumer.keys() == ["alarm/error/joint_fault"]
+        finally:
+            session.close()
+    assert outlet.account.expected == 1
+
+
+async def test_nothing_is_encoded_while_nobody_subscribes(
+    outlet: ZenohOutlet, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publisher, "SETTLES", 0.0)
+    encoded: list[Any] = []
+    real = publisher.encode_apart
+    monkeypatch.setattr(publisher, "encode_apart", lambda block: encoded.append(block) or real(block))
+    assert not outlet.awaited
+    async with serving(outlet):
+        outlet.offer(batch(0, 5))
+        outlet.offer(frames(0, 2))
+        await eventually(lambda: outlet.account.received == 7, "nobody is served")
+        assert not outlet.awaited and not encoded
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            consumer = Consumer(session)
+            await eventually(lambda: outlet.awaited, "the subscriber")
+            outlet.offer(batch(5, 3))
+            await consumer.until(1)
+            assert mark_of(consumer.samples[0]).sequence == 5
+            assert len(encoded) == 1
+        finally:
+            session.close()
+        await eventually(lambda: not outlet.awaited, "the end of the subscriber")
+    assert outlet.account.residue == 0
+
+
+async def test_the_schema_goes_out_first_then_now_and_then_and_when_somebody_comes(
+    consumer: Consumer, outlet: ZenohOutlet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publisher, "SCHEMA_EVERY", 1e9)
+    slower = replace(STREAM, rate=100.0)
+
+    async def offer(number: int, stream: Stream) -> None:
+        outlet.offer(batch(5 * number, 5, stream=stream))
+        await consumer.until(number + 1)
+
+    await offer(0, STREAM)
+    await offer(1, STREAM)
+    await offer(2, slower)  # new settings
+    await consumer.ask("@/status")  # as a consumer that comes does first
+    await offer(3, slower)
+    await offer(4, slower)
+    monkeypatch.setattr(publisher, "SCHEMA_EVERY", 0.0)
+    await offer(5, slower)
+    heard = [(mark_of(s), s.payload.to_bytes()) for s in consumer.samples]
+    assert [mark.schema == 0 for mark, _ in heard] == [True, False, True, True, False, True]
+    known = {zlib.crc32(schema_in(payload)): schema_in(payload) for mark, payload in heard if not mark.schema}
+    assert len(known) == 2
+    for n, (mark, payload) in enumerate(heard):
+        read = decode(known[mark.schema] + payload if mark.schema else payload, mark)
+        assert read.values.tolist() == batch(5 * n, 5).values.tolist()
+
+
+async def test_stopping_drains_what_waits(outlet: ZenohOutlet, endpoint: str) -> None:
+    session: zenoh.Session | None = None
+    try:
+        async with serving(outlet):
+            session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+            consumer = Consumer(session)
+            await hears(consumer, outlet)
+            for first in range(0, 3000, 3):
+                outlet.offer(batch(first, 3))
+        assert outlet.account.received == 3000
+        assert outlet.account.residue == 0
+        last = lambda: mark_of(consumer.samples[-1])  # noqa: E731
+        await eventually(lambda: consumer.samples and last().end == 3000, "the last sample")
+    finally:
+        if session is not None:
+            session.close()
+
+
+async def test_a_dead_router_holds_up_nobody_and_its_drops_are_counted_exactly(endpoint: str, view: FakeView) -> None:
+    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,), queue=10), view)
+    async with serving(outlet) as task:
+        loop = asyncio.get_running_loop()
+        worst = 0.0
+        for first in range(0, 200, 2):
+            began = loop.time()
+            outlet.offer(batch(first, 2))
+            outlet.health({})
+            worst = max(worst, loop.time() - began)
+            await asyncio.sleep(0)
+        outlet.offer(alarm(1))
+        assert not task.done()
+    assert worst < 1.0
+    assert outlet.account.dropped == {"queue: raw": 2 * 91, "shut down": 2 * 9 + 1}
+    assert outlet.account.residue == 0
+
+
+async def test_a_stop_while_it_looks_for_its_router_is_a_stop(endpoint: str, view: FakeView) -> None:
+    """The daemon runs an outlet again that raises ``OutletError``; a stop must not look like that."""
+    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,)), view)
+    task = asyncio.create_task(outlet.run())
+    await asyncio.sleep(0.05)
+    task.cancel()
+    async with asyncio.timeout(PATIENCE):
+        with pytest.raises(asyncio.CancelledError):
+            await task
+    assert task.cancelled()
+
+
+async def test_what_waits_for_a_router_is_published_once_it_is_there(endpoint: str, view: FakeView) -> None:
+    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,)), view)
+    async with serving(outlet):
+        outlet.offer(alarm(1))
+        with await asyncio.to_thread(open_session, LinkSettings(mode="router", listen=(endpoint,))) as session:
+            consumer = Consumer(session)
+            await eventually(lambda: outlet.account.received, "the alarm that waited")
+            # A session learns a moment after it was opened who answers it.
+            replies = await eventually(lambda: consumer.ask("alarm/**"), "the alarm's answer")
+            assert len(replies) == 1
+            outlet.offer(alarm(2))
+            await eventually(lambda: "alarm/error/joint_fault" in consumer.keys(), "an alarm")  # noqa: SIM118
+
+
+async def test_what_cannot_be_opened_is_a_outlet_error(view: FakeView, endpoint: str) -> None:
+    with open_session(LinkSettings(listen=(endpoint,))):
+        outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), view)
+        with pytest.raises(OutletError, match="Address already in use"):
+            await outlet.run()
+    async with serving(outlet) as task:  # the daemon runs it again
+        outlet.offer(alarm(1))
+        await eventually(lambda: outlet.account.received, "the alarm")
+        assert not task.done()
+
+
+async def test_an_item_that_cannot_be_encoded_costs_only_itself(
+    consumer: Consumer, outlet: ZenohOutlet, caplog: pytest.LogCaptureFixture
+) -> None:
+    outlet.offer(replace(batch(0, 3), values=batch(0, 2).values))
+    await eventually(lambda: outlet.account.dropped, "the refusal")
+    outlet.offer(batch(3, 2))
+    await consumer.until(1)
+    assert mark_of(consumer.samples[0]).sequence == 3
+    assert "an item of raw/arm/samples cannot be encoded" in caplog.text
+    assert outlet.account.dropped == {"not encodable": 3}
+    assert outlet.account.residue == 0
+
+
+async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str) -> None:
+    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), namespace="europe/north"), view)
+    async with serving(outlet):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            # A session learns of the cell's answers a moment after it opened; until then nobody answers.
+            asked = f"europe/north/{ROOT}/@/status"
+            while not (replies := await asyncio.to_thread(lambda: list(session.get(asked)))):
+                pass
+            (reply,) = replies
+            assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
+        finally:
+            session.close()
+
+
+@pytest.fixture
+def links_are_quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr("cellwatt.outlets.zenoh.publisher._UNCONNECTED", 0.2)
+    return
+
+
+@pytest.mark.usefixtures("links_are_quick")
+async def test_a_peer_that_reaches_nobody_says_so_once(
+    view: FakeView, endpoint: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    outlet = ZenohOutlet("zenoh", ZenohSettings(connect=(endpoint,)), view)
+    async with serving(outlet):
+        await eventually(lambda: outlet.health({}) or "no link for" in caplog.text, "no link")
+        with await asyncio.to_thread(open_session, LinkSettings(listen=(endpoint,))):
+            await eventually(lambda: outlet.health({}) or "connected again" in caplog.text, "the link")
+    assert caplog.text.count("no link for") == 1
+    assert f"{endpoint}: nobody answers" in caplog.text

@@ -1,0 +1,260 @@
+"""Frames and results that memory no longer has, answered from real recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from cellwatt import FrameChannel, Frames
+from cellwatt.blocks import concatenate
+from cellwatt.outlets.zenoh.backlog import Backlog
+from cellwatt.outlets.zenoh.encode import decode
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.messages import from_json, parse_json
+from cellwatt.outlets.zenoh.past import MOST_RESULTS, MOST_SAMPLES, Answer, Past
+from cellwatt.outlets.zenoh.questions import NothingKeptError
+from cellwatt.record import History
+from cellwatt.record.encoder import Encoder
+from cellwatt.record.openfile import OpenFile
+from cellwatt.results import Event, Result
+from tests.daemon.outlets.zenoh.fake_cell import FakeView, batch, task
+from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
+
+BLOCK = 10
+END = 6000
+FILES = ((0, 2500), (2500, 4000), (4000, END))
+IN_MEMORY = 3 * BLOCK
+
+
+def blocks(first: int, end: int) -> list[Frames]:
+    return [frames_of(number, BLOCK) for number in range(first, end, BLOCK)]
+
+
+class Recorded(FakeView):
+    """A cell whose frames are recorded in ``folder``; nobody writes there now."""
+
+    def __init__(self, folder: Path, session: int = SESSION) -> None:
+        super().__init__(session)
+        recorder: Any = SimpleNamespace(
+            cell=CELL, live=lambda: None, flush=lambda timeout: False, repairing=lambda session: False
+        )
+        self._made = History(folder, recorder)
+
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        return self._made.frames(session, first, count)
+
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        assert 0 < count <= MOST_RESULTS
+        return self._made.results(series, session, first, count)
+
+
+@pytest.fixture(scope="module")
+def truth() -> list[Frames]:
+    return blocks(0, END)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, truth: list[Frames]) -> Path:
+    for number, (first, end) in enumerate(FILES, 1):
+        of_file = truth[first // BLOCK : end // BLOCK]
+        write_chunks(tmp_path, [of_file[n : n + 20] for n in range(0, len(of_file), 20)], number=number)
+    return tmp_path
+
+
+def remembering(truth: Sequence[Frames], session: int = SESSION) -> Backlog:
+    """The last frames alone, as of an outlet whose memory is full."""
+    backlog = Backlog(session, 1e9)
+    for frames in truth[-IN_MEMORY // BLOCK :]:
+        backlog.add_frames(frames)
+    return backlog
+
+
+def ask(past: Past, first: int, session: int = SESSION, **more: int) -> Answer:
+    asked = {"session": session, "first": first, **more}
+    return past.history({"stream": "frame", **{name: str(number) for name, number in asked.items()}})
+
+
+def answers(past: Past, first: int, count: int) -> Iterator[tuple[Mark, Frames]]:
+    """What a consumer gets that asks until it has all."""
+    end = first + count
+    while first < end:
+        answer = ask(past, first, count=end - first)
+        assert answer.mark is not None
+        frames = decode(answer.payload, answer.mark)
+        assert isinstance(frames, Frames)
+        yield answer.mark, frames
+        first = answer.mark.end
+
+
+def same(a: Frames, b: Frames) -> bool:
+    arrays = "time", "values", "quality", "bound"
+    alike = all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in arrays)
+    return alike and (a.layout, a.sequence, len(a)) == (b.layout, b.sequence, len(b))
+
+
+@pytest.mark.parametrize("piece", [1e9, 30e3])
+def test_all_frames_once_in_order_first_from_the_record_then_from_memory(
+    folder: Path, truth: list[Frames], piece: float
+) -> None:
+    past = Past(Recorded(folder), remembering(truth), lambda: piece)
+    given = list(answers(past, 0, END))
+    assert same(concatenate([frames for _, frames in given]), concatenate(truth))
+    assert all((m.session, m.sequence, m.count) == (SESSION, f.sequence, len(f)) for m, f in given)
+    assert all(m.backfill and m.arrival == f.time[-1] for m, f in given)
+    assert 1 < max(m.count for m, _ in given) <= min(MOST_SAMPLES, piece / 80)
+
+
+@pytest.mark.parametrize(("first", "count"), [(0, 1), (7, 3), (2495, 10), (END - IN_MEMORY - 1, 1), (END - 5, 5)])
+def test_just_the_frames_that_were_asked_for(folder: Path, truth: list[Frames], first: int, count: int) -> None:
+    past = Past(Recorded(folder), remembering(truth), lambda: 1e9)
+    (numbers,) = [(f.sequence, len(f)) for _, f in answers(past, first, count)]
+    assert numbers == (first, count)
+
+
+def test_what_memory_has_needs_no_record(truth: list[Frames]) -> None:
+    past = Past(FakeView(SESSION), remembering(truth), lambda: 1e9)
+    assert [m.sequence for m, _ in answers(past, END - 7, 7)] == [END - 7]
+
+
+def test_where_frames_are_gone_the_answer_begins_with_the_first_that_is_left(folder: Path, truth: list[Frames]) -> None:
+    past = Past(Recorded(folder), remembering(truth), lambda: 1e9)
+    sorted(folder.glob("*.mcap"))[0].unlink()
+    assert next(m.sequence for m, _ in answers(past, 100, END - 100)) == FILES[1][0]
+    with pytest.raises(NothingKeptError, match="no frames are kept from 100"):
+        ask(past, 100, count=FILES[1][0] - 100)
+    for path in folder.glob("*.mcap"):
+        path.unlink()
+    assert [m.sequence for m, _ in answers(past, 100, END - 100)] == [END - IN_MEMORY]
+
+
+def test_where_the_record_begins_after_memory_the_answer_begins_with_memory(
+    tmp_path: Path, truth: list[Frames]
+) -> None:
+    write_chunks(tmp_path, [truth[-1:]])
+    past = Past(Recorded(tmp_path), remembering(truth), lambda: 1e9)
+    assert [(m.sequence, m.count) for m, _ in answers(past, 0, END)] == [(END - IN_MEMORY, IN_MEMORY)]
+
+
+def test_frames_that_were_not_published_are_in_the_record(folder: Path, truth: list[Frames]) -> None:
+    """A hole in what the outlet was given, amid frames that memory has."""
+    backlog = Backlog(SESSION, 1e9)
+    for frames in (*truth[:5], *truth[8:20]):
+        backlog.add_frames(frames)
+    given = list(answers(Past(Recorded(folder), backlog, lambda: 1e9), 0, 200))
+    assert same(concatenate([frames for _, frames in given]), concatenate(truth[:20]))
+
+
+def test_frames_of_an_earlier_session_to_its_end(folder: Path) -> None:
+    past = Past(Recorded(folder, SESSION + 10**9), Backlog(SESSION + 10**9, 1e9), lambda: 1e9)
+    first = 1000
+    for _ in range(10):
+        try:
+            answer = ask(past, first)  # without a count: to the end, which only the record knows
+        except NothingKeptError:
+            break
+        assert answer.mark is not None
+        assert (answer.mark.session, answer.mark.sequence) == (SESSION, first)
+        first = answer.mark.end
+    assert first == END
+
+
+def test_a_question_without_count_finds_what_is_left_however_far(folder: Path) -> None:
+    past = Past(Recorded(folder), Backlog(SESSION, 1e9), lambda: 1e9)
+    sorted(folder.glob("*.mcap"))[0].unlink()
+    answer = ask(past, 3)
+    assert answer.mark is not None
+    assert answer.mark.sequence == FILES[1][0] > MOST_SAMPLES
+
+
+def test_samples_without_count_are_found_however_far() -> None:
+    view = FakeView()
+    view.record(batch(0, 5 * MOST_SAMPLES))
+    view.forgotten = 4 * MOST_SAMPLES
+    mark = Past(view, Backlog(1, 1e6), lambda: 1e9).history({"source": "arm", "stream": "samples"}).mark
+    assert mark is not None
+    assert (mark.sequence, mark.count) == (4 * MOST_SAMPLES, MOST_SAMPLES)
+
+
+def test_frames_of_another_layout_are_another_answer(tmp_path: Path) -> None:
+    other = (FrameChannel("arm.supply.power", "W", "continuous", "average"),)
+    old = frames_of(0, 20)
+    new = replace(frames_of(20, 20, channels=1), layout=replace(old.layout, channels=other))
+    write_chunks(tmp_path, [[old]], number=1)
+    write_chunks(tmp_path, [[new]], number=2)
+    given = [f for _, f in answers(Past(Recorded(tmp_path), Backlog(SESSION, 1e9), lambda: 1e9), 5, 35)]
+    assert [(f.sequence, len(f), f.layout.names) for f in given] == [
+        (5, 15, old.layout.names),
+        (20, 20, ("arm.supply.power",)),
+    ]
+
+
+def test_where_numbers_went_back_the_record_is_not_asked(folder: Path, truth: list[Frames]) -> None:
+    """Two frames of the session then have one number, and the record does not say which of them was published."""
+    backlog = remembering(truth)
+    backlog.add_frames(truth[3])
+    past = Past(Recorded(folder), backlog, lambda: 1e9)
+    for session in (SESSION, SESSION + 1):
+        with pytest.raises(NothingKeptError):
+            ask(past, 0, session, count=20)
+    mark = ask(past, 30, SESSION + 1, count=10).mark
+    assert mark is not None
+    assert (mark.session, mark.sequence) == (SESSION + 1, 30)
+
+
+@pytest.fixture
+def judged(tmp_path: Path) -> Path:
+    """Tasks 0 … 2000 on disk."""
+    recorded = 0
+    for number in (1, 2):
+        file = OpenFile(tmp_path / name_of(number), replace(HEADER, number=number))
+        encoder = Encoder(file)
+        for _ in range(20):
+            for _ in range(50):
+                encoder.add(task(recorded), recorded)
+                recorded += 1
+            file.write_chunk()
+        file.finish()
+        file.publish()
+    return tmp_path
+
+
+def told(past: Past, first: int, session: int = SESSION, **more: int) -> list[tuple[int, Any]]:
+    asked = {"session": session, "first": first, **more}
+    answer = past.results({"kind": "task", **{name: str(number) for name, number in asked.items()}})
+    return [(body["mark"]["sequence"], from_json("task", body)) for body in parse_json(answer.payload)]
+
+
+def test_all_results_once_in_order_first_from_the_record_then_from_memory(judged: Path) -> None:
+    backlog = Backlog(SESSION, 1e6)
+    for number in range(2000):
+        backlog.add(task(number))
+    kept = backlog._topics["task"].kept
+    while len(kept) > 100:
+        kept.popleft()
+    past, given = Past(Recorded(judged), backlog, lambda: 1e9), []
+    while len(given) < 2000:
+        given += told(past, len(given), count=2000 - len(given))
+    assert given == [(number, task(number)) for number in range(2000)]
+    assert told(past, 1898, count=4) == [(1898, task(1898)), (1899, task(1899))], "the rest is in memory"
+    assert told(past, 1990, count=3) == [(number, task(number)) for number in range(1990, 1993)]
+
+
+def test_results_of_an_earlier_session_to_its_end(judged: Path) -> None:
+    past, given = Past(Recorded(judged, SESSION + 1), Backlog(SESSION + 1, 1e6), lambda: 1e9), []
+    with pytest.raises(NothingKeptError, match="no results 'task' are kept"):
+        while True:
+            given += told(past, len(given))
+    assert given == [(number, task(number)) for number in range(2000)]
+
+
+def test_where_results_are_gone_the_answer_begins_with_the_first_that_is_left(judged: Path) -> None:
+    past = Past(Recorded(judged), Backlog(SESSION, 1e6), lambda: 1e9)
+    sorted(judged.glob("*.mcap"))[0].unlink()
+    assert told(past, 3)[0] == (1000, task(1000))
+    with pytest.raises(NothingKeptError):
+        told(past, 3, count=997)

@@ -1,0 +1,167 @@
+"""Consumers that hang or die, and how processes end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from tests.daemon.outlets.zenoh.processes import ROOT, Child, free_port
+from tests.daemon.outlets.zenoh.test_link_cut import (
+    assert_complete,
+    check_all,
+    reached,
+    received,
+    start_consumer,
+    stream,
+)
+from tests.patience import PATIENCE, wait_until
+
+
+@pytest.fixture
+def port() -> int:
+    return free_port()
+
+
+def account(cell: Child) -> dict[str, Any]:
+    cell.said.clear()
+    cell.send(account=True)
+    return cell.wait_for(lambda s: "account" in s, "account")["account"]
+
+
+def test_a_consumer_that_is_frozen_holds_up_neither_the_cell_nor_another_consumer(port: int) -> None:
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
+        cell.ready()
+        with start_consumer(port) as frozen, start_consumer(port) as other:
+            os.kill(frozen.pid, signal.SIGSTOP)
+            try:
+                # Enough to fill every buffer on the way to the frozen one.
+                cell.send(stream={"samples": 120_000, "frames_too": True, "every": 10, "rate": 40_000.0, "block": 200})
+                cell.wait_for(lambda s: "published" in s, "published")
+                wait_until(lambda: reached(other, "raw/arm/samples", 120_000), "all of it at the other one")
+            finally:
+                os.kill(frozen.pid, signal.SIGCONT)
+            assert_complete(received(other, "raw/arm/samples"), 0, 120_000)
+            # Once thawed it gets all of it too.
+            wait_until(lambda: reached(frozen, "raw/arm/samples", 120_000), "all of it at the frozen one")
+            assert_complete(received(frozen, "raw/arm/samples"), 0, 120_000)
+            figures = account(cell)
+            assert figures["dropped"] == {}
+            assert figures["residue"] == 0
+            assert figures["received"] == 120_000 + 600 + 60
+
+
+def test_a_consumer_that_is_killed_leaves_the_others_alone(port: int) -> None:
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
+        cell.ready()
+        with start_consumer(port) as victim, start_consumer(port) as other:
+            cell.send(stream=stream(2.0))
+            wait_until(lambda: reached(victim, "raw/arm/samples", 100), "some data")
+            victim.kill()
+            check_all(cell, other, 2.0)
+
+
+def test_cell_and_consumer_end_by_themselves(port: int) -> None:
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
+        cell.ready()
+        with start_consumer(port) as consumer:
+            cell.send(stream=stream(0.2))
+            wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "data")
+            assert consumer.finish() == 0
+        assert cell.finish() == 0
+        assert cell.said[-1]["account"]["residue"] == 0
+
+
+PROGRAMS = {
+    "an exception ends the program inside the context": """
+with Subscriber(SITE, CELL, link) as cell:
+    cell.receive(PATIENCE)
+    raise SystemExit(7)
+""",
+    "the program never opens what it made": """
+subscriber = Subscriber(SITE, CELL, link)
+raise SystemExit(7)
+""",
+    "a thread still waits for messages when the context is left": """
+with Subscriber(SITE, CELL, link, want=("task",)) as cell:
+    reader = threading.Thread(target=lambda: list(cell))
+    reader.start()
+reader.join()
+raise SystemExit(7)
+""",
+    "asyncio ends by an exception while a task reads": """
+async def main():
+    async with Subscriber(SITE, CELL, link) as cell:
+        async def forever():
+            async for message in cell:
+                pass
+        task = asyncio.create_task(forever())
+        await asyncio.sleep(0.1)
+        raise SystemExit(7)
+asyncio.run(main())
+""",
+    "the process forks while the session is open": """
+with Subscriber(SITE, CELL, link) as cell:
+    cell.receive(PATIENCE)
+    child = os.fork()
+    if child == 0:
+        os._exit(3)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
+    cell.receive(PATIENCE)
+raise SystemExit(7)
+""",
+    "work goes to a spawned process while the session is open": """
+if __name__ == "__main__":
+    with Subscriber(SITE, CELL, link) as cell:
+        cell.receive(PATIENCE)
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+            assert pool.submit(abs, -3).result(PATIENCE) == 3
+        cell.receive(PATIENCE)
+    raise SystemExit(7)
+""",
+}
+HEAD = """
+import asyncio, multiprocessing, os, threading
+from concurrent.futures import ProcessPoolExecutor
+from cellwatt.subscriber import LinkSettings, Subscriber
+SITE, CELL, PATIENCE = "plant-1", "weld-3", {patience}
+link = LinkSettings(mode="client", connect=("tcp/127.0.0.1:{port}",))
+"""
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_no_program_hangs_at_its_end(name: str, port: int, tmp_path: Any) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(HEAD.format(port=port, patience=PATIENCE) + PROGRAMS[name])
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
+        cell.ready()
+        done = subprocess.run(
+            [sys.executable, str(program)], cwd=ROOT, timeout=PATIENCE, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 7, done.stderr
+
+
+def test_idle_outlet_is_small_and_does_not_load_arrow() -> None:
+    """A daemon whose devices are all down must stay small."""
+    program = """
+import asyncio, sys
+from cellwatt.outlets.zenoh import ZenohSettings, ZenohOutlet
+from tests.daemon.outlets.zenoh.fake_cell import FakeView, alarm
+async def main():
+    outlet = ZenohOutlet("zenoh", ZenohSettings(), FakeView())
+    task = asyncio.create_task(outlet.run())
+    while not outlet.account.received:
+        outlet.offer(alarm(1))
+        outlet.health({})
+        await asyncio.sleep(0.01)
+    task.cancel()
+    await asyncio.wait([task])
+    assert "pyarrow" not in sys.modules
+asyncio.run(main())
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=PATIENCE, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,391 @@
+"""The example of docs/zenoh.md for a network that nobody trusts, as it is printed: real sessions, and attacks on it."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import shlex
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+import zenoh
+from click.testing import CliRunner
+
+from cellwatt import OutletError
+from cellwatt.commands.secure import command
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session
+from cellwatt.secure.certificates import Pair, issue, new_authority
+from cellwatt.subscriber import Subscriber
+from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, FakeView, alarm, batch
+from tests.daemon.outlets.zenoh.processes import ROOT, free_port
+from tests.daemon.outlets.zenoh.serving import serving
+from tests.daemon.outlets.zenoh.test_docs import programs
+from tests.patience import PATIENCE, eventually
+
+PAGE = (ROOT / "docs" / "zenoh.md").read_text()
+SECTION = PAGE[PAGE.index("## On a network that you do not trust") : PAGE.index("## Signatures")]
+EXAMPLE = re.findall(r"^cellwatt secure (.*)$", SECTION, re.MULTILINE)
+(WATCH,) = re.findall(r"^cellwatt (watch .*)$", SECTION, re.MULTILINE)
+PROGRAM = next(p for p in programs("zenoh.md") if "anna/zenoh.yaml" in p)
+ALARMS = f"cellwatt/{SITE}/{CELL}/alarm/**"
+FORGED = f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault"
+
+
+def secure(*arguments: str, folder: Path | None = None) -> str:
+    """Calls ``cellwatt secure``; what goes wrong is raised."""
+    at = ["--in", str(folder)] if folder is not None else []
+    return CliRunner().invoke(command, [*arguments, *at], catch_exceptions=False, standalone_mode=False).stdout
+
+
+class Site:
+    """A folder that the example made, and links of its members; files name their port, which is given out late."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.port = free_port()
+
+    def text(self, path: str) -> str:
+        """A file of the example, with the port of this test."""
+        names = "|".join(p.name for p in self.folder.iterdir() if p.is_dir())
+        text = (self.folder / path).read_text().replace("7447", str(self.port)).replace("0.0.0.0", "127.0.0.1")
+        return re.sub(rf"\b({names})/(?=\w+\.(pem|key|pub))", rf"{self.folder}/\1/", text)
+
+    def settings(self, member: str) -> dict[str, Any]:
+        found: dict[str, Any] = yaml.safe_load(self.text(f"{member}/zenoh.yaml"))["zenoh"]
+        return found
+
+    def link(self, member: str) -> LinkSettings:
+        return LinkSettings(**{k: v for k, v in self.settings(member).items() if k != "sign"})
+
+    def session(self, member: str) -> zenoh.Session:
+        return open_session(self.link(member), patience=PATIENCE)
+
+    def subscriber(self, member: str = "anna", cell: str = CELL, **more: Any) -> Subscriber:
+        return Subscriber(SITE, cell, self.link(member), **more)
+
+    @contextmanager
+    def router(self) -> Iterator[None]:
+        """``zenohd`` in this process: the same router, with the file that was written for it."""
+        file = self.folder / "plant-router" / "run.json5"
+        file.write_text(self.text("plant-router/zenohd.json5"))
+        with zenoh.open(zenoh.Config.from_file(str(file))):
+            yield
+
+    @asynccontextmanager
+    async def cell(self, name: str = CELL) -> AsyncIterator[ZenohOutlet]:
+        view = FakeView()
+        view.cell = name
+        view.record(batch(0, 100))
+        outlet = ZenohOutlet("zenoh", ZenohSettings(**self.settings(name)), view)
+        async with serving(outlet):
+            yield outlet
+
+
+def make(folder: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str] = EXAMPLE) -> Site:
+    """Run the example's commands as they are printed; only the router's name is one that this PC has."""
+    monkeypatch.chdir(folder)
+    for line in lines:
+        secure(*shlex.split(line.replace("--host plant-router", "--host localhost")))
+        if line.startswith("init"):
+            monkeypatch.chdir(folder / "secure")
+    return Site(folder / "secure")
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:
+    return make(tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def router(site: Site) -> Iterator[Site]:
+    with site.router():
+        yield site
+
+
+async def heard(site: Site, member: str = "anna", **more: Any) -> list[int]:
+    """Alarms that a member hears from a cell that raises one again and again, until it has heard one."""
+    async with site.cell() as outlet, site.subscriber(member, want=("alarm",), **more) as cell:
+        return await numbers(outlet, cell)
+
+
+async def numbers(outlet: ZenohOutlet, cell: Subscriber, also: Callable[[], object] = lambda: None) -> list[int]:
+    """The joints of three alarms that the subscriber hears while the cell goes on raising them."""
+    found: list[int] = []
+
+    async def read() -> None:
+        async for message in cell:
+            found.append(message.content.joint)  # type: ignore[union-attr]
+            if len(found) >= 3:
+                return
+
+    reading = asyncio.create_task(read())
+    raised = 0
+
+    def raise_one() -> bool:
+        nonlocal raised
+        also()
+        outlet.offer(alarm(raised, active=raised % 2 == 0))
+        raised += 1
+        return reading.done()
+
+    try:
+        await eventually(raise_one, "three alarms at the viewer")
+    finally:
+        reading.cancel()
+        with suppress(asyncio.CancelledError):
+            await reading
+    return found
+
+
+def test_the_page_prints_the_settings_that_are_written(site: Site) -> None:
+    written = (site.folder / "weld-3" / "zenoh.yaml").read_text().replace("localhost", "plant-router")
+    assert written in re.sub(r"^ {4}", "", SECTION, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("what", ["program", "watch"])
+async def test_programs_of_the_page_hear_the_cell(router: Site, what: str) -> None:
+    (router.folder / "anna" / "zenoh.yaml").write_text(router.text("anna/zenoh.yaml"))
+    program = router.folder / "program.py"
+    program.write_text(PROGRAM)
+    watch = shlex.split(WATCH.replace("plant-router:7447", f"localhost:{router.port}"))
+    command, expected = {
+        "program": ([str(program)], rb"alarm \d+ Alarm\(id='alarm-\d+'"),
+        "watch": (["-m", "cellwatt.commands", *watch, "--json", "--topic", "alarm"], rb'{"kind": "alarm", '),
+    }[what]
+    async with router.cell() as outlet:
+        run = await asyncio.create_subprocess_exec(
+            sys.executable, "-u", *command, cwd=router.folder, stdout=asyncio.subprocess.PIPE
+        )
+        assert run.stdout is not None
+        line = asyncio.create_task(run.stdout.readline())
+        count = 0
+
+        def raise_one() -> bool:
+            nonlocal count
+            outlet.offer(alarm(count))
+            count += 1
+            return line.done()
+
+        try:
+            await eventually(raise_one, "a line of the program")
+            assert re.match(expected, line.result())
+        finally:
+            run.kill()
+            await run.communicate()
+
+
+async def test_a_viewer_cannot_speak_in_the_cells_name(router: Site) -> None:
+    """An alarm that a viewer, another cell or a name without rights puts under a cell's key reaches nobody."""
+    secure("viewer", "dora", folder=router.folder)  # its certificate is good, the running router has no rule for it
+    got: list[bytes] = []
+    listener = router.session("andon")
+    attackers = [router.session(name) for name in ("anna", "andon", "weld-4", "dora")]
+    owner = router.session("weld-3")
+    try:
+        listener.declare_subscriber(ALARMS, lambda sample: got.append(sample.payload.to_bytes()))
+
+        def put_all() -> bool:
+            for i, attacker in enumerate(attackers):
+                attacker.put(FORGED, f"forged {i}")
+            owner.put(FORGED, "genuine")
+            return len(got) >= 20
+
+        await eventually(put_all, "what the owner of the key puts")
+    finally:
+        for session in (*attackers, owner, listener):
+            session.close()  # type: ignore[no-untyped-call]
+    assert set(got) == {b"genuine"}
+
+
+async def test_nobody_but_the_cell_answers_for_it(router: Site) -> None:
+    question = f"cellwatt/{SITE}/{CELL}/@/status"
+    attackers = [router.session(name) for name in ("anna", "andon", "weld-4")]
+    asking = router.session("anna")
+    try:
+        for attacker in attackers:
+            attacker.declare_queryable(question, lambda q: q.reply(question, b"forged"))
+        async with router.cell():
+            await eventually(lambda: answers(asking, question), "the cell's answer")
+            found = [a for _ in range(5) for a in answers(asking, question)]
+    finally:
+        for session in (*attackers, asking):
+            session.close()  # type: ignore[no-untyped-call]
+    assert found
+    assert not [a for a in found if a == b"forged"]
+
+
+def answers(session: zenoh.Session, question: str) -> list[bytes]:
+    return [r.ok.payload.to_bytes() for r in session.get(question, timeout=1.0) if r.ok is not None]
+
+
+async def test_what_each_may_see_and_ask(router: Site) -> None:
+    secure("viewer", "dora", folder=router.folder)
+    roots = {cell: f"cellwatt/{SITE}/{cell}" for cell in ("weld-3", "weld-4")}
+    members = {name: router.session(name) for name in ("anna", "andon", "weld-3", "dora")}
+    seen: dict[str, set[str]] = {name: set() for name in members}
+    answered: dict[str, list[str]] = {}
+    try:
+        for name, session in members.items():
+            for root in roots.values():
+                session.declare_subscriber(f"{root}/health", lambda s, n=name: seen[n].add(str(s.key_expr)))
+        async with router.cell("weld-3"), router.cell("weld-4"):
+            await eventually(
+                lambda: len(seen["andon"]) == 2 and seen["anna"] and seen["weld-3"], "health of both cells"
+            )
+            await eventually(lambda: answers(members["anna"], f"{roots['weld-3']}/@/status"), "an answer")
+            for name, session in members.items():
+                answered[name] = [cell for cell, root in roots.items() if answers(session, f"{root}/@/status")]
+    finally:
+        for session in members.values():
+            session.close()  # type: ignore[no-untyped-call]
+    assert {name: {key.split("/")[2] for key in keys} for name, keys in seen.items()} == {
+        "anna": {"weld-3"},
+        "andon": {"weld-3", "weld-4"},
+        "weld-3": {"weld-3"},
+        "dora": set(),
+    }
+    assert answered == {"anna": ["weld-3"], "andon": [], "weld-3": ["weld-3"], "dora": []}
+
+
+def stranger(site: Site, what: str) -> TlsSettings:
+    """TLS settings of somebody who must not get in."""
+    private = site.folder / "private"
+    ours = Pair((private / "ca.pem").read_bytes(), (private / "ca.key").read_bytes())
+    now = datetime.now(UTC)
+    own = {"certificate": site.folder / "certificate", "key": site.folder / "key"}
+    pair = {
+        "none": None,
+        "expired": lambda: issue(ours, "anna", (), now - timedelta(days=400)),
+        "not yet": lambda: issue(ours, "anna", (), now + timedelta(days=2)),
+        "foreign": lambda: issue(new_authority(SITE, now), "anna", (), now),
+    }[what]
+    if pair is None:
+        return TlsSettings(root_ca=site.folder / "anna" / "ca.pem")
+    made = pair()
+    own["certificate"].write_bytes(made.certificate)
+    own["key"].write_bytes(made.key)
+    return TlsSettings(root_ca=site.folder / "anna" / "ca.pem", **own)
+
+
+@pytest.mark.usefixtures("soon_refused")
+@pytest.mark.parametrize("what", ["none", "expired", "not yet", "foreign"])
+def test_without_a_right_certificate_there_is_no_link(router: Site, what: str) -> None:
+    link = router.link("anna").model_copy(update={"tls": stranger(router, what)})
+    with pytest.raises(OutletError, match="refuses the session"):
+        open_session(link, patience=PATIENCE)
+
+
+@pytest.mark.usefixtures("soon_refused")
+def test_no_plain_connection(router: Site) -> None:
+    link = LinkSettings(mode="client", connect=(f"tcp/127.0.0.1:{router.port}",))
+    with pytest.raises(OutletError):
+        open_session(link, patience=PATIENCE)
+
+
+@pytest.mark.usefixtures("soon_refused")
+@pytest.mark.parametrize("member", ["anna", "weld-4"])
+def test_a_members_certificate_cannot_pose_as_the_router(site: Site, member: str) -> None:
+    """Its certificate does not say that it may serve, and names no host."""
+    own = site.link(member).tls
+    assert own is not None
+    fake = LinkSettings(mode="router", listen=(f"tls/127.0.0.1:{site.port}",), tls=own)
+    for verify_name in (True, False):
+        link = site.link("weld-3")
+        assert link.tls is not None
+        victim = link.model_copy(update={"tls": link.tls.model_copy(update={"verify_name": verify_name})})
+        with open_session(fake), pytest.raises(OutletError, match="refuses the session"):
+            open_session(victim, patience=PATIENCE)
+
+
+async def test_a_link_ends_with_its_certificate(router: Site) -> None:
+    private = router.folder / "private"
+    ours = Pair((private / "ca.pem").read_bytes(), (private / "ca.key").read_bytes())
+    soon = issue(ours, "anna", (), datetime.now(UTC), days=4 / 86400)
+    (router.folder / "anna" / "cert.pem").write_bytes(soon.certificate)
+    (router.folder / "anna" / "key.pem").write_bytes(soon.key)
+    with router.session("anna") as session:
+        assert list(session.info.routers_zid())
+        await eventually(lambda: not list(session.info.routers_zid()), "the end of the link")
+
+
+@pytest.mark.usefixtures("soon_refused")
+async def test_a_cell_that_listens_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = ["init secure --site plant-1", "cell weld-3 --host localhost", "viewer anna", "viewer andon --live-only"]
+    site = make(tmp_path, monkeypatch, lines)
+    assert "access_control" in site.settings("weld-3")["options"]
+    written = yaml.safe_load((site.folder / "weld-3" / "zenoh.yaml").read_text())["zenoh"]
+    assert written["listen"] == ["tls/0.0.0.0:7447"]
+    assert ZenohSettings(**written).open is False  # the network is let in with TLS and rules alone
+    got: list[bytes] = []
+    async with site.cell() as outlet, site.subscriber("anna", want=("alarm",)) as cell:
+        with site.session("andon") as listener, site.session("anna") as attacker:
+            listener.declare_subscriber(ALARMS, lambda sample: got.append(sample.payload.to_bytes()))
+            assert await numbers(outlet, cell, lambda: attacker.put(FORGED, "forged"))
+            await eventually(lambda: got, "alarms at the other viewer")
+            assert answers(attacker, f"cellwatt/{SITE}/{CELL}/@/status")
+            assert not answers(listener, f"cellwatt/{SITE}/{CELL}/@/status")
+        for what in ("none", "expired", "foreign"):
+            link = site.link("anna").model_copy(update={"tls": stranger(site, what)})
+            with pytest.raises(OutletError, match="refuses the session"):
+                await asyncio.to_thread(open_session, link, patience=PATIENCE)
+    assert b"forged" not in got
+
+
+async def test_a_cell_is_watched_on_its_own_pc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``cellwatt watch FILE`` has no certificate but the cell's."""
+    for lines in (EXAMPLE, ["init secure --site plant-1", "cell weld-3 --host localhost"]):
+        folder = tmp_path / str(len(lines))
+        folder.mkdir()
+        site = make(folder, monkeypatch, lines)
+        link = site.link("weld-3")
+        client = LinkSettings(mode="client", connect=link.connect or link.listen, tls=link.tls)
+        if link.listen:  # reached at an address that the certificate does not name
+            assert link.tls is not None
+            client = client.model_copy(update={"tls": link.tls.model_copy(update={"verify_name": False})})
+        with site.router() if site.settings("weld-3").get("connect") else nullcontext():
+            async with site.cell() as outlet, Subscriber(SITE, CELL, client, want=("alarm",)) as cell:
+                assert await numbers(outlet, cell)
+
+
+async def test_who_is_removed_hears_nothing(site: Site) -> None:
+    assert "copy the folder plant-router again" in secure("remove", "anna", folder=site.folder)
+    with site.router():
+        async with site.cell() as outlet, site.subscriber("andon", want=("alarm",)) as cell:
+            got: list[bytes] = []
+            with site.session("anna") as removed:
+                removed.declare_subscriber(ALARMS, lambda sample: got.append(sample.payload.to_bytes()))
+                await numbers(outlet, cell)
+            assert not got
+
+
+async def test_renewed_and_old_certificates_both_hold(router: Site) -> None:
+    old = {name: (router.folder / "anna" / name).read_bytes() for name in ("cert.pem", "key.pem")}
+    assert "copy the folder anna again" in secure("renew", "anna", folder=router.folder)
+    assert (router.folder / "anna" / "cert.pem").read_bytes() != old["cert.pem"]
+    assert await heard(router)
+    for name, data in old.items():
+        (router.folder / "anna" / name).write_bytes(data)
+    assert await heard(router)
+
+
+async def test_a_new_authority_in_three_steps(site: Site) -> None:
+    """At every step who has the folders of the step before and who has the new ones still meet."""
+    for step, expected in enumerate(("trusted beside", "of the new authority", "trusted no more")):
+        before = {p: p.read_bytes() for n in ("anna", "weld-3") for p in (site.folder / n).iterdir()}
+        assert expected in secure("renew", "--authority", folder=site.folder)
+        after = {p: p.read_bytes() for p in before}
+        assert before != after, step
+        with site.router():
+            assert await heard(site)  # all have the new folders
+            for path, data in before.items():
+                path.write_bytes(data)
+            assert await heard(site)  # only the router has
+            for path, data in after.items():
+                path.write_bytes(data)

@@ -1,0 +1,378 @@
+"""The public subscriber beside an outlet, over real sessions in one process."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import suppress
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cellwatt import Alarm, Batch, ConfigError, OutletError
+from cellwatt.errors import RepairingError
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
+from cellwatt.outlets.zenoh.encode import encode_batch
+from cellwatt.outlets.zenoh.link import open_session
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
+from cellwatt.subscriber.schemas import Schemas
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.processes import free_port
+from tests.patience import PATIENCE, eventually
+
+RAW = "raw/arm/samples"
+
+
+class Cell:
+    """An outlet at work, and the subscribers' way to it."""
+
+    def __init__(self) -> None:
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.view = FakeView()
+        self.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), self.view)
+        self.link = LinkSettings(mode="client", connect=(endpoint,))
+
+    def subscriber(self, **more: object) -> Subscriber:
+        return Subscriber(SITE, CELL, self.link, **more)  # type: ignore[arg-type]
+
+    def give(self, first: int, count: int, live: bool = True, record: bool = True) -> None:
+        item = batch(first, count)
+        if record:
+            self.view.record(item)
+        if live:
+            self.outlet.offer(item)
+        else:  # the outlet knows of it and loses it on the way
+            self.outlet._outbox._ends[RAW] = (EPOCH, first + count)
+
+
+@pytest.fixture
+async def cell() -> AsyncIterator[Cell]:
+    found = Cell()
+    serving = asyncio.create_task(found.outlet.run())
+
+    async def beat() -> None:
+        while True:
+            found.outlet.health({"state": "green"})
+            await asyncio.sleep(0.1)
+
+    beating = asyncio.create_task(beat())
+    yield found
+    for task in (beating, serving):
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+async def joined(subscriber: Subscriber) -> None:
+    await eventually(lambda: subscriber._inbox.following.joined, "the subscriber to know where the cell is")
+
+
+async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Message]:
+    """The next messages of a topic."""
+    found: list[Message] = []
+    async with asyncio.timeout(PATIENCE):
+        async for message in subscriber:
+            if message.topic.startswith(topic):
+                found.append(message)
+                if len(found) == count:
+                    break
+    return found
+
+
+async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw", "frame", "alarm")) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        cell.outlet.offer(frames(0, 2))
+        cell.outlet.offer(alarm(1))
+        messages = {m.topic: m for m in await read(subscriber, 3)}
+    assert set(messages) == {RAW, "frame", "alarm"}
+    raw = messages[RAW]
+    assert (raw.session, raw.sequence, raw.count, raw.backfilled) == (EPOCH, 0, 5, False)
+    assert isinstance(raw.content, Batch)
+    assert raw.content.values.tolist() == batch(0, 5).values.tolist()
+    assert messages["alarm"].content == alarm(1)
+
+
+async def test_health_comes_when_wanted(cell: Cell) -> None:
+    async with cell.subscriber(want=("health",)) as subscriber:
+        (message,) = await read(subscriber, 1)
+    assert isinstance(message.content, Health)
+    assert message.content.status == {"state": "green"}
+    assert message.content.session == EPOCH
+
+
+async def test_only_what_is_wanted_comes(cell: Cell) -> None:
+    async with cell.subscriber(want=("alarm",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        cell.outlet.offer(alarm(1))
+        (message,) = await read(subscriber, 1)
+    assert message.topic == "alarm"
+
+
+async def test_a_late_comer_gets_the_active_alarms(cell: Cell) -> None:
+    for item in (alarm(1), alarm(2), alarm(1, active=False)):
+        cell.outlet.offer(item)
+    await eventually(lambda: cell.outlet.account.received == 3, "alarms")
+    async with cell.subscriber(want=("alarm",)) as subscriber:
+        (standing,) = await read(subscriber, 1)
+        cell.outlet.offer(alarm(2, active=False))
+        (cleared,) = await read(subscriber, 1)
+    assert (standing.content, standing.backfilled) == (alarm(2), True)
+    assert isinstance(cleared.content, Alarm)
+    assert (cleared.content.active, cleared.backfilled) == (False, False)
+
+
+async def test_a_hole_is_filled_from_the_record_first(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        cell.give(5, 7, live=False)
+        cell.give(12, 5)
+        messages = await read(subscriber, 3)
+        assert subscriber.counts == {"live": 10, "backfilled": 7, "duplicates": 0}
+    assert [(m.sequence, m.count, m.backfilled) for m in messages] == [(0, 5, False), (5, 7, True), (12, 5, False)]
+
+
+async def test_the_end_is_not_missed_when_nothing_follows_it(cell: Cell) -> None:
+    """No later sample shows the hole: the health message does."""
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        cell.give(5, 7, live=False)
+        (message,) = await read(subscriber, 1)
+    assert (message.sequence, message.count, message.backfilled) == (5, 7, True)
+
+
+async def test_a_record_that_lags_is_waited_for(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.view.lag = 12
+        cell.give(0, 7, live=False)
+        cell.give(7, 5)
+        await asyncio.sleep(0.3)  # not for synchronisation: so that it is asked for in vain
+        cell.view.lag = 0
+        messages = await read(subscriber, 2)
+    assert [(m.sequence, m.count) for m in messages] == [(0, 7), (7, 5)]
+    assert not any(isinstance(m.content, Gap) for m in messages)
+
+
+async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 100, live=False)
+        cell.view.forgotten = 60
+        cell.give(100, 5)
+        gap, rest, live = await read(subscriber, 3)
+        assert subscriber.counts["lost"] == 60
+    assert isinstance(gap.content, Gap)
+    assert (gap.sequence, gap.count) == (0, 60)
+    assert (rest.sequence, rest.count, live.sequence) == (60, 40, 100)
+
+
+async def test_what_was_never_recorded_is_a_gap_after_some_patience(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 4, live=False, record=False)
+        cell.give(4, 5)
+        gap, live = await read(subscriber, 2)
+    assert isinstance(gap.content, Gap)
+    assert "nothing is recorded of arm/samples" in gap.content.reason
+    assert (gap.count, live.sequence) == (4, 4)
+
+
+async def test_what_is_being_repaired_is_asked_for_until_it_is_there(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history, asked = cell.view.history, 0
+
+    def repairing(*question: Any) -> Sequence[Batch]:
+        nonlocal asked
+        asked += 1
+        if asked < 3:
+            raise RepairingError("it is being repaired")
+        return history(*question)
+
+    monkeypatch.setattr(cell.view, "history", repairing)
+    async with cell.subscriber(want=("raw",), patience=0.0) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        cell.give(5, 20, live=False)
+        (late,) = await read(subscriber, 1)
+    assert (late.sequence, late.count, late.backfilled) == (5, 20, True)
+    assert cell.outlet.account.counters["questions left open: a recording is being repaired"] == 2
+
+
+async def test_resume_goes_on_where_an_earlier_run_stopped(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw", "alarm")) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        positions = subscriber.positions
+    assert positions[RAW] == (EPOCH, 5)
+    cell.give(5, 20, live=False)
+    cell.outlet.offer(alarm(1))
+    async with cell.subscriber(want=("raw", "alarm"), resume=positions) as subscriber:
+        messages = {m.topic: m for m in await read(subscriber, 2)}
+    assert (messages[RAW].sequence, messages[RAW].count, messages[RAW].backfilled) == (5, 20, True)
+    assert messages["alarm"].content == alarm(1)
+
+
+async def test_threads_read_with_receive_and_for(cell: Cell) -> None:
+    def consume() -> list[int]:
+        with cell.subscriber(want=("raw",)) as subscriber:
+            with pytest.raises(TimeoutError):
+                subscriber.receive(0.01)
+            ready.set()
+            first = subscriber.receive(PATIENCE)
+            found = [first.sequence]
+            for message in subscriber:
+                found.append(message.sequence)
+                if message.sequence >= 20:
+                    subscriber.close()
+            with pytest.raises(OutletError, match="closed"):
+                subscriber.receive()
+            return found
+
+    ready = threading.Event()
+    reading = asyncio.create_task(asyncio.to_thread(consume))
+    await asyncio.to_thread(ready.wait, 20)
+    starts = iter(range(0, 100_000, 5))
+    await eventually(lambda: cell.give(next(starts), 5) or reading.done(), "enough to read")
+    found = await reading
+    assert found == sorted(found)
+    assert found[-1] >= 20
+
+
+async def test_a_consumer_that_is_slow_gets_all_of_it(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",), queue_size=2) as subscriber:
+        await joined(subscriber)
+        for first in range(0, 5000, 5):
+            cell.give(first, 5)
+            if first % 500 == 0:
+                await asyncio.sleep(0)
+        following = 0
+        async with asyncio.timeout(PATIENCE):
+            async for message in subscriber:
+                assert message.sequence == following
+                following += message.count
+                if following == 5000:
+                    break
+
+
+async def test_what_others_put_on_the_cells_keys_is_counted_and_ignored(
+    cell: Cell, caplog: pytest.LogCaptureFixture
+) -> None:
+    with await asyncio.to_thread(open_session, cell.link) as stranger:
+        async with cell.subscriber(want=("raw", "alarm")) as subscriber:
+            await joined(subscriber)
+            stranger.put(f"cellwatt/{SITE}/{CELL}/{RAW}", b"hello")
+            stranger.put(f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault", b"{}", attachment=bytes([1]) + bytes(31))
+            stranger.put(f"cellwatt/{SITE}/{CELL}/health", b'{"positions": 3}')
+            stranger.put(f"cellwatt/{SITE}/{CELL}/raw/arm/samples/deeper", b"")
+            await eventually(lambda: subscriber.counts.get("unreadable") == 4, "four strangers")
+            cell.give(0, 5)
+            (message,) = await read(subscriber, 1)
+    assert message.sequence == 0
+    assert len([r for r in caplog.records if r.name == "cellwatt.subscriber"]) == 1, "a line in the log for each"
+
+
+async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Cell) -> None:
+    payload = encode_batch(batch(0, 5))
+    damaged = payload[:-40] + bytes(b ^ 0x5A for b in payload[-40:])
+    with await asyncio.to_thread(open_session, cell.link) as between:
+        async with cell.subscriber(want=("raw",)) as subscriber:
+            await joined(subscriber)
+            between.put(
+                f"cellwatt/{SITE}/{CELL}/raw/arm/samples", damaged, attachment=Mark(EPOCH, 0, 5, EPOCH).encode(payload)
+            )
+            await eventually(lambda: subscriber.counts.get("unreadable") == 1, "the damaged one")
+            cell.give(0, 5, live=False)
+            cell.give(5, 5)
+            again, following = await read(subscriber, 2)
+    assert (again.sequence, again.backfilled) == (0, True)
+    assert (following.sequence, following.backfilled) == (5, False)
+    np.testing.assert_array_equal(again.content.values, batch(0, 5).values)
+
+
+async def test_an_answer_that_cannot_be_read_is_a_gap_after_some_patience(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
+        await joined(subscriber)
+        monkeypatch.setattr("cellwatt.outlets.zenoh.past.encode_batch", lambda _: b"not Arrow")
+        cell.give(0, 4, live=False)
+        cell.give(4, 5)
+        gap, live = await read(subscriber, 2)
+        assert subscriber.counts["unreadable"] >= 2
+    assert isinstance(gap.content, Gap)
+    assert "not a cellwatt Arrow stream" in gap.content.reason
+    assert (gap.count, live.sequence) == (4, 4)
+
+
+def test_topics_that_no_cell_has_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"no cell publishes alarms, x/y; topics begin with raw, frame, "):
+        Subscriber(SITE, CELL, LinkSettings(), want=("raw/arm", "alarms", "x/y"))
+
+
+async def test_opening_that_is_cancelled_leaves_nothing_behind() -> None:
+    link = LinkSettings(mode="client", connect=(f"tcp/127.0.0.1:{free_port()}",))
+    subscriber = Subscriber(SITE, CELL, link)
+    began = time.monotonic()
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.05):
+            await subscriber.__aenter__()
+    assert time.monotonic() - began < 9
+    assert subscriber._session is None
+    with pytest.raises(OutletError, match="closed"):
+        subscriber.receive()
+
+
+async def test_a_router_that_is_away_is_named() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    subscriber = Subscriber(SITE, CELL, LinkSettings(mode="client", connect=(endpoint,)))
+    subscriber._stopped.set()
+    with pytest.raises(OutletError, match=f"{endpoint}: nobody answers"):
+        async with subscriber:
+            pass
+
+
+async def test_messages_before_their_schema_wait_for_it_and_come_in_order(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As for a consumer that came late and may not ask the cell for it."""
+    monkeypatch.setattr(publisher, "SCHEMA_EVERY", 1e9)
+    monkeypatch.setattr(publisher.Publisher, "tell_schemas", lambda _: None)
+    async with cell.subscriber(want=("raw",), patience=PATIENCE) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        (first,) = await read(subscriber, 1)
+        subscriber._inbox._schemas = Schemas()
+        for n in (1, 2):
+            cell.give(5 * n, 5, record=False)
+            await eventually(lambda n=n: subscriber._inbox._schemas._held == n, "a message that cannot be read yet")  # type: ignore[misc]
+        monkeypatch.setattr(publisher, "SCHEMA_EVERY", 0.0)
+        cell.give(15, 5)
+        later = await read(subscriber, 3)
+    assert [(m.sequence, m.count) for m in (first, *later)] == [(0, 5), (5, 5), (10, 5), (15, 5)]
+    assert [m.content.values.tolist() for m in later] == [batch(n, 5).values.tolist() for n in (5, 10, 15)]  # type: ignore[union-attr]
+    assert subscriber.counts["duplicates"] == 0
+
+
+def test_no_more_messages_wait_for_a_schema_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    sample: Any = SimpleNamespace(payload=b"rows")
+    schemas = Schemas()
+    monkeypatch.setattr("cellwatt.subscriber.schemas._MOST", 3)
+    assert [schemas.hold(RAW, sample) for _ in range(4)] == [True, True, True, False]
+    assert schemas.learn(RAW, b"a schema") == [sample] * 3
+    monkeypatch.setattr("cellwatt.subscriber.schemas.HELD_BYTES", 4)
+    assert [schemas.hold(RAW, sample) for _ in range(2)] == [True, False]
+    assert list(schemas.of(RAW).values()) == [b"a schema"]

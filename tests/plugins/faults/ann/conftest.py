@@ -1,3 +1,0 @@
-from tests.plugins.faults.cycles.conftest import healthy, known, robot
-
-__all__ = ["healthy", "known", "robot"]
