@@ -62,7 +62,7 @@ def by_law(thresholds: Thresholds) -> Thresholds:
 
     So what is near the noise must take off as much as elsewhere, and what is far from it more.
     """
-    return replace(thresholds, near=0.0, murky=0.35)
+    return replace(thresholds, near=0.0, steady=thresholds.sure, much=0.5, murky=0.35)
 
 
 @dataclass(frozen=True)
