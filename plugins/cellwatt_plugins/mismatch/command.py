@@ -96,11 +96,15 @@ def explain(
     content = found.as_json()
     (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
-    if not no_report:
-        with stage("writing the report"):
-            found.report(out / "report.html")
-    with threadpool_limits(1), stage("mending the simulator's file"):
-        mended = None if user is None else mend(found, found.runs, user, out)
+    mended = None
+    try:
+        if user is not None:
+            with threadpool_limits(1), stage("mending the simulator's file"):
+                mended = mend(found, found.runs, user, out)
+    finally:
+        if not no_report:
+            with stage("writing the report"):
+                found.report(out / "report.html", None if mended is None else mended.path)
     if mended is not None:
         content["mended"] = mended.as_json()
         (out / "findings.json").write_text(json.dumps(content, indent=1))

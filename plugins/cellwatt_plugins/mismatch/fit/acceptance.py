@@ -73,7 +73,7 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     # A drive's limit or dead band can take up what no name says as well as the numbers of its law can.
     shaped = term.effect.acts_on == "drive" and term.effect.form.to_scale and term.joint is not None
     relieved = not shaped and relieves_tension(before, after, thresholds)
-    if (enough and _seldom(after, term)) or relieved:
+    if (enough and _seldom(after, term)) or relieved or gain > term.effect.acceptance.by_evidence:
         return None
     found = held(before, after, term)
     upon = any(t.joint == term.joint and term.effect.name in t.effect.relations.upon for t in after.terms)

@@ -62,6 +62,8 @@ class Acceptance:
     """Samples a second that it takes to show it."""
     usual: bool = False
     """Most arms have it: data left out alone may confirm it, where much else is unexplained."""
+    by_evidence: float = float("inf")
+    """nats from which evidence alone confirms it, whatever data left out say."""
     common: bool = False
     """No rare thing: half as much evidence is asked."""
 
