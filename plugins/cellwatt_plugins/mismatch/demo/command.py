@@ -104,8 +104,10 @@ def _show(revealed: Revealed, report: Path, again: str) -> None:
     console = Console()
     console.print()
     console.print(table(revealed))
-    if revealed.right:
+    if revealed.right and revealed.exact:
         console.print("\nexplain is right.", style="bold green")
+    elif revealed.right:
+        console.print("\nexplain names it, but a number is further off than its ± allows.", style="bold yellow")
     else:
         console.print("\nexplain is wrong here.", style="bold red")
     console.print(f"the same again: {again}", soft_wrap=True, highlight=False)
