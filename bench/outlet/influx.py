@@ -11,13 +11,12 @@ from typing import Any
 
 import aiohttp
 
-from cellwatt.account import Account
 from cellwatt.outlets.historian.client import Client
-from cellwatt.outlets.historian.filling import lines_of
+from cellwatt.outlets.historian.influx import Lines
 from cellwatt.outlets.historian.line_protocol import row_line
 from cellwatt.outlets.historian.outlet import HistorianOutlet
-from cellwatt.outlets.historian.sending import Sender
 from cellwatt.outlets.historian.settings import HistorianSettings, InfluxSettings
+from cellwatt.outlets.past import read
 from cellwatt.outlets.selection import Picker
 from outlet.loop import served, until
 from outlet.rows import BLOCK, CELL, LAYOUT, RATE, START, View, frames
@@ -39,7 +38,7 @@ async def offered(url: str, seconds: float) -> dict[str, float]:
     view: Any = View()
     outlet = HistorianOutlet("historian", HistorianSettings(influx=settings_for(url)), view)
     assert outlet._influx is not None
-    items = outlet._influx._items
+    items = outlet._influx.forwarder._items
 
     async def work() -> dict[str, float]:
         given, began = 0, time.monotonic()
@@ -70,9 +69,12 @@ async def posted(url: str, seconds: float) -> dict[str, float]:
 
 async def filled(url: str, record: Path, length: int) -> dict[str, float]:
     """Rows a second from a record of so many seconds."""
-    settings, account, began = settings_for(url), Account(), time.monotonic()
+    settings, sent, began = settings_for(url), 0, time.monotonic()
     async with Client(settings) as client:
+        peer = Lines(client, settings.measurement, {"cell": CELL}, None)
         for at in range(START, START + length * 10**9, STEP):
-            lines = await asyncio.to_thread(lines_of, record, CELL, settings, {"cell": CELL}, (at, at + STEP))
-            await Sender(client, account, None).send(lines)
-    return {"rows_per_s": account.received / (time.monotonic() - began)}
+            part = await asyncio.to_thread(read, record, CELL, settings, at, at + STEP, 10**6)
+            lines = [line for row in part.rows if (line := peer.row(row, part.units)) is not None]
+            await peer.send(lines)
+            sent += len(lines)
+    return {"rows_per_s": sent / (time.monotonic() - began)}

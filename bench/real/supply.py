@@ -1,6 +1,6 @@
 """Supply power of a UR3e: explained on four short moves, judged on the fifth, in turn.
 
-Four moves at 25 Hz have fewer samples than `explain` asks for: it gets them interpolated to 50 Hz.
+The moves, recorded at 25 Hz, are interpolated to 50 Hz.
 """
 
 from __future__ import annotations

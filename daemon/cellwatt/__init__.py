@@ -41,10 +41,20 @@ from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt.version import __version__
 
 if TYPE_CHECKING:
+    from cellwatt.outlets.forward import ForwardOutlet, ForwardSettings, NotNowError
+    from cellwatt.outlets.selection import Row
     from cellwatt.record import Recording
     from cellwatt.subscriber import LinkSettings, Subscriber
 
-_LATER = {"LinkSettings": "cellwatt.subscriber", "Recording": "cellwatt.record", "Subscriber": "cellwatt.subscriber"}
+_LATER = {
+    "ForwardOutlet": "cellwatt.outlets.forward",
+    "ForwardSettings": "cellwatt.outlets.forward",
+    "LinkSettings": "cellwatt.subscriber",
+    "NotNowError": "cellwatt.outlets.forward",
+    "Recording": "cellwatt.record",
+    "Row": "cellwatt.outlets.selection",
+    "Subscriber": "cellwatt.subscriber",
+}
 _FORMER = {"Sink": "Outlet", "SinkError": "OutletError", "SinkSettings": "OutletSettings"}
 
 __all__ = [
@@ -62,6 +72,8 @@ __all__ = [
     "Driver",
     "Energy",
     "Event",
+    "ForwardOutlet",
+    "ForwardSettings",
     "FrameChannel",
     "Frames",
     "Identity",
@@ -70,6 +82,7 @@ __all__ = [
     "Layout",
     "LinkSettings",
     "ModelError",
+    "NotNowError",
     "Outlet",
     "OutletError",
     "OutletSettings",
@@ -81,6 +94,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Result",
+    "Row",
     "SourceError",
     "SourceSettings",
     "Stage",

@@ -1,4 +1,4 @@
-"""Loss accounting that adds up: expected = received + missed + dropped."""
+"""Loss accounting that adds up: expected = received + missed + dropped, and with peers that may lag + owed."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ class Account:
     received: int = 0
     missed: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
+    owed: int = 0
+    """Made, and neither delivered to the peer of an outlet nor given up yet."""
     counters: Counter[str] = field(default_factory=Counter)
     anomalies: set[str] = field(default_factory=set)
     """Counters of what also comes on a good line, but seldom: health warns of a share of the samples."""
@@ -74,7 +76,7 @@ class Account:
     @property
     def residue(self) -> int:
         """Samples not accounted for; anything but 0 is an alarm."""
-        return self.expected - self.received - self.missed.total() - self.dropped.total()
+        return self.expected - self.received - self.missed.total() - self.dropped.total() - self.owed
 
     def snapshot(self) -> dict[str, Any]:
         """Plain figures for health messages."""
@@ -83,6 +85,7 @@ class Account:
             "received": self.received,
             "missed": {reason: n for reason, n in self.missed.items() if n},
             "dropped": dict(self.dropped),
+            **({"owed": self.owed} if self.owed else {}),
             "residue": self.residue,
             "counters": dict(self.counters),
             "anomalies": sorted(self.anomalies),

@@ -88,13 +88,28 @@ def read_text(path: Path, limit: int = WRITTEN) -> str:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Put a text in place of a file, whole or not at all, and on the disk itself. Raises ``OSError``."""
+    """Put a text in place of a file, as ``replace_bytes``. Raises ``OSError``."""
+    replace_bytes(path, text.encode())
+
+
+def replace_bytes(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """Put bytes in place of a file, whole or not at all, and on the disk itself with its name. Raises ``OSError``.
+
+    ``mode`` are the rights of the file, of which the umask takes some away.
+    """
     part = path.with_name(f"{path.name}.part")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
+    with FileIO(os.open(part, flags, mode), "wb") as file:
+        view = memoryview(content)
+        while view:
+            view = view[file.write(view) :]
         os.fsync(file.fileno())
     part.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
 
 
 def _check(status: os.stat_result, limit: int | None) -> None:

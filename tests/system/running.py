@@ -57,8 +57,11 @@ class Daemon:
     def link(self) -> LinkSettings:
         return LinkSettings(mode="client", connect=(self.endpoint,))
 
-    async def start(self, **environment: str) -> None:
+    async def start(self, descriptors: int | None = None, **environment: str) -> None:
+        """Begin, with so many descriptors at most."""
         command = [sys.executable, "-m", "cellwatt.commands", "run", str(self.file)]
+        if descriptors is not None:
+            command = ["prlimit", f"--nofile={descriptors}", *command]
         with (self.folder / "daemon.log").open("ab") as log:
             self.process = await asyncio.create_subprocess_exec(
                 *command, stderr=log, env={**os.environ, **environment}, start_new_session=True

@@ -13,6 +13,7 @@ from typing import Final
 import click
 from click.shell_completion import CompletionItem
 
+from cellwatt.address import blank
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.registry import available, load
 
@@ -30,11 +31,11 @@ TRACEBACK: Final = "CELLWATT_TRACEBACK"
 GROUPS: Final = {
     "Start": ("demo", "init", "check", "doctor", "drivers", "emulate"),
     "Run": ("run", "record", "health", "secure", "notify", "diagnose"),
-    "Look": ("watch", "view", "plot", "export", "import", "replay", "reports"),
+    "Look": ("watch", "view", "plot", "export", "replay", "reports"),
     "Simulation": ("explain", "simulate"),
     "Energy and faults": ("disaggregate", "energy-campaign", "reference", "faults", "train", "predict"),
     "Fleet": ("fleet",),
-    "Develop": ("new-driver",),
+    "Develop": ("new-driver", "new-outlet"),
 }
 """Headings of the help with their commands; others come last."""
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -109,7 +110,7 @@ def main() -> None:
         click.echo(str(error), err=True)
         sys.exit(EXIT_USAGE)
     except CellwattError as error:
-        click.echo(f"cellwatt: {error}", err=True)
+        click.echo(f"cellwatt: {blank(str(error))}", err=True)
         sys.exit(EXIT_ERROR)
     except Exception as error:
         if isinstance(error, OSError) and error.errno in _FULL:
@@ -123,8 +124,8 @@ def main() -> None:
 
 def _tell_bug(error: Exception) -> None:
     """Say in one line that this is a mistake of ours, and where its traceback is."""
-    text = "".join(traceback.format_exception(error))
-    told = " ".join(f"{type(error).__name__}: {error}".split())
+    text = blank("".join(traceback.format_exception(error)))
+    told = blank(" ".join(f"{type(error).__name__}: {error}".split()))
     kept = f"set {TRACEBACK}=1 to see where it is"
     if os.environ.get(TRACEBACK):
         click.echo(text, err=True)

@@ -6,7 +6,6 @@ import asyncio
 import json
 import logging
 import signal
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import load
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
+from cellwatt.log_lines import log_to_stderr
 from cellwatt.record import RecordSettings
 from cellwatt.record.claim import claimed
 from cellwatt.record.settings import default_folder
@@ -45,7 +45,7 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
     settings = config.record or RecordSettings(folder=out or _default(config.cell))
     if out is not None:
         settings = settings.model_copy(update={"folder": out})
-    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
+    log_to_stderr(logging.WARNING)
     cell = Cell(replace(config, record=settings, stages={}, outlets={}))
     with claimed(settings.folder, config.cell):
         click.echo(f"recording in {settings.folder}", err=True)

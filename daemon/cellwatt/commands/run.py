@@ -10,6 +10,7 @@ from typing import Final
 import click
 
 from cellwatt.config import load
+from cellwatt.log_lines import log_to_stderr
 from cellwatt.runtime.processes.supervisor import Supervisor
 
 SWITCH_INTERVAL: Final = 0.0005
@@ -21,10 +22,6 @@ SWITCH_INTERVAL: Final = 0.0005
 @click.option("--verbose", "-v", is_flag=True, help="Log debug messages.")
 def command(file: Path, verbose: bool) -> None:
     """Run the cell described in FILE until SIGTERM; SIGHUP applies what changed in it."""
-    logging.basicConfig(
-        level=logging.DEBUG if verbose else logging.INFO,
-        stream=sys.stderr,
-        format="%(levelname)s %(name)s: %(message)s",
-    )
+    log_to_stderr(logging.DEBUG if verbose else logging.INFO)
     sys.setswitchinterval(SWITCH_INTERVAL)
     Supervisor(load(file)).run()

@@ -22,7 +22,10 @@ def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
         "place",
         metavar="local|tcp://HOST:PORT",
         callback=_place,
-        help="Do the work on all cores (local; local:2 on two), or on the workers of this dask scheduler.",
+        help=(
+            "Do the work on all cores (local; local:2 on two), or on the workers of this dask scheduler. It is "
+            "trusted: its answers are pickled objects, so whoever answers in its place runs code here."
+        ),
     )
     @wraps(command)
     def run(*args: Any, place: str | None, **given: Any) -> R:

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from cellwatt.address import without
 from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
 from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
@@ -146,4 +147,5 @@ class CellConfig:
         told = {name: outlet.settings.warnings() for name, outlet in self.outlets.items()}
         if self.record is not None:
             told["record"] = unusable(self.record.sign)
-        return tuple(f"{name}: {text}" for name, texts in told.items() for text in texts)
+        found = [f"{name}: {text}" for name, texts in told.items() for text in texts]
+        return tuple(without(text, self.secrets) for text in found)

@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from cellwatt.address import HIDDEN, blank, secrets_of, without
 from cellwatt.config.environment import expand
 from cellwatt.config.nodes import (
     LONGEST,
@@ -31,7 +32,6 @@ from cellwatt.config.nodes import (
     too_much,
 )
 from cellwatt.config.places import KeyPath, Mark, Place
-from cellwatt.config.secret import HIDDEN
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.yaml_file import DEEPEST
 
@@ -40,8 +40,6 @@ _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
 """Anchor and tag in front of a value."""
 _CERTAIN_SECRET = 8
 """Characters from which on a secret is looked for in the whole file, comments for instance."""
-_SHORTEST_SECRET = 4
-"""Characters from which on a value from the environment is blanked in messages."""
 
 
 class WrittenFloat(float):
@@ -79,11 +77,7 @@ class Document:
 
     def blanked(self, message: str) -> str:
         """A message without secrets and what came from the environment."""
-        message = shortened(message, 20 * LONGEST)
-        # The longer may hold the shorter.
-        for value in sorted(self.secrets, key=len, reverse=True):
-            message = message.replace(value, self.secrets[value]) if len(value) >= _SHORTEST_SECRET else message
-        return message
+        return without(shortened(message, 20 * LONGEST), self.secrets)
 
     def hide(self, path: KeyPath) -> None:
         """The value at a path is a secret: from now on it shows nowhere, unless it is just ``${NAME}``."""
@@ -108,7 +102,7 @@ class Document:
         for path in self.hidden:
             if len(written := self.places[path].written) >= _CERTAIN_SECRET:
                 text = text.replace(written, HIDDEN)
-        return text
+        return blank(text)
 
     def place(self, path: KeyPath) -> str:
         """``file:line:column`` of a key."""
@@ -249,6 +243,8 @@ class _Builder:
         value = self._plain(node, path)
         if isinstance(value, str) and "\0" in value:
             return self._mistake(path, mark_of(node), "the character U+0000 cannot be part of a name or path")
+        if isinstance(value, str):
+            self.secrets.update(dict.fromkeys(secrets_of(value), HIDDEN))
         if not isinstance(value, str) or "${" not in value:
             return value
         expansion = expand(value, self.environ)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import yaml
 
+from cellwatt.address import blank
 from cellwatt.config.places import KeyPath, Mark, dotted
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.files import COMPUTED, read_bytes
@@ -107,7 +108,7 @@ def mark_of(node: yaml.Node) -> Mark:
 
 def problem(file: Path, mark: Mark, message: str, path: KeyPath = ()) -> Problem:
     """A mistake at a position."""
-    return Problem(place(file, mark), shortened(dotted(path)), shortened(message))
+    return Problem(place(file, mark), shortened(blank(dotted(path))), shortened(blank(message)))
 
 
 def shortened(text: str, longest: int = LONGEST) -> str:
@@ -117,7 +118,7 @@ def shortened(text: str, longest: int = LONGEST) -> str:
 
 def quoted(value: object) -> str:
     """A key or value as a message repeats it."""
-    return shortened(repr(value), LONGEST_VALUE)
+    return shortened(blank(repr(value)), LONGEST_VALUE)
 
 
 def place(file: Path, mark: Mark) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from cellwatt.address import blank
 from cellwatt.config.cell import CellConfig
 from cellwatt.config.places import KeyPath
 
@@ -68,10 +69,11 @@ def _long(secrets: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 
 def _hide(tree: Any, secrets: Mapping[str, str]) -> Any:
     if isinstance(tree, dict):
-        return {key: _hide(value, secrets) for key, value in tree.items()}
+        return {_hide(key, secrets): _hide(value, secrets) for key, value in tree.items()}
     if isinstance(tree, list):
         return [_hide(value, secrets) for value in tree]
     if isinstance(tree, str):
         for value, shown in secrets.items():
             tree = tree.replace(value, shown)
+        return blank(tree)
     return tree

@@ -2,21 +2,20 @@
 
 A setting of the type ``SecretStr`` is one. In free settings (a mapping of anything) it is what stands below the keys
 that ``SecretKeys`` in their declaration names. A secret is told nowhere: the text of the file as recordings hold it,
-the settings that outlets publish and messages about mistakes have ``HIDDEN`` in its place.
+the settings that outlets publish and messages about mistakes have ``***`` in its place. Secrets within addresses are
+known by their form (``cellwatt.address``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, get_args
+from typing import Any, get_args
 
 from pydantic import BaseModel, SecretStr
 
 from cellwatt.config.fields import fields_of, models_in
 from cellwatt.config.places import KeyPath
-
-HIDDEN: Final = "***"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from cellwatt.address import blank
 from cellwatt.config.document import Document, of_value
 from cellwatt.config.fields import fields_at
 from cellwatt.config.nodes import LONGEST_VALUE, quoted, shortened
@@ -114,7 +115,7 @@ def found(document: Document, path: KeyPath) -> str:
         return _LIST
     written = document.places[path].written
     text = repr(written) if isinstance(value, str) else written
-    return shortened(text, LONGEST_VALUE)
+    return shortened(blank(text), LONGEST_VALUE)
 
 
 def explain(

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import zipfile
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.address import without
 from cellwatt.errors import CellwattError, why
 
-_SHORTEST: Final = 4
-"""Characters of a secret from which on it is blanked in texts; a shorter one is part of ordinary words."""
 _README: Final = """\
 This is a bundle for a bug report about cellwatt, written by `cellwatt diagnose`.
 
@@ -22,6 +23,26 @@ Environment variables are not in it. It does name the plant, its cells, devices 
 users of this PC: open the files and read them before you give the bundle to others.
 
 """
+
+
+Made = Callable[[], str | Mapping[str, Any] | list[Any]]
+
+
+def _within(seconds: float, make: Made) -> str | Mapping[str, Any] | list[Any]:
+    """What ``make`` gives in time; a thread that goes on beyond it ends with the command."""
+    done: Future[str | Mapping[str, Any] | list[Any]] = Future()
+
+    def work() -> None:
+        try:
+            done.set_result(make())
+        except BaseException as error:  # it is for who waits
+            done.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        return done.result(seconds)
+    except TimeoutError:
+        raise CellwattError(f"there was no answer within {seconds:.0f} s") from None
 
 
 @dataclass(slots=True)
@@ -33,10 +54,10 @@ class Bundle:
     files: dict[str, tuple[str, Path]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
 
-    def add(self, name: str, what: str, make: Callable[[], str | Mapping[str, Any] | list[Any]]) -> None:
-        """Add what ``make`` gives, as JSON unless it is text; note the reason if it cannot be had."""
+    def add(self, name: str, what: str, make: Made, patience: float | None = None) -> None:
+        """Add what ``make`` gives, as JSON unless it is text; note the reason if it cannot be had in ``patience`` s."""
         try:
-            made = make()
+            made = make() if patience is None else _within(patience, make)
         except (CellwattError, OSError) as error:
             self.missing[name] = f"{what}: {why(error) if isinstance(error, OSError) else error}"
         except Exception as error:  # the bundle is for things that are broken
@@ -70,9 +91,6 @@ class Bundle:
             raise CellwattError(f"{path} cannot be written: {why(error)}") from error
 
     def _blanked(self, text: str) -> str:
-        for value in sorted(self.secrets, key=len, reverse=True):
-            if len(value) >= _SHORTEST:
-                # A value with quotes or line ends stands escaped in JSON.
-                for form in (value, json.dumps(value, ensure_ascii=False)[1:-1]):
-                    text = text.replace(form, self.secrets[value])
-        return text
+        # A value with quotes or line ends stands escaped in JSON.
+        escaped = {json.dumps(value, ensure_ascii=False)[1:-1]: shown for value, shown in self.secrets.items()}
+        return without(text, escaped | self.secrets)

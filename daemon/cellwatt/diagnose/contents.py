@@ -25,6 +25,8 @@ from cellwatt.version import __version__
 
 LINES: Final = 2000
 """Last lines of the log."""
+PATIENCE: Final = 10.0
+"""s for an answer of the running daemon."""
 _MOST_LOG: Final = 100_000_000
 _EXAMINED: Final = 100
 """Recordings, the newest ones, that are opened for a verdict."""
@@ -54,9 +56,9 @@ def gather(file: Path | None, log: Path | None, record: float, folder: Path) -> 
 
 
 def _cell(bundle: Bundle, config: CellConfig, record: float, folder: Path) -> None:
-    bundle.add("status.json", "health and counts of the running daemon", lambda: ask_cell(config, "status"))
+    bundle.add("status.json", "health and counts of the running daemon", lambda: ask_cell(config, "status"), PATIENCE)
     if "status.json" in bundle.texts:
-        bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"))
+        bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"), PATIENCE)
     if config.record is None:
         return
     kept = listing(config.record.folder, config.cell)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.address import HIDDEN
 from cellwatt.config import CellConfig, load, public_config
 from cellwatt.config.document import Document, read
-from cellwatt.config.secret import HIDDEN
 from cellwatt.errors import ConfigError
 from cellwatt.record.room import Room, room
 from cellwatt.runtime.assemble import prepare

@@ -22,6 +22,10 @@ BACKLOG: Final = 100
 """Connections that the kernel holds until they are accepted."""
 PAUSE: Final = 0.2
 """s without accepting after the kernel refused a connection, for want of descriptors or memory."""
+_DISPLACED, _REFUSED = "connections displaced", "connections refused"
+_LATE, _FAILED = "connections timed out", "connections not accepted"
+TURNED_AWAY: Final = (_DISPLACED, _REFUSED, _LATE, _FAILED)
+"""Counts of connections that were not served."""
 SWEEP: Final = 1.0
 """s between two looks at the deadlines."""
 
@@ -143,7 +147,7 @@ class Port:
             try:
                 sock, address = await loop.sock_accept(listener)
             except OSError as error:
-                self.counts["connections not accepted"] += 1
+                self.counts[_FAILED] += 1
                 log.warning("a connection cannot be accepted: %s", why(error))
                 await asyncio.sleep(PAUSE)
                 continue
@@ -152,7 +156,7 @@ class Port:
                 self._connections[sock.fileno()] = connection
                 self._spawn(self._join(connection, context))
             else:
-                self.counts["connections refused"] += 1
+                self.counts[_REFUSED] += 1
                 sock.close()
 
     async def _join(self, connection: _Connection, context: ssl.SSLContext | None) -> None:
@@ -182,7 +186,7 @@ class Port:
         idle = [one for one in self._connections.values() if one.peer == most and not self._works(one)]
         if not idle:
             return False
-        self.counts["connections displaced"] += 1
+        self.counts[_DISPLACED] += 1
         min(idle, key=lambda one: one.since).end()
         return True
 
@@ -197,7 +201,7 @@ class Port:
                 if self._works(one):
                     one.since = now
                 elif one.open and now - one.since > (self._limits.idle if one.requests else self._limits.head):
-                    self.counts["connections timed out"] += 1
+                    self.counts[_LATE] += 1
                     one.end()
 
 

@@ -17,8 +17,9 @@ from typing import Final, NamedTuple
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
+from cellwatt.address import blank
 from cellwatt.errors import CellwattError, why
-from cellwatt.fetch.remote import File, Remote, shown
+from cellwatt.fetch.remote import File, Remote
 from cellwatt.progress import Stage, stage
 
 KEPT: Final = 30 * 86400.0
@@ -64,7 +65,7 @@ def again(origin: Origin) -> Path:
         remote = Remote(origin.url)
         files = remote.files()
         if _version(origin.url, files) != origin.version:
-            raise CellwattError(f"{shown(origin.url)} has changed since this work began: start it again")
+            raise CellwattError(f"{blank(origin.url)} has changed since this work began: start it again")
         kept = _copy(remote, files, origin.version)
     return kept.joinpath(*origin.below)
 
@@ -106,7 +107,7 @@ def _copy(remote: Remote, files: Sequence[File], version: str) -> Path:
         _forget()
         part = Path(tempfile.mkdtemp(prefix=_PART, dir=folder()))
         try:
-            with stage(f"fetching {shown(remote.url)}", sum(file.size for file in files)) as told:
+            with stage(f"fetching {blank(remote.url)}", sum(file.size for file in files)) as told:
                 for file in files:
                     _take(remote, file, part / name / file.name if file.name else part / name, told)
             (part / _ORIGIN).write_text(json.dumps({"url": remote.url, "name": name}), "utf-8")
@@ -114,7 +115,7 @@ def _copy(remote: Remote, files: Sequence[File], version: str) -> Path:
         finally:
             shutil.rmtree(part, ignore_errors=True)
     except OSError as error:
-        raise CellwattError(f"{shown(remote.url)} cannot be kept in {folder()}: {why(error)}") from error
+        raise CellwattError(f"{blank(remote.url)} cannot be kept in {folder()}: {why(error)}") from error
     return folder() / version / name
 
 
@@ -127,7 +128,7 @@ def _take(remote: Remote, file: File, target: Path, told: Stage) -> None:
             size += len(piece)
             told.advance(len(piece))
     if size != file.size:
-        raise CellwattError(f"{shown(remote.url)}: {size} bytes of {file.size} came of {file.path}: try again")
+        raise CellwattError(f"{blank(remote.url)}: {size} bytes of {file.size} came of {file.path}: try again")
 
 
 def _put(part: Path, place: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import PurePosixPath
 from typing import IO, Any
 from urllib.parse import urlsplit
 
+from cellwatt.address import blank
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.outlets.historian.store import s3_options
 
@@ -52,7 +53,7 @@ class Remote:
         """Last part of the URL's path."""
         name = PurePosixPath(self._root).name
         if name in ("", ".."):
-            raise CellwattError(f"{shown(self.url)} names no file and no folder")
+            raise CellwattError(f"{blank(self.url)} names no file and no folder")
         return name
 
     def files(self) -> list[File]:
@@ -64,9 +65,9 @@ class Remote:
             found: Mapping[str, Any] = self._fs.find(self._root, detail=True)
         below = [_file(about, path, _below(path, self._root)) for path, about in sorted(found.items())]
         if not below:
-            raise MissingError(f"{shown(self.url)} is a folder without files")
+            raise MissingError(f"{blank(self.url)} is a folder without files")
         if wrong := next((file.name for file in below if not _is_safe(file.name)), None):
-            raise CellwattError(f"{shown(self.url)} has a file {wrong!r}, whose name leads out of the folder")
+            raise CellwattError(f"{blank(self.url)} has a file {wrong!r}, whose name leads out of the folder")
         return below
 
     @contextmanager
@@ -80,23 +81,18 @@ class Remote:
         try:
             yield
         except FileNotFoundError as error:
-            raise MissingError(f"{shown(self.url)} is not there") from error
+            raise MissingError(f"{blank(self.url)} is not there") from error
         except ImportError as error:
             need = "pip install 'cellwatt[scale]'" if error.name == "fsspec" else str(error)
-            raise ConfigError(f"{shown(self.url)} cannot be fetched: a package is missing: {need}") from error
+            raise ConfigError(f"{blank(self.url)} cannot be fetched: a package is missing: {need}") from error
         except ValueError as error:
-            raise ConfigError(f"{shown(self.url)} cannot be fetched: {_plain(error)}") from error
+            raise ConfigError(f"{blank(self.url)} cannot be fetched: {_plain(error)}") from error
         except CellwattError:
             raise
         except Exception as error:  # a file system of others may fail in any way
             refused = isinstance(error, PermissionError) or any(word in str(error) for word in _REFUSED)
             hint = "no access; are the credentials in the environment? " if refused else ""
-            raise CellwattError(f"{shown(self.url)} cannot be fetched: {hint}{_plain(error)}") from error
-
-
-def shown(url: str) -> str:
-    """The URL without a password."""
-    return re.sub(r"(://[^/@:]*):[^/@]*@", r"\1:…@", url)
+            raise CellwattError(f"{blank(self.url)} cannot be fetched: {hint}{_plain(error)}") from error
 
 
 def _file_system(url: str) -> tuple[Any, str]:

@@ -51,7 +51,8 @@ class Recorder:
         # Guarded by _wake:
         self._queue: deque[Entry] = deque()
         self._bytes = 0
-        self._first_at = 0.0
+        self._first_at = float("inf")
+        """Since when the first of those in the queue that must be written soon has waited."""
         self._accepted = self._settled = self._flush_to = 0
         self._running = False
         self._drops: Counter[str] = Counter()
@@ -114,8 +115,8 @@ class Recorder:
         return self._put(event, 1000, TOPICS[Event], number=number)
 
     def health(self, time: int, status: Mapping[str, Any]) -> bool:
-        """Record the daemon's health at ``time``, UTC ns."""
-        return self._put(Health(time, status), 8000, TOPICS[Health])
+        """Record the daemon's health at ``time``, UTC ns, with what comes next, or after ``IDLE`` s."""
+        return self._put(Health(time, status), 8000, TOPICS[Health], soon=False)
 
     def redeclare(self, header: Header) -> None:
         """The settings changed: go on in a new file under this header (of the same session)."""
@@ -162,18 +163,19 @@ class Recorder:
             **self._upkeep.stats(),
         }
 
-    def _put(self, item: Item, size: int, topic: str, n: int = 1, number: int | None = None) -> bool:
+    def _put(self, item: Item, size: int, topic: str, n: int = 1, number: int | None = None, soon: bool = True) -> bool:
         with self._wake:
             if not self._running or (self._bytes and self._bytes + size > self.settings.queue):
                 self._drops[topic] += n
                 return False
-            if not self._queue:
+            first = soon and self._first_at == float("inf")
+            if first:
                 self._first_at = time.monotonic() - self.gathered
             self._queue.append(Entry(item, size, topic, n, number))
             self._bytes += size
             self._accepted += 1
             # Woken for the first, to note when it must be written, and for a full chunk; not in between.
-            if len(self._queue) == 1 or self._bytes > CHUNK:
+            if first or self._bytes > CHUNK:
                 self._wake.notify_all()
         return True
 
@@ -197,6 +199,7 @@ class Recorder:
                 self._wake.wait(pause)
             self._held += self._queue
             self._queue.clear()
+            self._first_at = float("inf")
             return self._running
 
     def _due(self) -> float:

@@ -22,7 +22,7 @@ _TYPES = {number: kind for kind, number in _KINDS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Figures of the process that writes, for health."""
+    """Figures of the process that writes, for health: nobody wakes for them."""
 
     figures: Mapping[str, Any]
 
@@ -71,7 +71,7 @@ class ItemWriter:
                 number, frame_rows = self._rows_of_layout(item.layout)
                 self._put_rows(item, number, frame_rows.encode(item, number).tobytes())
             case Status():
-                self._put_message(_STATUS, json.dumps(item.figures).encode())
+                self._put_message(_STATUS, json.dumps(item.figures).encode(), silent=True)
             case Mark():
                 self._put_message(_MARK, str(item.generation).encode())
             case _:
@@ -92,8 +92,8 @@ class ItemWriter:
         """Declare that no more items will come."""
         self._ring.end()
 
-    def _put_message(self, kind: int, body: bytes) -> None:
-        self._ring.put(kind, kind, self._ring.following(kind), 1, body)
+    def _put_message(self, kind: int, body: bytes, silent: bool = False) -> None:
+        self._ring.put(kind, kind, self._ring.following(kind), 1, body, silent=silent)
 
     def _put_rows(self, item: Batch | Frames, number: int, body: bytes) -> None:
         if len(body) <= self._ring.largest or len(item) == 1:
@@ -143,6 +143,8 @@ class ItemReader:
         self.ring = ring
         self.reader = reader
         self.position = ring.position(reader)
+        self.count = 0
+        """Items read, without figures."""
         self.skipped = 0
         """Bytes that were written over before they were read."""
         self._rows: dict[int, SampleRows | FrameRows] = {}
@@ -173,6 +175,7 @@ class ItemReader:
             missed = following - self.position
             self.position = following
             if record is not None:
+                self.count += record.kind != _STATUS
                 yield self._item(record)
             elif missed:
                 self.skipped += missed

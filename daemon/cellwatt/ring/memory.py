@@ -69,8 +69,18 @@ class Ring:
 
     # writer ---------------------------------------------------------------------------------------
 
-    def put(self, kind: int, channel: int, sequence: int, count: int, body: bytes, note: int | None = None) -> None:
-        """Add a record of ``count`` items of its channel, numbered from ``sequence`` on, and wake who listens.
+    def put(
+        self,
+        kind: int,
+        channel: int,
+        sequence: int,
+        count: int,
+        body: bytes,
+        note: int | None = None,
+        silent: bool = False,
+    ) -> None:
+        """Add a record of ``count`` items of its channel, numbered from ``sequence`` on; unless ``silent``, wake
+        who listens.
 
         ``note`` is for the next writer. Raises ``ValueError`` if the body is longer than ``largest``.
         """
@@ -92,7 +102,8 @@ class Ring:
         if note is not None:
             words[_NOTE] = note
         words[_HEAD] += length
-        self._ring()
+        if not silent:
+            self._ring()
 
     def following(self, channel: int) -> int:
         """Next sequence number of a channel, also if another process wrote the one before."""

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from cellwatt.address import blank
 from cellwatt.errors import OutletError
 from cellwatt.outlet import Item, Outlet
 from cellwatt.runtime.source import asked_to_end
@@ -22,7 +23,7 @@ STEADY = 15.0
 
 
 class Delivery:
-    """The daemon's side of one outlet: what it raises reaches neither the sources nor the other outlets."""
+    """The daemon's side of one outlet: what it raises reaches neither the sources nor the other sinks."""
 
     def __init__(self, name: str, outlet: Outlet[Any]) -> None:
         self.name = name
@@ -55,7 +56,7 @@ class Delivery:
             return work()
         except Exception as error:
             self._outlet.account.count(what)
-            self._broke = f"{type(error).__name__}: {error}"
+            self._broke = blank(f"{type(error).__name__}: {error}")
             if self._broke != self._told:
                 self._told = self._broke
                 log.exception("outlet %s broke; what it was given is lost", self.name)
@@ -71,7 +72,7 @@ class Delivery:
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
             pause = min(2 * pause, LONGEST_PAUSE)
-            self._ended = str(error) if isinstance(error, OutletError) else f"{type(error).__name__}: {error}"
+            self._ended = blank(str(error) if isinstance(error, OutletError) else f"{type(error).__name__}: {error}")
             self._serves_from = float("inf")
             log.warning("outlet %s: %s; trying again in %.1f s", self.name, self._ended, pause)
             await asyncio.sleep(pause)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from cellwatt.alarms import AlarmBook, Damping, withdrawn
 from cellwatt.batch import Batch, Tick
@@ -27,9 +26,6 @@ from cellwatt.runtime.watch import Watch
 from cellwatt.runtime.words import Words
 
 log = logging.getLogger(__name__)
-
-WORDS: Final = 0.5
-"""Period, s, at which it is looked whether an alarm about which people said something has changed."""
 
 Item = Batch | Tick | Event | Frames | Result
 
@@ -141,9 +137,7 @@ class Teller:
             if problem is not None and problem != told:
                 log.warning("acknowledged and shelved alarms will not outlast a restart: %s", problem)
             told = problem
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(WORDS):
-                    await self._words.said.wait()
+            await self._words.said.wait()
 
     def _start_outlet(self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None) -> None:
         outlet = find_outlet(config.name)(config.name, config.settings, self)
@@ -236,6 +230,7 @@ class Teller:
         for alarm in self._watch.look(status, now):
             self.take(alarm)
         self._publish(self.alarms.look(now))
+        self._words.said.set()  # an alarm about which people said something may have changed
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]

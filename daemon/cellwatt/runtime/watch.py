@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook, Patience
+from cellwatt.door.port import TURNED_AWAY
 from cellwatt.door.tries import FAILED, REFUSED
 from cellwatt.results import Alarm, Severity
 
@@ -29,6 +30,8 @@ STRANGE: Final = 0.01
 """Share of the samples due that may be doubled, malformed, late …"""
 FEWEST_STRANGE: Final = 5
 """… or so many, where that is more."""
+FLOOD: Final = 50
+"""Connections within ``SPAN`` that a door turned away or cut off: more than browsers that lost their network."""
 PERIODS: Final = 3
 """Periods of a slow stream without a sample, after which it counts as one that gives none."""
 MOST_NAMED: Final = 5
@@ -57,6 +60,7 @@ KINDS: Final = {
     "record_displaced": "recording goes on in a new file",
     "record_short": "no recordings had to go before their time in the last hour",
     "door_tried": "nobody tries passwords at {part} any more",
+    "door_flooded": "nobody fills {part} with connections any more",
 }
 """Alarms about the daemon itself, and what is said when they end."""
 
@@ -106,7 +110,7 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
     for name, outlet in status["sinks"].items():
         if outlet["state"] == "down":
             found.append(Trouble("sink_down", "warning", name, f"Outlet {name} is down: {outlet['error']}", {}))
-        found += _tried(name, outlet, before["sinks"].get(name, outlet))
+        found += _attacked(name, outlet, before["sinks"].get(name, outlet))
     for name, process in status.get("processes", {}).items():
         if process["down"]:
             text = f"Process {name} has not been heard of for {process['silent_s']:.0f} s; the others go on."
@@ -132,9 +136,14 @@ def _recording(recorder: Mapping[str, Any], before: Mapping[str, Any]) -> Iterat
         yield Trouble("record_short", "warning", "recorder", text, dict(short))
 
 
-def _tried(name: str, outlet: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[Trouble]:
-    """Somebody who tries passwords or tokens at a door."""
+def _attacked(name: str, outlet: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[Trouble]:
+    """Somebody who tries passwords or tokens at a door, or fills it with connections."""
     counted, earlier = outlet.get("counters", {}), before.get("counters", {})
+    flood = _more({what: counted.get(what, 0) for what in TURNED_AWAY}, earlier)
+    if sum(flood.values()) >= FLOOD:
+        told = ", ".join(f"{n} {what}" for what, n in flood.items())
+        text = f"Somebody fills {name} with connections: {told} in the last {SPAN:.0f} s; others may find it slow."
+        yield Trouble("door_flooded", "warning", name, text, flood)
     tries = _more({what: counted.get(what, 0) for what in (FAILED, REFUSED)}, earlier)
     if sum(tries.values()) >= FEWEST_STRANGE:
         told = ", ".join(f"{n} {what}" for what, n in tries.items())

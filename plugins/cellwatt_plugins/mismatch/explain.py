@@ -19,7 +19,7 @@ from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_proble
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
-from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
+from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds, by_law
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
@@ -34,7 +34,9 @@ from cellwatt_plugins.mismatch.verdict.mounting import as_mounted, errors
 from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of, unknown_findings
 from cellwatt_plugins.mismatch.verdict.retuned import retuned_of
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.servo import IN_MOTION
 
 Float = NDArray[np.float64]
 
@@ -116,7 +118,8 @@ def explain(
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        torque = search(torques, body.joints, thresholds, until=limit, powered=powered)
+        effects, asked = (EFFECTS, thresholds) if states[0].drive is None else (IN_MOTION, by_law(thresholds))
+        torque = search(torques, body.joints, asked, effects, until=limit, powered=powered)
     driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
@@ -154,7 +157,7 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     problem = torque.problem
     out = [np.zeros_like(s.torque) for s in problem.states]
     for term in torque.terms:
-        if term.effect.acts_on != "reading":
+        if term.effect.mechanical:
             continue
         coefficients = torque.fit.coefficients[torque.block(term)[1]]
         for part, columns in zip(out, problem.columns(term), strict=True):
@@ -271,6 +274,11 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
         missed = f"; joint{'s' * (len(joints) > 1)} {listed(joints)} not looked at in full" if joints else ""
         notes.append(
             f"The time was up before all was tried{missed}: what is said is sound, more may be found with --time"
+        )
+    if any(run.drive is not None for run in runs):
+        notes.append(
+            "No torque was recorded: the law of the simulation's servos stands for it. Motion does not tell gains, "
+            "masses and friction that are all off by one factor: of these, your numbers are right within tolerances."
         )
     if not any(run.power is not None for run in runs):
         notes.append("No supply power was recorded: what only the supply shows could not be tested.")

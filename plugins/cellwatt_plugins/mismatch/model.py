@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -21,8 +21,10 @@ from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.body import urdf_bytes
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.effect import Effect
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import exact
+from cellwatt_plugins.robot.servo import BY_NAME_IN_MOTION, IN_MOTION
 
 Float = NDArray[np.float64]
 
@@ -134,7 +136,7 @@ def mechanical_torque(model: Model, states: States) -> Float:
         if fitted.term.effect.acts_on == "links":
             continue
         effect, joint = fitted.term.effect, fitted.term.joint
-        if effect.acts_on not in ("supply", "reading"):
+        if effect.acts_on not in ("supply", "reading", "drive"):
             _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
     return np.asarray(torque)
 
@@ -166,6 +168,11 @@ def save_model(model: Model, path: Path) -> None:
             "shape": [float(x) for x in f.term.shape],
             "coefficients": f.coefficients.tolist(),
         }
+        | (
+            {"in_motion": True}
+            if f.term.effect in IN_MOTION and BY_NAME.get(f.term.effect.name) is not f.term.effect
+            else {}
+        )
         for f in model.terms
     ]
     arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount}
@@ -189,6 +196,13 @@ class _Effect(BaseModel):
     joint: int | None
     shape: tuple[float, ...]
     coefficients: tuple[float, ...]
+    in_motion: bool = False
+    """True of what only motion without torque shows, under a name that torque may have, too."""
+
+    @property
+    def known(self) -> Mapping[str, Effect]:
+        """The effects among which it is."""
+        return BY_NAME_IN_MOTION if self.in_motion else BY_NAME
 
 
 class _File(BaseModel):
@@ -216,7 +230,7 @@ def load_model(path: Path) -> Model:
     inertial, coulomb, viscous, rotor, resistance = map(_array, families)
     terms = [
         FittedTerm(
-            Term(BY_NAME[each.effect], None if each.joint is None else each.joint - 1, each.shape),
+            Term(each.known[each.effect], None if each.joint is None else each.joint - 1, each.shape),
             _array(each.coefficients),
         )
         for each in found.effects
@@ -239,5 +253,5 @@ def _array(values: tuple[float, ...]) -> Float:
 
 def _known(file: _File) -> Iterator[tuple[KeyPath, str]]:
     for i, each in enumerate(file.effects):
-        if each.effect not in BY_NAME:
+        if each.effect not in each.known:
             yield ("effects", i, "effect"), f"effect {each.effect!r} is not known to this version"

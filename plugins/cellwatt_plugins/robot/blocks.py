@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +81,9 @@ class Design:
         self.root = 1 / np.sqrt(variance)
         self.slices = places(self.blocks, 0)
         self.size = self.slices[-1].stop if self.slices else 0
-        self.channels = self.by_channel(self.blocks, self.slices)
-        self._products: dict[Block, list[_Product]] = {}
+        self.channels = self._by_channel()
+        self._products = WeakKeyDictionary[Block, list[_Product]]()
+        self._pairs = WeakKeyDictionary[Block, WeakKeyDictionary[Block, dict[int, Float]]]()
 
     def with_priors(self, priors: Sequence[Prior]) -> Design:
         """Return the same design where its blocks have other ``priors``; its products are shared."""
@@ -89,13 +91,13 @@ class Design:
         new.blocks = tuple(replace(block, prior=prior) for block, prior in zip(self.blocks, priors, strict=True))
         return new
 
-    def by_channel(self, blocks: Sequence[Block], slices: Sequence[slice]) -> list[_Channel]:
-        """Return the columns of ``blocks`` at each channel; ``slices`` are the places of their coefficients."""
+    def _by_channel(self) -> list[_Channel]:
+        """The columns of the blocks at each channel."""
         out = []
         for c in range(self.target.shape[1]):
             root = self.root[:, c : c + 1]
             used, parts = [np.empty(0, np.intp)], [np.empty((len(self.target), 0))]
-            for block, place in zip(blocks, slices, strict=True):
+            for block, place in zip(self.blocks, self.slices, strict=True):
                 columns = block.of(c)
                 if columns is not None:
                     there = np.flatnonzero(np.any(columns != 0, axis=0))
@@ -124,10 +126,21 @@ class Design:
         return out
 
     def kept_products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
-        """Return ``products``, remembered for blocks that are tried again and again."""
+        """Return ``products``, remembered as long as the blocks are there: they are tried again and again."""
         new = [block for block in blocks if block not in self._products]
         self._products.update(zip(new, self.products(new), strict=True))
         return [self._products[block] for block in blocks]
+
+    def pair(self, one: Block, other: Block) -> dict[int, Float]:
+        """Return the products of two blocks' columns at each channel that both act on; remembered likewise."""
+        known = self._pairs.setdefault(one, WeakKeyDictionary())
+        if other not in known:
+            parts = {c: (one.of(c), other.of(c)) for c in range(self.target.shape[1])}
+            weight = np.square(self.root)
+            known[other] = {
+                c: (a.T * weight[:, c]) @ b for c, (a, b) in parts.items() if a is not None and b is not None
+            }
+        return known[other]
 
 
 def places(blocks: Sequence[Block], start: int) -> list[slice]:
@@ -145,31 +158,37 @@ class Regression:
     Raises ``numpy.linalg.LinAlgError`` where data and priors do not determine the coefficients.
     """
 
-    def __init__(self, design: Design, blocks: Sequence[Block], factor: Float, alike: Regression | None = None) -> None:
-        """``alike`` is a fit of the same blocks with another factor: their products are not made again."""
+    def __init__(self, design: Design, blocks: Sequence[Block], factor: Float) -> None:
         self.design, self.blocks, self.factor = design, tuple(blocks), factor
         self.slices = places(self.blocks, design.size)
         self.size = self.slices[-1].stop if self.slices else design.size
-        self._added: list[_Channel] = design.by_channel(self.blocks, self.slices) if alike is None else alike._added
-        self._crosses: list[Float] = (
-            [fixed.columns.T @ added.columns for fixed, added in zip(design.channels, self._added, strict=True)]
-            if alike is None
-            else alike._crosses
-        )
-        information, right = np.zeros((self.size, self.size)), np.zeros(self.size)
-        for fixed, added, cross, f in zip(design.channels, self._added, self._crosses, factor, strict=True):
-            there = np.concatenate([fixed.places, added.places])
-            information[np.ix_(there, there)] += np.block([[fixed.gram, cross], [cross.T, added.gram]]) / f
-            right[there] += np.concatenate([fixed.pull, added.pull]) / f
         prior = Prior.joined(*(block.prior for block in (*design.blocks, *self.blocks)))
-        self._fit = Fit(Products(information, right), prior)
+        self._fit = Fit(self._products(), prior)
         self.coefficients = self._fit.coefficients
-        parts = [
-            sum(each.columns @ self.coefficients[each.places] for each in both)
-            for both in zip(design.channels, self._added, strict=True)
-        ]
-        self.fitted = np.column_stack(parts) / design.root
+        self.fitted = np.column_stack([c.columns @ self.coefficients[c.places] for c in design.channels]) / design.root
+        for block, place in zip(self.blocks, self.slices, strict=True):
+            own = slice(None) if block.channel is None else block.channel
+            self.fitted[:, own] += block.columns @ self.coefficients[place]
         self.residual = design.target - self.fitted
+
+    def _products(self) -> Products:
+        """The normal equations of the design's blocks and the others."""
+        design, factor = self.design, self.factor
+        information, right = np.zeros((self.size, self.size)), np.zeros(self.size)
+        for fixed, f in zip(design.channels, factor, strict=True):
+            information[np.ix_(fixed.places, fixed.places)] += fixed.gram / f
+            right[fixed.places] += fixed.pull / f
+        for i, (place, acting) in enumerate(zip(self.slices, design.kept_products(self.blocks), strict=True)):
+            for own in acting:
+                there, f = design.channels[own.channel].places, factor[own.channel]
+                information[there, place] += own.cross / f
+                information[place, place] += own.gram / f
+                right[place] += own.pull / f
+            for before, other in zip(self.slices[:i], self.blocks[:i], strict=True):
+                for c, cross in design.pair(other, self.blocks[i]).items():
+                    information[before, place] += cross / factor[c]
+        upper = np.triu(information)
+        return Products(upper + np.triu(information, 1).T, right)
 
     @property
     def covariance(self) -> Float:
@@ -181,9 +200,15 @@ class Regression:
         return self._fit.gain(part)
 
     @cached_property
-    def _weighed(self) -> list[Float]:
-        """Rows of the added blocks' columns at each channel, over their variance."""
-        return [added.columns.T * self.design.root[:, c] for c, added in enumerate(self._added)]
+    def _weighed(self) -> list[tuple[NDArray[np.intp], Float]]:
+        """Places, and rows over their variance, of the added blocks' columns at each channel."""
+        out = []
+        for c in range(len(self.design.channels)):
+            acting = [(p, part) for b, p in zip(self.blocks, self.slices, strict=True) if (part := b.of(c)) is not None]
+            there = [np.arange(place.start, place.stop) for place, _ in acting]
+            rows = [(part * self.design.root[:, c : c + 1] ** 2).T for _, part in acting]
+            out.append((np.concatenate([np.empty(0, np.intp), *there]), np.vstack(rows) if rows else np.empty(0)))
+        return out
 
     def gain(self, block: Block) -> tuple[float, Float]:
         """Return the log evidence (nats) that a further block adds, and the coefficients (m,) that it would have."""
@@ -200,8 +225,9 @@ class Regression:
             for own in acting:
                 c = own.channel
                 mixed[self.design.channels[c].places, span] += own.cross / self.factor[c]
-                if len(self._added[c].places):
-                    mixed[self._added[c].places, span] += self._weighed[c] @ own.columns / self.factor[c]
+                there, rows = self._weighed[c]
+                if len(there):
+                    mixed[there, span] += rows @ own.columns / self.factor[c]
         target = np.concatenate([sum(own.pull / self.factor[own.channel] for own in acting) for acting in products])
         pull = target - mixed.T @ self.coefficients
         every = self._fit.solved(mixed)

@@ -6,6 +6,7 @@ import functools
 import json
 import re
 import stat
+import threading
 import zipfile
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -133,6 +134,26 @@ def test_the_record_that_is_not_there_is_told(folder: Path) -> None:
     done, found = diagnose(folder, f"{CELL}record: {{folder: recordings}}\n", "--record", "5 min")
     assert found["recordings.json"] == "[]\n"
     assert "the last 300 s of the record: nothing was recorded that can be read" in done.output
+
+
+def test_no_secret_of_an_address_is_in_the_bundle(folder: Path) -> None:
+    secret = "hunter2-night"
+    (folder / "log").write_text(f"WARNING mqtt://u:{secret}@plant cannot be reached")
+    text = CELL.replace("192.0.2.10", f"u:{secret}@192.0.2.10") + f"'https://h/?sig={secret}': 1\n"
+    done, found = diagnose(folder, text, "--log", str(folder / "log"))
+    assert "u:***@192.0.2.10" in found["check.txt"]
+    assert "mqtt://***@plant" in found["log.txt"]
+    for told in (done.output, *found.values()):
+        assert secret not in told
+
+
+def test_a_daemon_that_does_not_answer_holds_up_nobody(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    over = threading.Event()
+    monkeypatch.setattr("cellwatt.diagnose.contents.ask_cell", lambda *_: over.wait(60))
+    monkeypatch.setattr("cellwatt.diagnose.contents.PATIENCE", 0.1)
+    done, _ = diagnose(folder, CELL)
+    over.set()
+    assert "health and counts of the running daemon: there was no answer within 0 s" in done.output
 
 
 @pytest.mark.parametrize("text", ["5", "soon"])

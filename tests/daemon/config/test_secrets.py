@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,10 +15,15 @@ from pydantic import BaseModel, SecretStr
 from cellwatt import registry
 from cellwatt.commands.check import command
 from cellwatt.config import load, public_config
+from cellwatt.config.cell import FrameSettings
+from cellwatt.config.document import parse
+from cellwatt.config.fields import fields_of, models_in
 from cellwatt.config.installed import installed
+from cellwatt.config.loading import load_document
 from cellwatt.config.secret import SecretKeys, secrets_in
 from cellwatt.errors import ConfigError
-from cellwatt.record import Header
+from cellwatt.record import Header, RecordSettings
+from cellwatt.units import Units
 
 SECRET = "hunter2-Zürich"
 HEAD = "site: a\ncell: b\n"
@@ -169,3 +175,71 @@ def test_where_secrets_may_stand() -> None:
         ("top", "free", "a", "PIN", 0),
         ("top", "free", "a", "PIN", 1),
     ]
+
+
+MARK = "hunter2MARK"
+ADDRESSES = (
+    f"mqtt://u:{MARK}@plant:1883/x",
+    f"https://plant/{'a' * 50}?part=1&X-Amz-Signature={MARK}",
+    f"u:{MARK}@192.0.2.1",
+    f"https://{MARK}{'b' * 80}@plant",
+)
+
+
+def settings_with(kind: Any, address: str, depth: int = 0) -> Iterator[Any]:
+    """Values for a settings class, each with a marked address in one place; in secrets the mark alone."""
+    for key, field in fields_of(kind).items():
+        if list(secrets_in(kind, {key: "x"}, ())):
+            yield {key: MARK}
+            continue
+        yield from ({key: value} for value in within(field.annotation, address))
+        for inner in models_in(field.annotation) if depth < 3 else ():
+            for value in settings_with(inner, address, depth + 1):
+                yield {key: within(field.annotation, value)[-1]}
+
+
+def within(annotation: Any, value: Any) -> list[Any]:
+    """A value as it is, and in the list or mapping that a setting holds."""
+    held = str(annotation)
+    return [value, *([[value]] if "tuple[" in held else []), *([{"x": value}] if "Mapping[" in held else [])]
+
+
+SECTIONS = {"record": RecordSettings, "frames": FrameSettings, "units": Units}
+
+
+def cells_with(address: str) -> Iterator[dict[str, Any]]:
+    head = {"site": "a", "cell": "b", "sources": {"arm": {"driver": "ur", "host": "h"}}}
+    for key in ("site", "cell", "robot", "latency", "version", address):
+        yield {**head, key: address}
+    for part in installed():
+        for value in settings_with(part.settings, address) if part.settings is not None else ():
+            match part.kind:
+                case "driver":
+                    yield {**head, "sources": {"arm": {"driver": part.name, **value}}}
+                case "stage":
+                    yield {**head, "stages": {"one": {"stage": part.name, **value}}}
+                case "outlet":
+                    yield {**head, part.name: value}
+    for name, kind in SECTIONS.items():
+        for value in settings_with(kind, address):
+            yield {**head, name: value}
+
+
+@pytest.mark.parametrize("address", [ADDRESSES[0], *(pytest.param(a, marks=pytest.mark.slow) for a in ADDRESSES[1:])])
+def test_a_secret_in_any_setting_of_any_kind_is_told_nowhere(tmp_path: Path, address: str) -> None:
+    """What the mark is in: messages of ``check``, what is recorded, published and bundled, warnings in the log."""
+    file, tried, right = tmp_path / "cell.yaml", 0, 0
+    for cell in cells_with(address):
+        text = json.dumps(cell)
+        try:
+            config = load_document(parse(file, text, {}))
+        except ConfigError as error:
+            told = [str(error)]
+        else:
+            right += 1
+            told = [config.text, json.dumps(public_config(config)), *config.warnings]
+        for part in told:
+            assert MARK not in part, text
+        tried += 1
+    assert tried > 300
+    assert right > 10

@@ -12,7 +12,7 @@ import pytest
 
 from cellwatt import CellwattError, ConfigError
 from cellwatt.fetch import MissingError, again, cache, fetch, is_url, origin
-from cellwatt.fetch.remote import Remote, shown
+from cellwatt.fetch.remote import Remote
 from cellwatt.scheduler.parcel import pack, unpack
 
 
@@ -145,7 +145,3 @@ def test_no_access_asks_for_the_credentials(store: fsspec.AbstractFileSystem, mo
         CellwattError, match=r"cannot be fetched: no access; are the credentials in the environment\? When"
     ):
         fetch("memory://plant/run.mcap")
-
-
-def test_a_password_is_not_shown() -> None:
-    assert shown("ftp://me:secret@host/a") == "ftp://me:…@host/a"

@@ -50,7 +50,7 @@ async def test_everything_accepted_is_judged_published_and_recorded(tmp_path):
     results = list(recording.results())
     assert [r.sequence for r in results[:-1]] == judge.seen
     assert results[-1] == alarm("at the end", stage="judge")
-    assert bus.of(Alarm) == [alarm("at the end", stage="judge")]
+    assert [a for a in bus.of(Alarm) if a.stage] == [alarm("at the end", stage="judge")]
     assert not list(tmp_path.glob("*.part")), "the file is closed"
 
 

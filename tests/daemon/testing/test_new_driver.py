@@ -9,7 +9,8 @@ import tomllib
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.commands.new_driver import command, package
+from cellwatt.commands.new_package import driver as command
+from cellwatt.commands.new_package import package
 
 from .installing import call, install
 

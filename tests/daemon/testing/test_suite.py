@@ -110,7 +110,7 @@ def test_the_page_names_every_check():
         assert f"| `{check.__name__}` |" in page
 
 
-@pytest.mark.parametrize("module", ["cellwatt.testing", "cellwatt.testing.checks", "cellwatt.commands.new_driver"])
+@pytest.mark.parametrize("module", ["cellwatt.testing", "cellwatt.testing.checks", "cellwatt.commands.new_package"])
 def test_only_the_suite_needs_pytest(module):
     script = f"import sys, {module}; sys.exit('pytest' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0

@@ -12,6 +12,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
 from cellwatt.errors import CellwattError, OutletError
+from cellwatt.log_lines import log_to_stderr
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.process import LIMIT
 from cellwatt.outlets.apart.wire import Kind
@@ -109,5 +110,5 @@ async def serve(connection: socket.socket, work: Work) -> int:
 
 def main(work: Work, level: int) -> None:
     """Serve what the parent tells through an inherited socket, with messages from a ``level`` on in the log."""
-    logging.basicConfig(level=level, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
+    log_to_stderr(level)
     sys.exit(asyncio.run(serve(socket.socket(fileno=int(sys.argv[1])), work)))

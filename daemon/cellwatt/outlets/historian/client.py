@@ -44,6 +44,7 @@ class Client:
     """Writes to one database or bucket; use as a context manager."""
 
     def __init__(self, settings: InfluxSettings) -> None:
+        self.url = settings.url
         self._settings = settings
         self._session: aiohttp.ClientSession | None = None
         self._context: ssl.SSLContext | bool = True

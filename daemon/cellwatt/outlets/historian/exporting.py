@@ -14,10 +14,11 @@ from typing import Any
 
 from cellwatt.outlets.historian.pieces import Piece, next_frames, next_results, root
 from cellwatt.outlets.historian.progress import Intent, Join, Progress, load
-from cellwatt.outlets.historian.recorded import ARCHIVED, Place, Position
+from cellwatt.outlets.historian.recorded import Place, Position
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
 from cellwatt.outlets.historian.tables import merged, parquet
+from cellwatt.outlets.past import ARCHIVED
 from cellwatt.units import Units
 
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import pydantic_core
 
-from cellwatt.outlets.historian.recorded import Archived
+from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.results import Alarm, Energy, Task
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from cellwatt.errors import OutletError
 from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.outlets.forward import framed_record
 from cellwatt.outlets.historian.influx import Influx
 from cellwatt.outlets.historian.lake import Lake
 from cellwatt.outlets.historian.settings import HistorianSettings
@@ -25,11 +26,9 @@ class HistorianOutlet(Outlet[HistorianSettings]):
 
     def __init__(self, name: str, settings: HistorianSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
-        self._record = view.record_folder
-        self._framed = self._record is not None and bool(view.config()["record"]["frames"])
-        filled = self._record if self._framed else None
+        self._record = framed_record(view)
         influx = settings.influx
-        self._influx = None if influx is None else Influx(influx, view, filled, self.account)
+        self._influx = None if influx is None else Influx(influx, view, self._record, self.account)
         self._lake: Lake | None = None
         if settings.lake is not None and self._record is not None:
             told = {"record": str(self._record), "folder": str(view.folder), "site": view.site, "cell": view.cell}
@@ -45,12 +44,12 @@ class HistorianOutlet(Outlet[HistorianSettings]):
 
     def trouble(self) -> str | None:
         """Reason why InfluxDB or the lake takes nothing; ``None`` if all is well."""
-        said = [self._influx.problem, self._influx.unread] if self._influx is not None else []
-        said += [self._lake.problem] if self._lake is not None else []
+        said = [] if self._influx is None else list(self._influx.forwarder.troubles)
+        said += [] if self._lake is None else [self._lake.problem]
         return "; ".join(filter(None, said)) or None
 
     async def run(self) -> None:
         """Write until cancelled. Raises ``OutletError`` where there is no record to fill the lake from."""
-        if self.settings.lake is not None and (self._record is None or not self._framed):
+        if self.settings.lake is not None and self._record is None:
             raise OutletError("lake: it is filled from the record: set record, with frames (record: {frames: true})")
         await until_one_ends(*(part.run() for part in (self._influx, self._lake) if part is not None))

@@ -10,8 +10,9 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from cellwatt.frames import Frames
-from cellwatt.outlets.historian.recorded import ARCHIVED, Archived, Place, Position, frames_after, results_after
+from cellwatt.outlets.historian.recorded import Place, Position, frames_after, results_after
 from cellwatt.outlets.historian.tables import frame_table, result_table
+from cellwatt.outlets.past import ARCHIVED, Archived
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record.messages import time_of
 

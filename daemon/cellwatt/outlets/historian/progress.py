@@ -8,9 +8,8 @@ from typing import Final
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellwatt.errors import OutletError, why
-from cellwatt.files import read_bytes
+from cellwatt.files import read_bytes, replace_bytes
 from cellwatt.outlets.historian.recorded import Place, Position
-from cellwatt.outlets.historian.store import PART, write_synced
 
 FILE: Final = "historian-lake.json"
 
@@ -45,13 +44,10 @@ class Progress(BaseModel):
 
     def save(self, folder: Path) -> None:
         """Bring it to disk, whole or not at all. Raises ``OutletError``."""
-        path = folder / FILE
-        part = path.with_name(f"{FILE}{PART}")
         try:
-            write_synced(part, self.model_dump_json().encode())
-            part.replace(path)
+            replace_bytes(folder / FILE, self.model_dump_json().encode())
         except OSError as error:
-            raise OutletError(f"lake: {path} cannot be written: {why(error)}") from error
+            raise OutletError(f"lake: {folder / FILE} cannot be written: {why(error)}") from error
 
 
 def load(folder: Path, lake: str) -> Progress | None:

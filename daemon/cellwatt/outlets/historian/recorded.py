@@ -5,20 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import TypeVar
 
 from cellwatt.blocks import cut
-from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
-from cellwatt.record import Recording
-from cellwatt.record.opening import survey
+from cellwatt.outlets.past import files_of, opened
 from cellwatt.record.reader import EVER
-from cellwatt.record.retention import Kept, listing
 from cellwatt.results import Alarm, Energy, Task
 
-ARCHIVED: Final = {"alarms": Alarm, "tasks": Task, "energies": Energy}
-"""Results that a historian keeps, by table."""
-Archived = Alarm | Task | Energy
 T = TypeVar("T", Alarm, Task, Energy)
 
 
@@ -56,19 +50,6 @@ def frames_after(folder: Path, cell: str, position: Position | None) -> Iterator
                 yield session, cut(block, known, len(block))
 
 
-def frames_between(folder: Path, cell: str, start: int, end: int) -> Iterator[Frames]:
-    """Blocks of frames after ``start`` up to ``end``, UTC ns."""
-    for recording in _within(folder, cell, start, end):
-        yield from recording.between(start + 1, end).frames()
-
-
-def results_between(folder: Path, cell: str, start: int, end: int) -> Iterator[Archived]:
-    """Alarms, tasks and energies after ``start`` up to ``end``, UTC ns, kind by kind in each file."""
-    for recording in _within(folder, cell, start, end):
-        for kind in ARCHIVED.values():
-            yield from recording.between(start + 1, end).results(kind)
-
-
 def results_after(folder: Path, cell: str, kind: type[T], place: Place | None) -> Iterator[tuple[Place, T]]:
     """Results of a kind after ``place``, each with its own place."""
     for kept in files_of(folder, cell):
@@ -80,23 +61,3 @@ def results_after(folder: Path, cell: str, kind: type[T], place: Place | None) -
         for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
             if number > known:
                 yield Place(*at, number), result
-
-
-def files_of(folder: Path, cell: str) -> list[Kept]:
-    """Recordings of a cell in the order in which they were recorded."""
-    return [kept for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", ".mcap.part"))]
-
-
-def opened(path: Path) -> Recording | None:
-    """A recording as far as it is on disk; ``None`` where nothing can be read of it, or it is gone by now."""
-    try:
-        return Recording([survey(path, chunks=False)])
-    except RecordingError:
-        return None
-
-
-def _within(folder: Path, cell: str, start: int, end: int) -> Iterator[Recording]:
-    for kept in files_of(folder, cell):
-        recording = opened(kept.path)
-        if recording is not None and recording.start <= end and recording.end > start:
-            yield recording

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from cellwatt.errors import OutletError, why
-
-PART = ".part"
-"""Ends the name of a file that is not whole."""
+from cellwatt.files import replace_bytes
 
 
 class Store(Protocol):
@@ -44,12 +41,9 @@ class FolderStore:
     def put(self, path: str, content: bytes) -> None:
         """See ``Store.put``."""
         target = self._folder / path
-        part = target.with_name(f".{target.name}{PART}")
         with _told(target):
             target.parent.mkdir(parents=True, exist_ok=True)
-            write_synced(part, content)
-            part.replace(target)
-            _sync_folder(target.parent)
+            replace_bytes(target, content)
 
     def get(self, path: str) -> bytes:
         """See ``Store.get``."""
@@ -119,22 +113,6 @@ def s3_options(
     if keys is not None:
         options |= {"access_key": keys[0], "secret_key": keys[1]}
     return options | ({} if ca is None else {"tls_ca_file_path": ca})
-
-
-def write_synced(path: Path, content: bytes) -> None:
-    """Write a file and bring it to disk. Raises ``OSError``."""
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pydantic_core
 
 from cellwatt.channel import Quality
-from cellwatt.outlets.historian.recorded import Archived
+from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.results import Alarm, Energy, Task
 from cellwatt.version import __version__

@@ -113,13 +113,12 @@ class Endpoint:
         headers = {"WWW-Authenticate": ", ".join(f'{way} realm="cellwatt"' for way in ways)}
         if hdrs.AUTHORIZATION not in request.headers:
             return _line("a token or password is needed", HTTPStatus.UNAUTHORIZED, headers)
+        if self._fits(request.headers[hdrs.AUTHORIZATION]):
+            return None  # even while others have to wait: nobody can lock Prometheus out
         address, account = request.remote or "", settings.user or ""
         if wait := self._guard.begin(address, account):
             text = f"too many tries: wait {wait:.0f} s"
             return _line(text, HTTPStatus.TOO_MANY_REQUESTS, {"Retry-After": f"{max(wait, 1.0):.0f}"})
-        if self._fits(request.headers[hdrs.AUTHORIZATION]):
-            self._guard.succeed(address, account)
-            return None
         self._guard.fail(address, account)
         return _line("this token or password does not fit", HTTPStatus.UNAUTHORIZED, headers)
 

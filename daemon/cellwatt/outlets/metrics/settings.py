@@ -18,6 +18,8 @@ _LABEL: Final = re.compile(r"(?!__)[A-Za-z_][A-Za-z0-9_]{0,63}")
 _LONGEST: Final = 200
 """Characters of a constant label."""
 _MOST_LABELS: Final = 16
+_SHORT: Final = 16
+"""Characters of a token below which it can be guessed: a right one is let in however many wrong ones came before."""
 
 
 class MetricsSettings(Listening):
@@ -84,6 +86,13 @@ class MetricsSettings(Listening):
     def advice(self) -> str:
         """See ``Listening.advice``."""
         return "use 127.0.0.1, or give certificate, key and token, or set open: true"
+
+    def warnings(self) -> tuple[str, ...]:
+        """See ``Listening.warnings``; also a token or password that can be guessed."""
+        secrets = {"token": self.token, "password": self.password}
+        short = [name for name, secret in secrets.items() if secret and len(secret.get_secret_value()) < _SHORT]
+        advice = f"fewer than {_SHORT} characters can be guessed; 'openssl rand -hex 16' makes enough"
+        return (*super().warnings(), *(f"{name}: {advice}" for name in short))
 
     def told(self) -> dict[str, Any]:
         """All settings with their secrets, JSON-ready, for the process that serves and nobody else."""

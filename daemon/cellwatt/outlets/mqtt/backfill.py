@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Final
 
 from cellwatt.account import Account
-from cellwatt.errors import why
-from cellwatt.outlets.mqtt.books import Books
+from cellwatt.errors import RecordingError, why
+from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.mqtt.outbox import Outbox
-from cellwatt.outlets.mqtt.past import Part, read
 from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.past import Archived, Part, read
 from cellwatt.outlets.selection import Row
 
 PART: Final = 500
@@ -25,31 +25,23 @@ PAUSE: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Archive:
-    """The record that back-fill is read from."""
-
-    folder: Path
-    cell: str
-
-
-@dataclass(frozen=True, slots=True)
 class Past:
-    """A row of the past, or the end of a gap, and what is to be done once it has arrived."""
+    """A row or result of the past, or the end of a gap, and what is to be done once it has arrived."""
 
-    row: Row | None
+    entry: Row | Archived | None
     arrived: Callable[[], None]
 
 
 class Backfill:
-    """Reads the gaps that the books have, one after the other; ``problem`` is why it cannot."""
+    """Reads what is owed out of the ``record`` of a cell, span by span; ``problem`` is why it cannot."""
 
     def __init__(
-        self, settings: MqttSettings, archive: Archive, books: Books, outbox: Outbox, account: Account
+        self, settings: MqttSettings, record: tuple[Path, str], cursor: Cursor, outbox: Outbox, account: Account
     ) -> None:
         self.problem: str | None = None
         self._settings = settings
-        self._archive = archive
-        self._books = books
+        self._record = record
+        self._cursor = cursor
         self._outbox = outbox
         self._account = account
         self._lane: asyncio.Queue[Past] = asyncio.Queue(1)
@@ -63,8 +55,8 @@ class Backfill:
         """Read, and hand over row by row, until cancelled."""
         pace = _Pace(self._settings.backfill)
         while True:
-            await self._books.owed.wait()
-            gap = self._books.gap
+            await self._cursor.lacking.wait()
+            gap = self._cursor.first
             if gap is None or not self._outbox.serving or self._outbox.last is None:
                 await asyncio.sleep(PAUSE)
                 continue
@@ -72,27 +64,30 @@ class Backfill:
 
     async def _fill(self, after: int, until: int, pace: _Pace) -> None:
         self._filled.clear()
-        whole = False
-        while not whole:
-            part = await self._read(after, until)
-            for row in part.rows:
-                await pace.wait()
-                await self._hand_over(Past(row, partial(self._sent, row.time, until)))
-                after = row.time
-            if part.waits:
-                await asyncio.sleep(PAUSE)
-            whole = part.whole
-        await self._hand_over(Past(None, partial(self._whole, until)))
+        part = await self._read(after, until)
+        for result in part.results:  # before the rows, which note how far all is
+            await pace.wait()
+            await self._hand_over(Past(result, partial(self._account.count, "results back-filled")))
+        for row in part.rows:
+            await pace.wait()
+            await self._hand_over(Past(row, partial(self._sent, after, row.time)))
+            after = row.time
+        await self._hand_over(Past(None, partial(self._done, after, part.until)))
+        if part.waits:
+            await asyncio.sleep(PAUSE)
         await self._filled.wait()
 
     async def _read(self, after: int, until: int) -> Part:
-        archive = self._archive
+        before = after < self._outbox.begun  # results of before this start did not wait in our queue
+        until = min(until, self._outbox.begun) if before else until
+        work = partial(read, *self._record, self._settings, after, until, PART, results=before)
         try:
-            part = await asyncio.to_thread(read, archive.folder, archive.cell, self._settings, after, until, PART)
-        except OSError as error:
-            self.problem = f"record.folder {archive.folder} cannot be read for back-fill: {why(error)}"
+            part = await asyncio.to_thread(work)
+        except (OSError, RecordingError) as error:
+            reason = why(error) if isinstance(error, OSError) else str(error)
+            self.problem = f"record.folder {self._record[0]} cannot be read for back-fill: {reason}"
             self._account.count("record unreadable")
-            return Part(waits=True)
+            return Part(after, waits=True)
         self.problem = None
         return part
 
@@ -100,12 +95,13 @@ class Backfill:
         await self._lane.put(past)
         self._outbox.wake.set()
 
-    def _sent(self, time_: int, until: int) -> None:
+    def _sent(self, after: int, time_: int) -> None:
         self._account.count("rows back-filled")
-        self._books.filled(time_, until)
+        self._account.receive()
+        self._cursor.pay(after, time_, 1)
 
-    def _whole(self, until: int) -> None:
-        self._books.filled(until, until)
+    def _done(self, after: int, until: int) -> None:
+        self._cursor.pay(after, until)
         self._filled.set()
 
 

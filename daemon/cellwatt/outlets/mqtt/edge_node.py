@@ -10,6 +10,7 @@ from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, 
 from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
 from cellwatt.outlets.mqtt.settings import SparkplugSettings
 from cellwatt.outlets.mqtt.tags import MS, Device, Tag, Tags, Values, finite, values_of
+from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.zenoh.messages import parse_json
 from cellwatt.results import Alarm, Event, Result
@@ -197,6 +198,11 @@ class EdgeNode:
             count: Values = {"alarms/active": (DataType.INT64, len(self._up), None)}
             messages += self._node_data(count, time, False, now // MS)
         return messages
+
+    def archived(self, result: Archived, now: int) -> Sequence[Message]:
+        """A result of the past as historical metrics."""
+        time, values = values_of(result)
+        return self._node_data(values, time, True, now // MS)
 
     def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:
         """The state of the cell, if it changed."""

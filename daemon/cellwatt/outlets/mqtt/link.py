@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import logging
 import re
+import socket
 import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any, Final, TypeVar
@@ -201,8 +202,13 @@ class Link:
 
     async def abort(self) -> None:
         """Close the socket at once, whatever is on its way."""
-        client = self._client
-        client._client._sock_close()
+        client, library = self._client, self._client._client
+        if isinstance(found := library.socket(), socket.socket):
+            with contextlib.suppress(OSError):
+                found.shutdown(socket.SHUT_RDWR)
+            for _ in range(_HEARD):  # what came before the end, and then the end, at which it closes
+                if library.loop_read() != mqtt.MQTT_ERR_SUCCESS:
+                    break
         if (task := client._misc_task) is not None:
             task.cancel()
             await asyncio.wait([task])

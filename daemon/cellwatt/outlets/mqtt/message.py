@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, Protocol
 
+from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.results import Event, Result
 
@@ -99,6 +100,10 @@ class Format(Protocol):
 
     def result(self, item: Result | Event, historical: bool, now: int) -> Sequence[Message]:
         """An interval, task, energy, alarm or event."""
+        ...
+
+    def archived(self, result: Archived, now: int) -> Sequence[Message]:
+        """An alarm, task or energy of before this start, out of the record: nothing of it is so now."""
         ...
 
     def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:

@@ -64,6 +64,8 @@ class Outbox:
         self.unmatched: tuple[str, ...] = ()
         self.last: int | None = None
         """Time of the last row that was made, ns."""
+        self.begun = 0
+        """Time after which rows were made, ns, once there is one."""
         self.wake = asyncio.Event()
         self.serving = False
         """True while somebody hears what is sent."""
@@ -75,6 +77,7 @@ class Outbox:
         self._missed = missed
         self._picker: Picker | None = None
         self._models: dict[str, Picker] = {}
+        self._left = 0
 
     def leave(self) -> None:
         """Nobody hears us: leave the rows to the record, if there is one."""
@@ -89,11 +92,24 @@ class Outbox:
         self._dropped("predictions", len(self.predictions))
         self.predictions.clear()
 
+    def take_left(self) -> int:
+        """Number of rows that were left to the record since it was asked last."""
+        left, self._left = self._left, 0
+        self._account.owed -= left
+        return left
+
+    def left_again(self) -> None:
+        """Leave a row to the record that may not have arrived."""
+        self._left += 1
+
     def succeed(self, before: Outbox) -> None:
         """Take over what waits in the outbox before this one."""
+        self._left = before.take_left()
+        self._account.expect(self._left + len(before.rows))
+        self._account.owed += self._left + len(before.rows)
         self.results.extendleft(reversed(before.results))
         self.rows.extendleft(reversed(before.rows))
-        self.last = before.last
+        self.last, self.begun = before.last, before.begun
 
     def frames(self, frames: Frames) -> None:
         """Make rows of frames."""
@@ -111,8 +127,12 @@ class Outbox:
 
     def _row(self, row: Row, picker: Picker | None) -> None:
         span = 0 if picker is None else picker.span
-        before = row.time - span if self.last is None else self.last
+        if self.last is None:
+            self.begun = self.last = row.time - span
+        before = self.last
         self.last = row.time
+        self._account.expect()
+        self._account.owed += 1
         if not self.serving and self._recorded:
             self._leave(1)
             self._missed(row)
@@ -159,9 +179,13 @@ class Outbox:
     def _dropped(self, what: str, count: int) -> None:
         if count:
             self._account.count(f"{what} dropped", count)
+        if count and what == "rows":
+            self._account.owed -= count
+            self._account.drop(count, "queue")
 
     def _leave(self, count: int) -> None:
         if count:
+            self._left += count
             self._account.count("rows left to the record", count)
 
 

@@ -11,8 +11,8 @@ from cellwatt.batch import Batch
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.mqtt.backfill import Archive
-from cellwatt.outlets.mqtt.books import Books
+from cellwatt.outlets.cursor import Cursor
+from cellwatt.outlets.forward import framed_record
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.link import Link, tls_context
 from cellwatt.outlets.mqtt.message import Format
@@ -36,14 +36,14 @@ class MqttOutlet(Outlet[MqttSettings]):
 
     def __init__(self, name: str, settings: MqttSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
-        self._archive = _archive(view)
+        self._record = framed_record(view)
         path = None
-        if self._archive is not None:
-            path = self._archive.folder / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
-        self._books = Books(path, self.account)
+        if self._record is not None:
+            path = self._record / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
+        self._cursor = Cursor(path, self.account)
         self._format: Format | None = None
         self._outbox = Outbox(
-            settings, settings.queue, self.account, self._archive is not None, lambda row: self._missed(row)
+            settings, settings.queue, self.account, self._record is not None, lambda row: self._missed(row)
         )
         self._session: Session | None = None
         self._turn = 0
@@ -65,7 +65,7 @@ class MqttOutlet(Outlet[MqttSettings]):
         """Take over what waits for the broker, and what it has."""
         if isinstance(before, MqttOutlet):
             self._outbox.succeed(before._outbox)
-            self._books.succeed(before._books)
+            self._cursor.succeed(before._cursor)
 
     def offer(self, item: Item) -> None:
         """Make rows of frames; queue results."""
@@ -102,7 +102,7 @@ class MqttOutlet(Outlet[MqttSettings]):
             return f"the broker does not take what we publish ({self._refused}): look at its access rules"
         if self._outbox.unmatched:
             return f"channels: no channel of the frames fits {', '.join(self._outbox.unmatched)}"
-        return self._books.problem
+        return self._cursor.problem
 
     async def run(self) -> None:
         """Connect, publish until cancelled, send what waits, say good-bye. Raises ``OutletError``."""
@@ -113,19 +113,19 @@ class MqttOutlet(Outlet[MqttSettings]):
             raise
 
     async def _serve(self, settings: MqttSettings) -> None:
-        await self._books.open()
+        await self._cursor.open()
         tls = await asyncio.to_thread(tls_context, settings)
         format_ = self._format = self._format or self._made()
         will = format_.connect()
         if isinstance(format_, EdgeNode):
-            self._books.born(format_.births)
-            await self._books.write()
+            self._cursor.born(format_.births)
+            await self._cursor.write()
         self._refused = None
         link = Link(settings, settings.client or self._client, will, tls, self._take_refusal)
         await link.open()
         self._told = None, 0.0
         session = self._session = Session(
-            settings, (link, format_, self._outbox, self._books), self._archive, self.account
+            settings, (link, format_, self._outbox, self._cursor), self._record, self.view.cell, self.account
         )
         try:
             await session.serve()
@@ -137,23 +137,15 @@ class MqttOutlet(Outlet[MqttSettings]):
             self._session = None
             await session.end()
             await link.abort()
-            await self._books.write()
+            await self._cursor.write()
 
     def _made(self) -> Format:
         alarms = self.view.status().get("alarms", ())
         if self.settings.format == "sparkplug":
-            births = self._books.ledger.births
+            births = self._cursor.births
             return EdgeNode(self.settings.sparkplug, self.view.site, self.view.cell, births, alarms)
         return PlainFormat(self.settings, self.view.site, self.view.cell, alarms)
 
     @property
     def _client(self) -> str:
         return f"cellwatt-{self.view.site}-{self.view.cell}-{self.name}"
-
-
-def _archive(view: CellView) -> Archive | None:
-    """The cell's record, if it holds frames."""
-    folder = view.record_folder
-    if folder is None or view.config()["record"]["frames"] is False:
-        return None
-    return Archive(folder, view.cell)

@@ -11,6 +11,7 @@ from typing import Any, Final
 from cellwatt.outlets.mqtt import discovery
 from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
 from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.zenoh.keys import PREFIX
 from cellwatt.outlets.zenoh.mark import Mark
@@ -145,6 +146,12 @@ class PlainFormat:
 
     def _deleted(self, id_: str) -> Message:
         return Message(self._kept.pop(id_), b"", self._settings.qos.alarm, True)
+
+    def archived(self, result: Archived, now: int) -> Sequence[Message]:
+        """A result of the past below ``backfill``, which the broker does not keep."""
+        topic, qos = f"backfill/{topic_of(result)}", self._settings.qos
+        qos_ = qos.alarm if isinstance(result, Alarm) else qos.result
+        return (self._message(topic, self._encoded(topic, result), qos_, False),)
 
     def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:
         """The cell's health, kept by the broker."""

@@ -5,24 +5,28 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import aiomqtt
 
 from cellwatt.account import Account
 from cellwatt.errors import OutletError, ProtocolError
-from cellwatt.outlets.mqtt.backfill import Archive, Backfill
-from cellwatt.outlets.mqtt.books import Books
+from cellwatt.outlets.cursor import Cursor
+from cellwatt.outlets.mqtt.backfill import Backfill
 from cellwatt.outlets.mqtt.link import Link, reason
 from cellwatt.outlets.mqtt.message import Format, Message, Order
 from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.sending import FENCE_EVERY, Parcel, Sending
 from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.selection import Row
 
 LAST_WORDS: Final = 2.0
 """Longest time, s, to send what waits when the daemon stops."""
+BIRTH_EVERY: Final = 5.0
+"""s between two births that others asked for: a birth is the largest message there is."""
 _ANSWERS: Final = 10_000
 """Answers to what was heard that may wait."""
 
@@ -37,17 +41,22 @@ class Session:
     def __init__(
         self,
         settings: MqttSettings,
-        parts: tuple[Link, Format, Outbox, Books],
-        archive: Archive | None,
+        parts: tuple[Link, Format, Outbox, Cursor],
+        record: Path | None,
+        cell: str,
         account: Account,
     ) -> None:
         self._settings = settings
-        self._link, self._format, self._outbox, self._books = parts
+        self._link, self._format, self._outbox, self._cursor = parts
         self._sending = Sending(self._link)
         self._account = account
         self._birth_due = self._format.ready
+        self._asked: asyncio.TimerHandle | None = None
+        self._asked_at = -BIRTH_EVERY
         self._answers: deque[Message] = deque(maxlen=_ANSWERS)
-        self._backfill = None if archive is None else Backfill(settings, archive, self._books, self._outbox, account)
+        self._backfill: Backfill | None = None
+        if record is not None:
+            self._backfill = Backfill(settings, (record, cell), self._cursor, self._outbox, account)
         self.status: Mapping[str, Any] | None = None
 
     @property
@@ -73,7 +82,7 @@ class Session:
             group.create_task(self._listen())
             group.create_task(self._sending.confirm())
             group.create_task(self._send())
-            group.create_task(self._books.keep())
+            group.create_task(self._cursor.keep())
             if self._backfill is not None:
                 group.create_task(self._backfill.run())
 
@@ -107,6 +116,8 @@ class Session:
 
     async def end(self) -> None:
         """Note what arrived; take back what did not, or leave it to the record."""
+        if self._asked is not None:
+            self._asked.cancel()
         await self._sending.end()
         self._outbox.leave()
 
@@ -143,7 +154,7 @@ class Session:
             await sending.send(format_.result(told.item, told.late, now), noted)
         elif out.rows:
             entry = out.rows.popleft()
-            back = None if self._backfill else partial(out.row_again, entry)
+            back = out.left_again if self._backfill else partial(out.row_again, entry)
             noted = Parcel(partial(self._delivered, entry.row.time, entry.before), back)
             await sending.send(format_.row(entry.row, entry.late, now), noted)
         elif out.predictions:
@@ -160,8 +171,10 @@ class Session:
         self._birth_due = False
         if not self._outbox.serving:
             self._outbox.serving = True
-            if self._outbox.last is not None:
-                self._books.owe(self._outbox.last)
+            if self._backfill is not None and self._outbox.last is not None:
+                if self._cursor.reached is None:
+                    self._cursor.deliver(self._outbox.begun)
+                self._cursor.owe_since(self._outbox.last, self._outbox.take_left())
         await self._sending.send(self._format.birth(now))
         self._account.count("births")
 
@@ -170,15 +183,38 @@ class Session:
         past = self._backfill.next() if self._backfill and self._outbox.serving else None
         if past is None:
             return False
-        messages = () if past.row is None else self._format.row(past.row, True, now)
+        match past.entry:
+            case None:
+                messages: Sequence[Message] = ()
+            case Row():
+                messages = self._format.row(past.entry, True, now)
+            case _:
+                messages = self._format.archived(past.entry, now)
         await self._sending.send(messages, Parcel(past.arrived))
         return True
 
     def _delivered(self, time_: int, before: int) -> None:
         self._account.count("rows sent")
-        self._books.delivered(time_, before)
+        self._account.receive()
+        self._account.owed -= 1
+        if self._backfill is not None:
+            self._cursor.owe_since(before, self._outbox.take_left())
+            self._cursor.deliver(time_)
 
     # listening ------------------------------------------------------------------------------------
+
+    def _ask_birth(self) -> None:
+        """Have a birth sent, at once or, where somebody asks again and again, one for all who asked meanwhile."""
+        if self._birth_due or self._asked is not None:
+            self._account.count("rebirths merged")
+            return
+        loop = asyncio.get_running_loop()
+        self._asked = loop.call_at(max(loop.time(), self._asked_at + BIRTH_EVERY), self._due)
+
+    def _due(self) -> None:
+        self._asked, self._asked_at = None, asyncio.get_running_loop().time()
+        self._birth_due = True
+        self._outbox.wake.set()
 
     async def _listen(self) -> None:
         async for topic, payload, retained in self._link.messages():
@@ -191,7 +227,7 @@ class Session:
                 host = self._settings.sparkplug.primary_host
                 raise HostLeftError(f"{self._settings.broker}: the primary host {host} went offline")
             if found is Order.BIRTH:
-                self._birth_due = True
+                self._ask_birth()
             elif not isinstance(found, Order):
                 self._answers.extend(found)
             self._outbox.wake.set()

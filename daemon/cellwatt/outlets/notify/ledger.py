@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from cellwatt.errors import why
-from cellwatt.files import COMPUTED, read_bytes
+from cellwatt.files import COMPUTED, read_bytes, replace_bytes
 from cellwatt.outlets.notify.told import ENTRY, Entry, Told
 
 log = logging.getLogger(__name__)
@@ -109,7 +109,7 @@ class Ledger:
         with self._writing:
             try:
                 if anew:
-                    write_anew(path, content)
+                    replace_bytes(path, content, 0o600)
                     self._size = len(content)
                 else:
                     append(path, content)
@@ -134,21 +134,6 @@ def append(path: Path, content: bytes) -> None:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
-
-
-def write_anew(path: Path, content: bytes) -> None:
-    """Replace a file, whole or not at all, by one that only its owner may read."""
-    part = path.with_name(f"{path.name}.part")
-    with open(part, "wb", opener=_private) as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def _private(name: str, flags: int) -> int:

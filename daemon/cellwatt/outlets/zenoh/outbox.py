@@ -87,6 +87,11 @@ class Outbox:
         if idle:
             self._wake_up.put(None)
 
+    @property
+    def idle(self) -> bool:
+        """True while the taking thread waits for an item."""
+        return self._idle
+
     def take_samples(self) -> Outgoing | None:
         """Take the next samples or frames if the taking thread is idle and no result waits; never blocks.
 

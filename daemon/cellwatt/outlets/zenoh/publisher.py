@@ -69,9 +69,9 @@ class Publisher(threading.Thread):
         self._answers = answers
         self._health = health
         self._seal = seal
-        self._publishers: dict[str, Any] = {}
-        self._samples: dict[str, tuple[Any, float]] = {}
-        """Publishers of samples and frames, each with the time, monotonic s, at which it was declared."""
+        self._publishers: dict[str, _Publisher] = {}
+        self._samples: dict[str, _Publisher] = {}
+        """Those of samples and frames."""
         self._told: dict[str, tuple[int, float]] = {}
         """CRC-32 of the schema that each topic's messages had last, and when, monotonic s."""
         self._beat_due: float | None = None
@@ -81,14 +81,18 @@ class Publisher(threading.Thread):
         self._hindered_until = 0.0
         self._broken: Exception | None = None
         self._links = _LinkWatch(link)
+        self._health_to: _Publisher | None = None
 
     @property
     def awaited(self) -> bool:
         """True if somebody subscribes to samples or frames that were published once."""
-        return self._session is not None and any(map(self._subscribed, list(self._samples)))
+        return self._session is not None and any(p.wanted for p in list(self._samples.values()))
 
     def beat(self) -> None:
-        """Publish a health message after the current put."""
+        """Publish a health message after the current put; a thread that waits is not woken where nobody listens."""
+        to = self._health_to
+        if to is not None and not to.wanted and self._outbox.idle and not self._answers.dead and not self._link.connect:
+            return
         if self._beat_due is None:
             self._beat_due = time.monotonic()
         self._outbox.wake()
@@ -148,11 +152,12 @@ class Publisher(threading.Thread):
         try:
             token = session.liveliness().declare_token(self._keys.root)
             self._answers.start(session)
+            self._health_to = _Publisher(session, self._keys.live(HEALTH), JSON, lossy=True)
             self._beat_due, self._session = None, session
             self._publish(session)
             token.undeclare()  # type: ignore[no-untyped-call]
         finally:
-            self._session = None
+            self._session = self._health_to = None
             self._answers.stop()
             self._close(session)
 
@@ -168,7 +173,7 @@ class Publisher(threading.Thread):
                 self._put(session, outgoing)
             if self._beat_due is not None:
                 self._beat_due = None
-                self._put_health(session)
+                self._put_health()
                 self._links.look(session)
                 if self._answers.dead:
                     raise OutletError("the thread that answers questions has ended")
@@ -177,7 +182,7 @@ class Publisher(threading.Thread):
         import zenoh
 
         publishers = [self._publisher(session, path, outgoing) for path in outgoing.paths]
-        if isinstance(outgoing.item, Batch | Frames) and not any(map(self._subscribed, outgoing.paths)):
+        if isinstance(outgoing.item, Batch | Frames) and not any(p.wanted for p in publishers):
             self._outbox.sent(outgoing)
             return
         try:
@@ -190,7 +195,7 @@ class Publisher(threading.Thread):
             return
         try:
             for publisher in publishers:
-                publisher.put(payload, attachment=attachment)
+                publisher.put(payload, attachment)
         except zenoh.ZError:
             self._outbox.lost(outgoing, "session")
             raise
@@ -208,9 +213,7 @@ class Publisher(threading.Thread):
         self._told[topic] = check, now
         return mark, schema + rows
 
-    def _put_health(self, session: zenoh.Session) -> None:
-        import zenoh
-
+    def _put_health(self) -> None:
         try:
             mark, payload = self._health()
             attachment = self._seal.message(HEALTH, mark.encode(payload), payload)
@@ -218,30 +221,18 @@ class Publisher(threading.Thread):
             self._outbox.count("health not encodable")
             log.exception("zenoh: the health message cannot be encoded")
             return
-        key = self._keys.live(HEALTH)
-        session.put(key, payload, encoding=JSON, attachment=attachment, priority=zenoh.Priority.DATA, express=True)
+        assert self._health_to is not None
+        self._health_to.put(payload, attachment)
 
-    def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> Any:
-        import zenoh
-
+    def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> _Publisher:
         publisher = self._publishers.get(path)
         if publisher is None:
             samples = isinstance(outgoing.item, Batch | Frames)
-            control, priority = zenoh.CongestionControl, zenoh.Priority
-            publisher = self._publishers[path] = session.declare_publisher(
-                self._keys.live(path),
-                encoding=ARROW if samples else JSON,
-                congestion_control=control.DROP if samples else control.BLOCK,
-                priority=priority.DATA if samples else priority.INTERACTIVE_HIGH,
-                express=True,
-            )
+            publisher = _Publisher(session, self._keys.live(path), ARROW if samples else JSON, lossy=samples)
+            self._publishers[path] = publisher
             if samples:
-                self._samples[path] = publisher, time.monotonic()
+                self._samples[path] = publisher
         return publisher
-
-    def _subscribed(self, path: str) -> bool:
-        publisher, declared = self._samples[path]
-        return time.monotonic() < declared + SETTLES or bool(publisher.matching_status.matching)
 
     @staticmethod
     def _close(session: zenoh.Session) -> None:
@@ -251,6 +242,32 @@ class Publisher(threading.Thread):
             session.close()  # type: ignore[no-untyped-call]
         except zenoh.ZError as error:
             log.warning("zenoh: the session did not close in order: %s", error)
+
+
+class _Publisher:
+    """Publishes under one key; a ``lossy`` one leaves a slow receiver out, another one waits for it."""
+
+    def __init__(self, session: zenoh.Session, key: str, encoding: str, *, lossy: bool) -> None:
+        import zenoh
+
+        control, priority = zenoh.CongestionControl, zenoh.Priority
+        self._declared = time.monotonic()
+        self._publisher: Any = session.declare_publisher(
+            key,
+            encoding=encoding,
+            congestion_control=control.DROP if lossy else control.BLOCK,
+            priority=priority.DATA if lossy else priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+    @property
+    def wanted(self) -> bool:
+        """True if somebody subscribes, or that is not known yet."""
+        return time.monotonic() < self._declared + SETTLES or bool(self._publisher.matching_status.matching)
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish one message. Raises ``ZError``."""
+        self._publisher.put(payload, attachment=attachment)
 
 
 class _LinkWatch:

@@ -22,7 +22,9 @@ from cellwatt.results import Alarm, Event
 log = logging.getLogger(__name__)
 
 LOOK: Final = 0.5
-"""Period, s, at which it is looked for packs that are due."""
+"""s after the end of a pack, and after the record has written it, at which it is made."""
+LONGEST_LOOK: Final = 10.0
+"""Longest time, s, without a look for packs that are due: the cell's clock may be set."""
 RETAIN_EVERY: Final = 3600.0
 """Period, s, at which packs are compared with their age."""
 LIMIT: Final = 300.0
@@ -93,7 +95,8 @@ class Keeper:
                 continue
             self._noted.clear()
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LOOK):
+                ahead = min((1e-9 * (due.end - late) for due in self._waiting), default=LONGEST_LOOK)
+                async with asyncio.timeout(min(ahead, LONGEST_LOOK)):
                     await self._noted.wait()
 
     async def close(self) -> None:

@@ -5,14 +5,21 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import logging
 import os
+import resource
 from typing import Final
+
+log = logging.getLogger(__name__)
 
 REALTIME: Final = 10
 """Priority of real-time scheduling, of 1 to 99: above all that is not real-time, below the kernel's own threads."""
 NICE: Final = -10
 KEEPING_UP: Final = -5
 """Niceness of who aligns, records and tells: beside busy programs of others, the ring must not run full."""
+DESCRIPTORS: Final = 65_536
+FEW: Final = 256
+"""Descriptors below which a daemon may not be able to do its work."""
 _M_ARENA_MAX: Final = -8
 """Of ``mallopt``: heaps that the threads of a process may have; each takes a megabyte or two."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
@@ -30,6 +37,19 @@ def keep_up(process: int = 0) -> None:
     """
     with contextlib.suppress(OSError):
         _prefer(KEEPING_UP, process)
+
+
+def allow_descriptors() -> None:
+    """For all processes: have as many files and connections open as the unit or the user allows, up to 65,536.
+
+    Zenoh accepts connections that say nothing for 10 s, in the process that records: the usual 1024 are soon taken.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, DESCRIPTORS)
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, most), hard))
+    if most < FEW:
+        log.warning("only %d files and connections may be open (ulimit -n): the daemon needs %d at least", most, FEW)
 
 
 def settle_memory() -> None:

@@ -27,7 +27,7 @@ from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
 from cellwatt.runtime.processes.part import Part
-from cellwatt.runtime.processes.rights import settle_memory
+from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     OTHERS,
     SLOTS,
@@ -89,6 +89,7 @@ class Supervisor:
 
     def run(self) -> None:
         """Serve the cell. Raises ``CellwattError`` where a part cannot be started, or another has the record folder."""
+        allow_descriptors()
         record = self._config.record
         with claimed(record.folder if record is not None else None, self._config.cell) as self._claim:
             self._run()

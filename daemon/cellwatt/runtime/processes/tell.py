@@ -32,8 +32,6 @@ log = logging.getLogger(__name__)
 HEALTH_RATE: Final = 1.0  # Hz
 AT_ONCE: Final = 100
 """Items of one ring that are dealt with before the loop may turn to something else."""
-LISTENS: Final = 1.0
-"""Longest time, s, without a look at the rings."""
 MARKED: Final = 3.0
 """Longest time, s, that new settings wait until the last frames by the old ones are told: rings hold more than that."""
 SILENT: Final = 4.0
@@ -113,7 +111,10 @@ class _Telling:
     # rings ----------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
-        """Take what came in all rings; the next turn comes at the next moment or, if nothing came, at the next item."""
+        """Take what came in all rings; the next turn comes at the next moment or, if nothing came, at the next item.
+
+        There is one with each look at the cell's health, too.
+        """
         loop, gather = asyncio.get_running_loop(), self._gather
         self._next.cancel()
         most = max([self._drain(way) for way in self._ways])
@@ -127,7 +128,8 @@ class _Telling:
                 way.reader.listen()
         else:
             there = [way.reader.listen() and not way.held for way in self._ways]
-            self._next = loop.call_later(0.0 if any(there) else LISTENS, self._turn)
+            if any(there):
+                self._next = loop.call_soon(self._turn)
 
     @property
     def _gather(self) -> float:
@@ -147,15 +149,14 @@ class _Telling:
             self._turn()
 
     def _drain(self, way: _Way) -> int:
-        """Take the next items of a ring; return how many, ``AT_ONCE`` at most."""
-        taken = 0
+        """Take the next items of a ring; return how many that is beside figures, ``AT_ONCE`` at most."""
+        before = way.reader.count
         for item in () if way.held else way.reader.items():
             self._take(way, item)
-            taken += 1
-            if way.held or taken == AT_ONCE:
+            if way.held or way.reader.count - before == AT_ONCE:
                 break
         self._note(way)
-        return taken
+        return way.reader.count - before
 
     def _take(self, way: _Way, item: Any) -> None:
         match item:
@@ -268,6 +269,7 @@ class _Telling:
             async for tick in ticker:
                 self._lag = tick.lateness
                 self._assignment.shared.clock.discipline()
+                self._turn()
                 self._settle()
                 try:
                     self._look()

@@ -20,26 +20,27 @@ def turns(
 ) -> Iterator[None]:
     """Turns to read a ring, until its writer has ended and all was read.
 
-    While something is read, they come each ``period`` s, ``after`` s past its moments; else, and where that is 0, at
-    the next item or after ``pause`` s. Where the supervisor is gone, the writer ends by itself; it is waited for
-    ``ALONE`` s.
+    While something but figures is read, they come each ``period`` s, ``after`` s past its moments; else, and where that
+    is 0, at the next item or after ``pause`` s. Where the supervisor is gone, the writer ends by itself; it is waited
+    for ``ALONE`` s.
     """
     waiting = select.poll()
     waiting.register(reader.bell, select.POLLIN)
     waiting.register(control.fileno(), select.POLLHUP)
     end = float("inf")
     while True:
-        before = reader.position
+        before = reader.count
         yield
         if reader.over or time.monotonic() >= end:
             return
-        flowing = period and reader.position > before
-        if not flowing and not reader.listen():
-            for descriptor, event in waiting.poll(1e3 * pause):
+        flowing = reader.count > before
+        if not (period and flowing):
+            flowing = reader.listen()
+            for descriptor, event in () if flowing else waiting.poll(1e3 * pause):
+                flowing |= descriptor == reader.bell
                 if descriptor == control.fileno() and event & (select.POLLHUP | select.POLLERR):
                     waiting.unregister(descriptor)
                     end = time.monotonic() + ALONE
-        if not flowing:
             reader.quiet()
-        if period:
+        if period and flowing:
             time.sleep(max(next_moment(period, after) - time.monotonic(), 0.0))

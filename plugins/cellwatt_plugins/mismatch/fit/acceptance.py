@@ -33,6 +33,8 @@ MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
 OFTEN = 3
 """Folds in which a term must be there for data left out to tell of it."""
+THERE = 0.1
+"""Share of its greatest from which a term is there."""
 OFF_SCALE = 0.35
 """Largest distance from 1 of the coefficient of an effect that is simulated to scale."""
 
@@ -54,18 +56,20 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
         return "only one channel asks for it"
     if after.problem.side == "supply" and _spread(after, term) < SMALLEST:
         return "is too small to be of use"
-    return unconfirmed(before, after, thresholds, gain)
+    return unconfirmed(before, after, term, thresholds, gain)
 
 
-def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain: float) -> str | None:
-    """Why data left out do not confirm the last term; None where they do.
+def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thresholds, gain: float) -> str | None:
+    """Why data left out do not confirm a term of ``after`` that ``before`` is without; None where they do.
 
     What adds little evidence, as everything does in an arm of which much is unexplained, must lower the error there by
     much. Of what is there at one time only, no data can be left out.
     """
-    term = after.terms[-1]
     enough = gain >= required_gain(term, after.problem.states[0].robot, thresholds)
-    if (enough and _seldom(after, term)) or relieves_tension(before, after, thresholds):
+    # A drive's limit or dead band can take up what no name says as well as the numbers of its law can.
+    shaped = term.effect.acts_on == "drive" and term.effect.form.to_scale and term.joint is not None
+    relieved = not shaped and relieves_tension(before, after, thresholds)
+    if (enough and _seldom(after, term)) or relieved:
         return None
     found = held(before, after, term)
     channels = channels_of(after, term)
@@ -94,8 +98,22 @@ def _seldom(solution: Solution, term: Term) -> bool:
     if not term.effect.form.intermittent:
         return False
     columns = solution.block(term)[0].columns
-    there = np.any(columns.reshape(len(columns), -1) != 0, axis=1)
+    size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
+    there = size > THERE * np.max(size)
     return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
+
+
+def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
+    """False if a term of ``after`` could as well stand for what else is left at its channels.
+
+    What rings was asked for because that rings, and is never followed to the noise.
+    """
+    left = after.problem.chi2(after.residual)[channels_of(after, term)]
+    apart = term.effect.usual or term.effect.form.sample_by_sample or _seldom(after, term)
+    if apart or float(np.min(left)) < thresholds.far:
+        return True
+    found = held(before, after, term)
+    return found.share > thresholds.share_far or found.sure > thresholds.certain
 
 
 def held(before: Solution, after: Solution, term: Term) -> Held:

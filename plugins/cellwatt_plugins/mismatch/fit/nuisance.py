@@ -13,6 +13,15 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
 
+GAIN = 0.02
+"""Share by which gains of a servo are off, one standard deviation."""
+STEP = 0.0007
+"""s by which the velocity that a drive damps is older or newer than its position: steps of control and simulation."""
+TURNED = 0.5
+"""Share of a joint's friction that may turn over within another speed."""
+LATE = 0.1
+"""Share of a row by which commands act earlier or later than half of it."""
+
 
 def torque_nuisance(states: Sequence[States], looseness: float = 1.0) -> tuple[Block, ...]:
     """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0.
@@ -38,7 +47,25 @@ def torque_nuisance(states: Sequence[States], looseness: float = 1.0) -> tuple[B
         for joint, value in enumerate(robot.column(name))
         if value > 0
     ]
+    if states[0].drive is not None:
+        blocks += _drives(states)
     return tuple(blocks)
+
+
+def _drives(states: Sequence[States]) -> list[Block]:
+    """Pull and damping of each joint's servo, as shares, and the s by which velocities and commands act later."""
+    servo, step = states[0].servos.servo, states[0].servos.step
+    torque, speed, gain, told = (
+        np.concatenate(parts) for parts in zip(*((s.nominal, s.qd, s.qdd, s.servos.told) for s in states), strict=True)
+    )
+    braked = servo.damping * speed
+    coulomb = states[0].robot.column("coulomb_friction")
+    coulomb = np.maximum(coulomb, np.median(coulomb))[:, None]
+    turning = coulomb * np.concatenate([s.servos.turnovers for s in states])
+    columns = np.stack([torque + braked, braked, servo.damping * gain, servo.stiffness * told], axis=2)
+    columns = np.concatenate([columns, turning], axis=2)
+    prior = Prior.spread(np.array([GAIN, GAIN, STEP, LATE * step, *[TURNED] * turning.shape[2]]))
+    return [Block(columns[:, joint], joint, prior) for joint in range(columns.shape[1])]
 
 
 def supply_nuisance(states: Sequence[States]) -> tuple[Block, ...]:

@@ -15,13 +15,15 @@ from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
-from cellwatt_plugins.mismatch.fit.rows import Rows, Thinned
+from cellwatt_plugins.mismatch.fit.rows import Filtered, Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
+from cellwatt_plugins.robot.servo.motion import EDGE, compared
+from cellwatt_plugins.robot.servo.motion import noise as noise_of
 
 Float = NDArray[np.float64]
 K = TypeVar("K")
@@ -34,12 +36,16 @@ SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
 FINEST = 0.002
 """Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
+LAWS = 0.005
+"""The same where the law of a servo stands for what was measured."""
 MOVES = 0.05
 """rad: a joint that goes further has moved."""
 UNTOLD = 1e12
 """Variance of a torque that is not known, in units of the noise's."""
 MADE = 300
 """Blocks that are remembered."""
+ROWS_PERIOD = 3.0
+"""Rows that are fitted in a period of the fastest that is compared."""
 STOP = 0.1
 """s over which the sign of the velocity stays unknown at a stop."""
 
@@ -155,7 +161,8 @@ class Problem:
         joints = self.states[0].arm.body.joints
         carried = [s.regressor @ nuisance[: PER_LINK * joints] for s in self.states]
         out = [s.nominal + load for s, load in zip(self.states, carried, strict=True)]
-        for block, place in zip(self.nuisance[joints:], self.design.slices[joints:], strict=True):
+        last = len(self.nuisance) - (0 if self.states[0].drive is None else joints)
+        for block, place in zip(self.nuisance[joints:last], self.design.slices[joints:last], strict=True):
             for part, columns in zip(out, np.split(block.columns, self._ends), strict=True):
                 part[:, block.channel or 0] += columns @ nuisance[place]
         for term, coefficients in terms:
@@ -168,13 +175,9 @@ class Problem:
                     part[:, term.joint or 0] += more
         return out, carried
 
-    def fit(self, blocks: Sequence[Block], factor: Float | None = None, alike: Regression | None = None) -> Regression:
-        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual.
-
-        ``alike`` is a fit of the same blocks with another factor.
-        """
-        given = np.full(len(self.floor), 2.0) if factor is None else factor
-        return Regression(self.design, blocks, given, alike)
+    def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:
+        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual."""
+        return Regression(self.design, blocks, np.full(len(self.floor), 2.0) if factor is None else factor)
 
     def factor(self, residual: Float) -> Float:
         """Correlation factor (C,) of a residual (N, C)."""
@@ -235,8 +238,10 @@ def torque_problem(
     silent = ~np.concatenate(told).any(axis=0)
     measured[:, silent] = 0.0
     spread = np.where(silent, 1.0, np.nanstd(measured, axis=0))
-    finest = np.maximum(FINEST * spread, step_noise(measured))
-    noise = np.where(silent, 1.0, np.maximum(floor(target, [run.step for run in runs]), finest))
+    drive = states[0].drive
+    finest = np.maximum((FINEST if drive is None else LAWS) * spread, step_noise(measured))
+    quiet = floor(target, [run.step for run in runs]) if drive is None else encoder_floor(states)
+    noise = np.where(silent, 1.0, np.maximum(quiet, finest))
     least = 0.03 * spread
     coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
     at_rest = held_at_rest(states, target, noise) / coulomb
@@ -248,17 +253,17 @@ def torque_problem(
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(
-        np.where(there, _without_gaps(v, run), UNTOLD * noise**2)
+        np.where(there & _sure(run), _without_gaps(v, run), UNTOLD * noise**2)
         for v, run, there in zip(variance, runs, told, strict=True)
     )
     size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
-    rows = thinned(runs)
+    rows = thinned(runs) if drive is None else filtered(runs)
     return Problem(
         side="torque",
         states=tuple(states),
         rows=rows,
         target=tuple(r.of(part) for r, part in zip(rows, target, strict=True)),
-        variance=tuple(r.of(part) for r, part in zip(rows, variance, strict=True)),
+        variance=tuple(r.variance(part) for r, part in zip(rows, variance, strict=True)),
         floor=noise,
         size=size,
         nuisance=torque_nuisance(states, looseness),
@@ -326,11 +331,38 @@ def supply_problem(
     )
 
 
-def thinned(runs: Sequence[Run]) -> tuple[Rows, ...]:
+def thinned(runs: Sequence[Run]) -> tuple[Thinned, ...]:
     """Every so many samples, so that about ``ROWS`` are fitted, at ``LEAST_RATE`` or more."""
     most = sum(len(run.time) for run in runs) / ROWS
     every = max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
     return tuple(Thinned(len(run.time), every, run.step) for run in runs)
+
+
+def filtered(runs: Sequence[Run]) -> tuple[Filtered, ...]:
+    """What is slow enough to be compared of runs whose torque is that of their servos' law."""
+    out = []
+    for run in runs:
+        bandwidth = compared(run.step)
+        every = max(1, int(1 / (ROWS_PERIOD * bandwidth * run.step)))
+        out.append(Filtered(len(run.time), every, run.step, bandwidth))
+    return tuple(out)
+
+
+def encoder_floor(states: Sequence[States]) -> Float:
+    """Noise (n,) Nm of the servos' law less the motion's torque, by the encoders alone."""
+    drive, robot = states[0].servos, states[0].robot
+    inertia = np.mean(np.concatenate([s.own_inertia for s in states]), axis=0) + robot.column("rotor_inertia")
+    resolution = np.max([s.moved.resolution for s in states], axis=0)
+    return noise_of(drive.servo.stiffness, drive.servo.damping, inertia, resolution, drive.step)
+
+
+def _sure(run: Run) -> NDArray[np.bool_]:
+    """(N, n) true where a driven run's torque is known: between its ends, and within the limits of the law."""
+    if run.drive is None:
+        return np.ones(run.torque.shape, np.bool_)
+    inside, edge = run.drive.sure.copy(), round(EDGE / run.step)
+    inside[:edge] = inside[len(inside) - edge :] = False
+    return inside
 
 
 def _without_gaps(variance: Float, run: Run) -> Float:

@@ -21,9 +21,9 @@ WORTH = 0.005
 WORSE = 1.01
 """Times the simulation's mean square error on data left out that the model's may be at a joint."""
 LOOSER = (3.0, 10.0)
-"""Factors on the links' tolerances that are tried where much is left."""
+"""Factors on the tolerances of the links, or of all that the supply draws, that are tried where much is left."""
 BETTER, SURE = 0.1, 2.0
-"""Share and standard errors by which the error must fall for the links to be as far off as that."""
+"""Share and standard errors by which the error must fall for numbers to be as far off as that."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,17 @@ def all_fixed(problem: Problem) -> Freedom:
     return Freedom((FIXED,) * len(problem.nuisance))
 
 
+def loose(problem: Problem, looseness: float) -> Problem:
+    """The problem with the tolerances of the links, or of all that the supply draws, times ``looseness``."""
+    joints = problem.states[0].arm.body.joints if problem.side == "torque" else len(problem.nuisance)
+    return Freedom(tuple(looseness if i < joints else 1.0 for i in range(len(problem.nuisance)))).of(problem)
+
+
 def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:
-    """Factor on the links' tolerances that data left out ask for beside some terms; 1 where they ask for none."""
-    links, best, error = problem.states[0].arm.body.joints, 1.0, LeaveOut(problem, factor).errors(terms)
+    """Factor on tolerances (see ``loose``) that data left out ask for beside some terms; 1 where they ask for none."""
+    best, error = 1.0, LeaveOut(problem, factor).errors(terms)
     for trial in LOOSER:
-        freedom = Freedom(tuple(trial if i < links else 1.0 for i in range(len(problem.nuisance))))
-        new = LeaveOut(freedom.of(problem), factor).errors(terms)
+        new = LeaveOut(loose(problem, trial), factor).errors(terms)
         found = compared(error, new)
         if found.share > BETTER and found.sure > SURE:
             best, error = trial, new

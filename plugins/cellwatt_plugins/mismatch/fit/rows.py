@@ -8,9 +8,11 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.sparse import csr_array
 
 from cellwatt_plugins.robot.meter import Windows
+from cellwatt_plugins.robot.motion import smooth
 
 Float = NDArray[np.float64]
 
@@ -49,6 +51,10 @@ class Thinned:
         """See ``Rows``."""
         return samples[:: self.every]
 
+    def variance(self, samples: Float) -> Float:
+        """Variances (N, C) as rows (M, C)."""
+        return samples[:: self.every]
+
     def samples(self, rows: Float) -> Float:
         """See ``Rows``."""
         places = np.arange(self.count) / self.every
@@ -59,6 +65,23 @@ class Thinned:
     def span(self, rows: slice) -> slice:
         """See ``Rows``."""
         return slice(rows.start * self.every, rows.stop * self.every)
+
+
+@dataclass(frozen=True)
+class Filtered(Thinned):
+    """Every so many of ``count`` samples, each without what is above ``bandwidth`` Hz."""
+
+    bandwidth: float = 0.0
+
+    def of(self, samples: Float) -> Float:
+        """See ``Rows``."""
+        flat = smooth(samples.reshape(self.count, -1), self.sample_step, self.bandwidth)
+        return np.ascontiguousarray(flat[:: self.every].reshape(-1, *samples.shape[1:]))
+
+    def variance(self, samples: Float) -> Float:
+        """Variances (N, C) of what is slower than the bandwidth, as rows (M, C)."""
+        width = max(1, round(0.5 / (self.bandwidth * self.sample_step)))
+        return np.asarray(uniform_filter1d(samples, width, axis=0)[:: self.every])
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.problem import Problem, torque_problem
+from cellwatt_plugins.mismatch.fit.retuning import loose
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.effects.states import States
 
@@ -40,5 +41,5 @@ class Supply:
         self._problem = problem
 
     def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
-        """The problem."""
-        return self._problem
+        """The problem; ``looseness`` is a factor on the tolerances of standby power and windings."""
+        return self._problem if looseness == 1.0 else loose(self._problem, looseness)

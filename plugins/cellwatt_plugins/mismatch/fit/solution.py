@@ -21,18 +21,20 @@ class Thresholds:
     gain: float = 16.0
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
     share: float = 0.1
-    """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors.
-
-    Near the noise any share will do, but it must be ``sure``.
-    """
+    """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors."""
     near: float = 1.3
-    """Mean square residual, in units of the noise, up to which a channel is near it."""
+    """Mean square residual, in units of the noise, up to which a channel is near it: any share will do, if ``sure``."""
     steady: float = 1.5
     sure: float = 2.5
     much: float = 0.15
     """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
     better: float = 0.4
     """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
+    far: float = 4.0
+    """Mean square residual, in units of the noise, from which most of what is left at a channel has no name: what is no
+    usual thing must then take off ``share_far``, or be ``certain``."""
+    share_far: float = 0.35
+    certain: float = 8.0
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""
     rise: float = 0.02
@@ -48,6 +50,14 @@ class Thresholds:
 
 
 DEFAULT = Thresholds()
+
+
+def by_law(thresholds: Thresholds) -> Thresholds:
+    """Thresholds where a servo's law stands for the torque: its numbers are free, and noise near stops is not known.
+
+    So what is near the noise must take off as much as elsewhere.
+    """
+    return replace(thresholds, near=0.0)
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,8 @@ class Baseline:
 
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
         """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
-        return States(run.name, index, run.time, motion, self.recorded, run.temperature, torque, power)
+        told = torque, power
+        return States(run.name, index, run.time, motion, self.recorded, run.temperature, *told, drive=run.drive)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""

@@ -21,6 +21,8 @@ def moved(run: Run, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
 
     ``octaves``, Hz, are those of smoothed encoders.
     """
+    if run.drive is not None:
+        return run.drive.moved
     if run.plan is None:
         return from_encoders(run.position, run.step, octaves)
     return about_plan(run.position, _followed(run), run.step)

@@ -14,6 +14,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.progress import steps
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
+from cellwatt_plugins.mismatch.input.driven import driven
 from cellwatt_plugins.mismatch.input.factors import joints_text
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
@@ -57,6 +58,7 @@ def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Pa
     runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=known)
     if loaded is None:
         return runs
+    runs = [driven(run, loaded.path, robot) for run in runs]
     return [_run_through(loaded, run) for run in steps(runs, "simulating run")]
 
 
@@ -65,7 +67,7 @@ def read_one(source: Source, robot: RobotDescription, simulator: Path | None, ra
     loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
     known = _Known(robot, None if loaded is None else loaded.control_gains())
     run = _prepared((source, read_source(source, robot).slower(rate)), known)
-    return run if loaded is None else _run_through(loaded, run)
+    return run if loaded is None else _run_through(loaded, driven(run, loaded.path, robot))
 
 
 @dataclass(frozen=True)

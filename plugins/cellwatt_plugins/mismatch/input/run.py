@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.motion import Plan
+from cellwatt_plugins.robot.servo.law import Drive
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -48,6 +49,8 @@ class Run:
     """(N, n) °C, where recorded."""
     command: Float | None = None
     """(N, n) rad, positions that the controller was told, where recorded."""
+    drive: Drive | None = None
+    """The servos whose law stands for the torque, where none was recorded."""
     plan: Plan | None = None
     simulated: Simulated | None = None
     """Simulation that the recording is compared with; None: the law in robot.yaml."""

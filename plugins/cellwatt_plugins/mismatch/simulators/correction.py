@@ -134,6 +134,8 @@ def why_left(fitted: FittedTerm) -> str:
         return "it is in the supply, which the simulator does not have"
     if effect.acts_on == "reading":
         return "it is in the measurement, not in the arm"
+    if effect.acts_on == "drive":
+        return "an actuator has no such number"
     if effect.form.intermittent:
         return "it is there at some times only"
     return "the simulator has no such term"

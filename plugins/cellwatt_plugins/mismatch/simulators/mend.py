@@ -101,6 +101,10 @@ def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mend
     until the error on data left out rises at no joint. Raises ``ConfigError`` where the file cannot be changed, or
     would be worse whatever is written.
     """
+    if any(run.drive is not None for run in runs):
+        from cellwatt_plugins.mismatch.simulators.drives import mend_driven
+
+        return mend_driven(found, runs, user, out)
     simulator, frames = user.simulator, user.frames
     worse: list[str] = []
     for solution in _choices(found):
@@ -108,12 +112,12 @@ def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mend
         worse = [each.channel for each in error if each.after > RISES * each.before]
         if worse:
             continue
-        goal = _target(simulator, frames, solution, found.mounted)
-        written = _write(simulator, goal, out)
-        _verify(simulator, frames, goal, solution.problem, written)
+        goal = target_of(simulator, frames, solution, found.mounted)
+        written = write(simulator, goal, out)
+        verify(simulator, frames, goal, solution.problem, written)
         refused = [*goal.refused, *written.refused]
         notes = (*simulator.notes, *frames.notes, *goal.notes)
-        return Mended(written.path, tuple(written.applied), tuple(_left(found, solution, refused)), error, notes)
+        return Mended(written.path, tuple(written.applied), tuple(left_of(found, solution, refused)), error, notes)
     raise ConfigError(
         f"{simulator.path}: not mended: whatever is written, its error on data left out would rise at "
         f"{', '.join(worse)}; what was found is in findings.json and model.yaml"
@@ -137,7 +141,7 @@ def _choices(found: Explained) -> Iterator[Solution]:
     yield fitted(problem, kept)
 
 
-def _target(simulator: Simulator, frames: Placing, solution: Solution, mount: Float | None) -> Target:
+def target_of(simulator: Simulator, frames: Placing, solution: Solution, mount: Float | None) -> Target:
     """Values to be written, as far as the kind of file can hold them."""
     states = solution.problem.states
     terms = [FittedTerm(term, solution.coefficients(term)) for term in solution.terms]
@@ -146,13 +150,14 @@ def _target(simulator: Simulator, frames: Placing, solution: Solution, mount: Fl
     return what_urdf_holds(simulator, goal) if simulator.path.suffix.lower() == ".urdf" else goal
 
 
-def _write(simulator: Simulator, goal: Target, folder: Path) -> Written:
+def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
+    """Writes the user's file anew. Raises ``ConfigError``."""
     if simulator.path.suffix.lower() == ".urdf":
         return write_urdf(simulator, goal, folder)
     return write_mjcf(simulator, goal, folder)
 
 
-def _verify(simulator: Simulator, frames: Placing, goal: Target, problem: Problem, written: Written) -> None:
+def verify(simulator: Simulator, frames: Placing, goal: Target, problem: Problem, written: Written) -> None:
     """Raises ``ConfigError`` where the written file does not say what it should of random poses."""
     rng, shape = np.random.default_rng(1), (POSES, len(simulator.joints))
     motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
@@ -193,8 +198,8 @@ def _held_out(
     for k, coefficients in enumerate(held.coefficients(solution.terms)):
         rows = held.fold == k
         with tempfile.TemporaryDirectory() as folder:
-            goal = _target(simulator, frames, solution.with_coefficients(coefficients), found.mounted)
-            new, factor = _mended(simulator, _write(simulator, goal, Path(folder)))
+            goal = target_of(simulator, frames, solution.with_coefficients(coefficients), found.mounted)
+            new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     return tuple(
         ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
@@ -203,7 +208,7 @@ def _held_out(
     )
 
 
-def _left(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
+def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
     """Findings that the file cannot hold, with the torque or power that they leave."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
     out = []

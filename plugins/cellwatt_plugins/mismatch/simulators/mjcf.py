@@ -14,11 +14,13 @@ from cellwatt_plugins.mismatch.simulators.markup import Element, number
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.target import Target, damping_of
 from cellwatt_plugins.mismatch.simulators.written import Applied, Written, differ, differs, say_inertial
+from cellwatt_plugins.robot.servo.law import Servo, actuator_of, servo_of
 
 Float = NDArray[np.float64]
 
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
 _PAYLOAD = "payload"
+SERVO_UNITS = ("N*m/rad", "N*m*s/rad", "N*m")
 
 
 def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
@@ -35,6 +37,8 @@ def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
         _add_payload(simulator, goal.payload, one, _body(one, element, simulator.path), done)
     _write_gravity(files, simulator, goal, done)
     _write_gears(files, simulator, goal, done)
+    if goal.servo is not None:
+        _write_servos(files, simulator, goal.servo, done)
     done.path = files.write(folder)[0]
     return done
 
@@ -163,3 +167,39 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
         last = int(np.flatnonzero(gear)[-1]) + 1
         motors[0][0].markup.set(motors[0][1], gear=" ".join(map(number, gear[:last])))
         done.applied.append(Applied("gear", f"motor of joint {name}", float(gear[0]), was, ""))
+
+
+def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written) -> None:
+    """Gains and limits of the joints' position actuators, in the actuators' own units."""
+    own = servo_of(simulator.path, simulator.joints)
+    assert own is not None
+    for at, name in enumerate(simulator.joints):
+        acting = [
+            (one, e)
+            for one, e in files.all("actuator")
+            for e in e.children
+            if e.attributes.get("joint") == name and e.tag in ("position", "general")
+        ]
+        new = (goal.stiffness[at], goal.damping[at], goal.high[at])
+        was = (own.stiffness[at], own.damping[at], own.high[at])
+        if not any(differs(a, b) for a, b in zip(new, was, strict=True) if np.isfinite(a)):
+            continue
+        if len(acting) != 1 or "dampratio" in acting[0][1].attributes:
+            done.refused.append(("drive_gain", at, "the joint has no position actuator with kp and kv of its own"))
+            continue
+        one, element = acting[0]
+        gear = float(simulator.model.actuator_gear[actuator_of(simulator.model, simulator.model.joint(name).id), 0])
+        stiffness, damping = new[0] / gear**2, new[1] / gear**2
+        if element.tag == "position":
+            one.markup.set(element, kp=number(stiffness), kv=number(damping))
+        else:
+            pull = number(goal.pull[at] / gear)
+            one.markup.set(element, gainprm=pull, biasprm=f"0 {number(-stiffness)} {number(-damping)}")
+        if np.isfinite(new[2]) and differs(new[2], was[2]):
+            one.markup.set(element, forcerange=f"{number(goal.low[at] / gear)} {number(goal.high[at] / gear)}")
+        for what, value, before, unit in zip(("kp", "kv", "forcerange"), new, was, SERVO_UNITS, strict=True):
+            if np.isfinite(value) and differs(value, before):
+                old = float(before) if np.isfinite(before) else None
+                done.applied.append(
+                    Applied(what, f"drive of joint {name}", float(value), old, simulator.unit(at, unit))
+                )

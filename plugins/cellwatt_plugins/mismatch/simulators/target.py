@@ -15,6 +15,7 @@ from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.placing import Placing
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.servo.law import Servo
 
 Float = NDArray[np.float64]
 
@@ -52,6 +53,8 @@ class Target:
     refused: tuple[tuple[str, int | None, str], ...] = ()
     """Effects with their joints (0-based) that cannot be written, and why."""
     notes: tuple[str, ...] = ()
+    servo: Servo | None = None
+    """Position servos, where they are the motion's and not the user's."""
 
 
 def target(simulator: Simulator, placing: Placing, found: Correction, states: Sequence[States], floor: Float) -> Target:

@@ -20,7 +20,8 @@ def mended_in_words(mended: Mended) -> str:
         )
     lines += [f"  left out: {_left(left)}" for left in mended.left]
     lines += [f"  note: {note}" for note in mended.notes]
-    lines.append("  held-out error of the simulator, before → after (noise):")
+    held = "" if any(e.channel.startswith("q_") for e in mended.error) else "held-out "
+    lines.append(f"  {held}error of the simulator, before → after (noise):")
     lines += [
         f"    {e.channel}: {e.before:.3g} → {e.after:.3g} {_plain(e.unit)} ({e.noise_floor:.3g})" for e in mended.error
     ]

@@ -26,6 +26,7 @@ class Backlash(Effect):
     """A spring with a dead zone; the link hits its flanks when the load turns over. See ``two_mass``."""
 
     name = "backlash"
+    depends_on = "load"
     form = Form(sample_by_sample=True)
     acceptance = Acceptance(least_rate=FAST, above=0.05)
     """Rebounds that are not followed make the coefficient small; less follows none at all."""
@@ -38,7 +39,7 @@ class Backlash(Effect):
     )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        loads = np.concatenate([run.rigid[:, joint] for run in runs])
+        loads = np.concatenate([run.load[:, joint] for run in runs])
         inertia = swinging(runs, joint or 0)
         if not inertia or np.all(loads > 0) or np.all(loads < 0):
             return []
@@ -54,7 +55,7 @@ class Backlash(Effect):
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0
-        pressed = run.rigid[:, at] + own
+        pressed = run.load[:, at] + own
         twist = pressed / shape[1] + 0.5 * shape[0] * np.sign(pressed)
         return np.concatenate([with_others(run, at, own), hanging(run, at, twist)], axis=2)
 

@@ -8,12 +8,13 @@ from types import MappingProxyType
 from typing import Literal
 
 Place = Literal["joint", "robot", "supply"]
-ActsOn = Literal["joint", "friction", "links", "reading", "supply"]
+ActsOn = Literal["joint", "friction", "links", "drive", "reading", "supply"]
 """Signal that an effect changes:
 
 - ``joint``: the torque of a joint, Nm;
 - ``friction``: the same, but as a change of Coulomb friction, which must be there;
 - ``links``: the load that the links are, Nm at all joints;
+- ``drive``: the torque that a servo gives for its command, where no torque was measured;
 - ``reading``: the torque as measured, after all mechanics (gain, delay, clipping); columns follow the fitted torque;
 - ``supply``: the power of the supply, W.
 """

@@ -29,6 +29,8 @@ Shape = tuple[float, ...]
 """Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
 UNIT_SPREAD = 0.05
 """Standard deviation from 1 of the coefficient of an effect that is simulated to scale."""
+WIDE = 10.0
+"""Times the size that counts as considerable, of what arms have: in some joints friction is most of the torque."""
 INHERITED = 0.01
 """Share of a parameter that no data make certain: links, friction and sampling are known to a few per cent each."""
 
@@ -96,6 +98,11 @@ class Effect(ABC):
         return self.acts_on != "reading" and self.depends_on == "motion"
 
     @property
+    def mechanical(self) -> bool:
+        """True if it is part of the torque that moves the arm, not of how that is told."""
+        return self.acts_on not in ("reading", "drive")
+
+    @property
     def usual(self) -> bool:
         """True for what most arms have: friction of any law, and what descriptions have a number for."""
         return self.acceptance.usual or self.acts_on == "friction" or bool(self.nominal)
@@ -142,14 +149,17 @@ class Effect(ABC):
         return [self.columns(run, joint, shape) for shape in shapes]
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """Prior of the coefficients: each column may add about ``size`` (C,) of its channel's unit."""
+        """Prior of the coefficients: each column may add about ``size`` (C,) of its channel's unit.
+
+        What descriptions have a number for may be ``WIDE`` times as much.
+        """
         if self.form.to_scale:
             return Prior.spread(np.full(columns.shape[-1], UNIT_SPREAD), 1.0)
         if columns.ndim == 3:
             strength = np.sqrt(np.max(np.mean(np.square(columns), axis=0) / np.square(size)[:, None], axis=0))
         else:
             strength = np.sqrt(np.mean(np.square(columns), axis=0)) / size[joint or 0]
-        return Prior.spread(1 / np.maximum(strength, 1e-9))
+        return Prior.spread((WIDE if self.nominal else 1.0) / np.maximum(strength, 1e-9))
 
     def charge(self, runs: Sequence[States], shape: Shape) -> float:
         """nats that the evidence is charged: logarithm of the places and times that this shape was picked from."""

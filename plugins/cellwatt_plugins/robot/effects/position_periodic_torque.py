@@ -15,13 +15,14 @@ LEAST = 3
 """Fewer cycles a turn are gravity or a spring."""
 MOST = 60
 """Cycles a turn that are tried, beside those of the gear."""
-
+SECOND = 2.0
+"""Cycles of the second harmonic for one of the first."""
 APART = 1.5
 """Periods over the way of the joint by which two ripples differ clearly."""
 
 
 class PositionPeriodicTorque(Effect):
-    """A sin(n q + phase)."""
+    """A sin(n q + phase), and its second harmonic where the shape names that: (n,) or (n, 2)."""
 
     name = "position_periodic_torque"
     relations = Relations(along="position")
@@ -35,37 +36,49 @@ class PositionPeriodicTorque(Effect):
         span = max(float(np.ptp(run.q[:, joint])) for run in runs)
         gear = runs[0].robot.joints[joint or 0].gear_ratio
         tried = {float(n) for n in range(LEAST, MOST + 1)} | {gear, 2 * gear}
-        return [(n,) for n in sorted(tried) if n * span > 2 * np.pi and _seen(runs, joint, n)]
+        plain = [(n,) for n in sorted(tried) if n * span > 2 * np.pi and _seen(runs, joint, n)]
+        return [*plain, *((n, SECOND) for (n,) in plain if _seen(runs, joint, SECOND * n))]
 
     def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
         span = max(float(np.ptp(run.q[:, joint])) for run in runs)
         apart = APART * 2 * np.pi / span
         others = np.arange(1.0, max(shape[0] + 3 * apart, 12.0), max(0.5, apart / 3))
-        return [(float(n),) for n in others if abs(n - shape[0]) > apart]
+        return [(float(n), *shape[1:]) for n in others if abs(n - shape[0]) > apart]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        angle = shape[0] * run.q[:, joint]
-        return np.column_stack([np.sin(angle), np.cos(angle)])
+        angles = [shape[0] * order * run.q[:, joint] for order in (1.0, *shape[1:])]
+        return np.column_stack([wave(angle) for angle in angles for wave in (np.sin, np.cos)])
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(LEAST - 0.5, 2 * MOST) if shape[0] < MOST else (shape[0] - 0.5, shape[0] + 0.5)]
+        first = (LEAST - 0.5, 2.0 * MOST) if shape[0] < MOST else (shape[0] - 0.5, shape[0] + 0.5)
+        return [first, *((order, order) for order in shape[1:])]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         a, b = estimate.coefficients[:2]
-        size = float(np.hypot(a, b))
-        to_size, to_phase = np.array([a, b]) / size, np.array([-b, a]) / size**2
-        own = estimate.covariance[:2, :2]
-        return {
-            "amplitude": Parameter(size, float(np.sqrt(to_size @ own @ to_size)), "N*m"),
+        to_phase = np.array([-b, a]) / np.square(np.hypot(a, b))
+        out = {
+            "amplitude": _amplitude(estimate, 0),
             "cycles": estimate.shaped(0, "1/turn"),
-            "phase": Parameter(float(np.arctan2(b, a)), float(np.sqrt(to_phase @ own @ to_phase)), "rad"),
+            "phase": Parameter(
+                float(np.arctan2(b, a)), float(np.sqrt(to_phase @ estimate.covariance[:2, :2] @ to_phase)), "rad"
+            ),
         }
+        return out if len(estimate.shape) == 1 else out | {"second_amplitude": _amplitude(estimate, 2)}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        second = parameters.get("second_amplitude")
+        more = "" if second is None else f", and of {said(second)} twice as often"
         return (
-            f"{who} has a ripple of {said(parameters['amplitude'])}, {parameters['cycles'].value:.4g} times a turn: "
-            "a position-periodic torque (gear, cogging or bearing) is missing."
+            f"{who} has a ripple of {said(parameters['amplitude'])}, {parameters['cycles'].value:.4g} times a turn"
+            f"{more}: a position-periodic torque (gear, cogging or bearing) is missing."
         )
+
+
+def _amplitude(estimate: Estimate, first: int) -> Parameter:
+    own = slice(first, first + 2)
+    size = float(np.hypot(*estimate.coefficients[own]))
+    slope = estimate.coefficients[own] / size
+    return Parameter(size, float(np.sqrt(slope @ estimate.covariance[own, own] @ slope)), "N*m")
 
 
 def _seen(runs: Sequence[States], joint: int | None, cycles: float) -> bool:

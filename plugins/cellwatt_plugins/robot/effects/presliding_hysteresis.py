@@ -20,8 +20,8 @@ RESOLVED = 6.0
 
 RESOLVED_SPEED = 3.0
 """Standard deviations of the velocity that a speed must be to be told from a sign."""
-SAMPLES = 2.0
-"""Samples after a reversal in which nobody sees how friction builds up, where the plan is not known."""
+BLIND, SAMPLES = 0.02, 2.0
+"""s, and samples where those are more, after a reversal: smoothed encoders do not show how friction builds up then."""
 
 
 SLOW = 0.0
@@ -61,7 +61,7 @@ class PreslidingHysteresis(Effect):
             # What passes between two samples after a reversal is seen as the reversal itself.
             moving = np.concatenate([run.qdd[run.moving, axis] for run in runs])
             hasty = float(np.sqrt(np.mean(np.square(moving)))) if len(moving) else 0.0
-            least = max(least, 0.5 * hasty * (SAMPLES * runs[0].step) ** 2)
+            least = max(least, 0.5 * hasty * max(BLIND, SAMPLES * runs[0].step) ** 2)
         return shape[0] > least
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -10,10 +10,6 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Relations, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.regression import Prior
-
-WIDE = 30.0
-"""Times the size that counts as considerable: of a small arm nearly all that the meter shows is standby power."""
 
 
 class StandbyPower(Effect):
@@ -29,10 +25,6 @@ class StandbyPower(Effect):
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return np.ones((len(run.time), 1))
-
-    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """As wide as what the meter shows, which bounds it and nothing else does."""
-        return Prior.spread(WIDE * size[:1])
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {"power": estimate.coefficient(0, "W")}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import Moved, Turning
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.robot.servo.law import Drive
 
 Float = NDArray[np.float64]
 
@@ -46,6 +50,14 @@ class States:
     """(N, n) Nm that the links need beyond the nominal, as the model of the moment has it."""
     supplied: Float | None = None
     """(N,) W: supply power as the model of the moment has it."""
+    drive: Drive | None = None
+    """The servos, where their law stands for a measured torque."""
+
+    @property
+    def servos(self) -> Drive:
+        """The servos of an arm that is known by its motion alone."""
+        assert self.drive is not None
+        return self.drive
 
     @property
     def step(self) -> float:

@@ -18,12 +18,18 @@ FASTEST = 0.5
 """rad/s: what falls off more slowly is no boundary lubrication of a gear but a bent viscous friction."""
 SPEEDS = np.geomspace(0.008, 0.4, 12)
 """rad/s that are tried."""
+LORENTZ = 1.0
+FASTEST_LORENTZ = 0.2
+"""rad/s: the same of a form that falls off slowly."""
 TRAINED = (0.03, 0.06, 0.1, 0.16, 0.25)
 """rad/s that a power model is trained with."""
 
 
 class StribeckFriction(Friction):
-    """excess · exp(-(w/ws)²) sign(w) on top of Coulomb and viscous friction."""
+    """excess · exp(-(w/ws)²) sign(w) on top of Coulomb and viscous friction: shape (ws,).
+
+    Or excess / (1 + (w/ws)²) sign(w), which falls off more slowly (Hess and Soom): shape (ws, 1).
+    """
 
     name = "stribeck_friction"
     acts_on = "friction"
@@ -39,17 +45,19 @@ class StribeckFriction(Friction):
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         fastest = max(float(np.max(np.abs(run.qd[:, joint]))) for run in runs)
-        return [(float(speed),) for speed in SPEEDS if speed < 0.6 * fastest]
+        seen = [float(speed) for speed in SPEEDS if speed < 0.6 * fastest]
+        return [*((speed,) for speed in seen), *((speed, LORENTZ) for speed in seen if speed < FASTEST_LORENTZ)]
 
     def torque(self, sliding: Sliding, shape: Shape) -> Any:
         share = sliding.qd / shape[0]
-        return sliding.sign * np.exp(-(share * share))
+        left = 1 / (1 + share * share) if len(shape) > 1 else np.exp(-(share * share))
+        return sliding.sign * left
 
     def shown(self, shape: Shape, slowest: float, fastest: float) -> bool:
         return slowest < shape[0] < fastest
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.006, FASTEST)]
+        return [(0.006, FASTEST)] if len(shape) == 1 else [(0.006, FASTEST_LORENTZ), (LORENTZ, LORENTZ)]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {"excess": estimate.coefficient(0, "N*m"), "velocity": estimate.shaped(0, "rad/s")}

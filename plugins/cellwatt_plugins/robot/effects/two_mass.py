@@ -98,7 +98,7 @@ def with_gap(run: States, joint: int, stiffness: Float, gap: Float, damping: Flo
 
     Away from where the load turns over the gear rests on one flank and nothing is added.
     """
-    need, inertia = run.rigid[:, joint], run.own_inertia[:, joint]
+    need, inertia = run.load[:, joint], run.own_inertia[:, joint]
     out = np.zeros((len(need), len(stiffness)))
     length = max(2, round(WINDOW / run.step))
     starts = _turnovers(need, max(1, round(BEFORE / run.step)), length)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from cellwatt import OutletError
-from cellwatt.outlets.historian import store as store_module
 from cellwatt.outlets.historian.store import FolderStore, s3_options
 
 PATH = "frames/day=2026-11-21/a.parquet"
@@ -45,21 +45,13 @@ def test_one_that_is_killed_leaves_what_was_there(
         seen.append((tmp_path / PATH).read_bytes() if (tmp_path / PATH).exists() else None)
         return seen[-1]
 
-    def half(path: Path, content: bytes) -> None:
-        path.write_bytes(content[: len(content) // 2])
-        look()
-        raise Killed
-
-    def no_rename(*_: object) -> None:
+    def killed(*_: object) -> None:
         look()
         raise Killed
 
     for before in (None, b"first"):
         with monkeypatch.context() as patch:
-            if at == "write":
-                patch.setattr(store_module, "write_synced", half)
-            else:
-                patch.setattr(Path, "replace", no_rename)
+            patch.setattr(*((os, "fsync") if at == "write" else (Path, "replace")), killed)
             with pytest.raises(Killed):
                 store.put(PATH, b"second")
         assert look() == before

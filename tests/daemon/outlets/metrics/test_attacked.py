@@ -40,6 +40,8 @@ async def test_strangers_cost_the_daemon_nothing() -> None:
             for _ in range(8):
                 async with session.get(f"{outlet.url}/metrics", headers=wrong) as answer:
                     statuses.append(answer.status)
+            async with session.get(f"{outlet.url}/metrics", headers=right) as answer:
+                assert answer.status == 200, "who has the token is not locked out by who has not"
         assert statuses == [401] * 5 + [429] * 3
         await eventually(lambda: outlet.account.counters["logins refused"] == 3)
         assert outlet.account.counters["failed logins"] == 5

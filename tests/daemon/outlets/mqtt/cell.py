@@ -63,6 +63,11 @@ class Cell:
             self._record.chunk(made)
         return made
 
+    def record(self, *items: Any) -> None:
+        """Write results to the record alone."""
+        assert self._record is not None
+        self._record.chunk(*items)
+
     def close(self) -> None:
         if self._record is not None:
             self._record.close()

@@ -8,11 +8,13 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cellwatt import Task
 from cellwatt.errors import OutletError
 from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, free_port, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import ROOT, STEP, Cell, alarm, outlet_of, serving
@@ -85,8 +87,8 @@ async def test_a_cut_in_the_middle_loses_nothing_and_repeats_only_what_was_on_it
             cell.may_connect.set()
             await heard.until(f"{ROOT}/availability")
             outlet.offer(cell.frames(150))
-            await eventually(lambda: not outlet._books.ledger.gaps and outlet._books.ledger.reached, "all is filled")
-            await eventually(lambda: outlet._books.ledger.reached == cell.start + 449 * STEP, "all is sent")
+            await eventually(lambda: not outlet._cursor.owed and outlet._cursor.reached, "all is filled")
+            await eventually(lambda: outlet._cursor.reached == cell.start + 449 * STEP, "all is sent")
             await heard.until(LIVE, 150)
             await heard.until(PAST, 300 - sure)
             after = [(topic, n) for topic in (LIVE, PAST) for n in numbers(heard, cell, topic)]
@@ -113,23 +115,46 @@ async def test_a_restart_sends_nothing_twice_and_what_it_missed(broker: Broker, 
             outlet.offer(cell.frames(150))
             await heard.until(PAST, 15)
             await heard.until(LIVE, 180)
-            await eventually(lambda: not outlet._books.ledger.gaps, "all is filled")
+            await eventually(lambda: not outlet._cursor.owed, "all is filled")
         assert sorted(numbers(heard, cell, LIVE) + numbers(heard, cell, PAST)) == list(range(195))
         past = numbers(heard, cell, PAST)
         assert past == sorted(past)
     file = tmp_path / "weld-3.mqtt.json"
-    assert json.loads(await asyncio.to_thread(file.read_text)) == {
-        "reached": cell.start + 194 * STEP,
-        "gaps": [],
-        "births": 0,
-    }
+    kept = json.loads(await asyncio.to_thread(file.read_text))
+    assert (kept["reached"], kept["gaps"], kept["lost"]) == (cell.start + 194 * STEP, [], 0)
+    assert outlet.account.residue == outlet.account.owed == 0
+    cell.close()
+
+
+async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Broker, tmp_path: Path) -> None:
+    cell = Cell(tmp_path)
+    async with ears(broker, f"{ROOT}/#") as heard:
+        async with serving(outlet_of(cell, broker.url), cell):
+            await heard.until(f"{ROOT}/availability", 1)
+            outlet_rows = cell.frames(10)
+        at = cell.start + 12 * STEP  # told to nobody: the daemon went down before
+        cell.record(replace(alarm(7), time=at, since=at), Task("arm", "task_1", "ab", "v", 1.0, at - STEP, at, (1,), 4))
+        cell.frames(10)
+        outlet = outlet_of(cell, broker.url, backfill="1 kHz")
+        outlet._cursor.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True
+        async with serving(outlet, cell):
+            await heard.until(f"{ROOT}/availability", 3)
+            outlet.offer(cell.frames(150))
+            await heard.until(f"{ROOT}/backfill/task", 1)
+            await heard.until(PAST, 10)
+            await eventually(lambda: not outlet._cursor.owed, "all is filled")
+    (told,) = (m for m in heard.heard if m.topic.startswith(f"{ROOT}/backfill/alarm"))
+    assert json.loads(told.payload)["id"] == "faults.arm.7" and not told.retain
+    assert not [m for m in heard.heard if m.topic.startswith(f"{ROOT}/alarm/")], "it is not up now"
+    assert json.loads(heard.of(f"{ROOT}/backfill/task")[0])["repetition"] == 4
+    assert outlet.account.counters["results back-filled"] == 2 and outlet.account.residue == 0
     cell.close()
 
 
 async def test_live_rows_go_before_those_of_the_past(broker: Broker, tmp_path: Path) -> None:
     cell = Cell(tmp_path)
     outlet = outlet_of(cell, broker.url, backfill="50 Hz")
-    outlet._books.ledger.reached, outlet._books._opened = cell.start - STEP, True
+    outlet._cursor.reached, outlet._cursor._opened = cell.start - STEP, True
     outlet.offer(cell.frames(200))
     async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
         await heard.until(PAST, 3)
@@ -190,6 +215,7 @@ async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> N
                 assert len(await heard.until(f"{ROOT}/alarm/#", 3)) >= 3, "it remembers"
                 await eventually(lambda: outlet.account.counters["results sent"] == 4, "the clear")
             async with ears(broker, f"{ROOT}/#") as heard:
+                await heard.until(f"{ROOT}/alarm/#", 2)
                 await heard.until(f"{ROOT}/health")
                 kept = [m.topic.rpartition("/")[2] for m in heard.heard if "/alarm/" in m.topic]
     finally:
@@ -371,7 +397,7 @@ def test_after_a_kill_nothing_is_lost_and_only_what_was_not_noted_comes_again(br
             await eventually(lambda: outlet._outbox.serving, "connected")
             outlet.offer(cell.frames(150))
             await heard.until(LIVE, 150)
-            await eventually(lambda: not outlet._books.ledger.gaps, "all is filled")
+            await eventually(lambda: not outlet._cursor.owed, "all is filled")
             cell.close()
             return ([json.loads(p)["time"] for p in heard.of(topic)] for topic in (PAST, LIVE))  # type: ignore[return-value]
 

@@ -37,8 +37,12 @@ def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:
         row = Row(1, 2, {"CHANNEL": 1.0}, {"CHANNEL": 0})
         told = [format_.connect(), *format_.birth(0), *format_.label(Labels({"CHANNEL": "W"}, {"CHANNEL": "x"}), 0)]
         told += [*format_.row(row, False, 0), *format_.row(row, True, 0), *format_.predicted("MODEL", {}, row, 0)]
-        told += [*format_.health({}, 0), *format_.result(Task("a", "t", "s", "v", 1.0, 1, 2, (), 1), False, 0)]
-        told += format_.result(Energy("a", "t", "v", 1, 1, 2, 3.0, {}, 0.1, 1.0, 2.0), False, 0)
+        task, energy = (
+            Task("a", "t", "s", "v", 1.0, 1, 2, (), 1),
+            Energy("a", "t", "v", 1, 1, 2, 3.0, {}, 0.1, 1.0, 2.0),
+        )
+        told += [*format_.health({}, 0), *format_.result(task, False, 0), *format_.result(energy, False, 0)]
+        told += [message for result in (task, energy, alarm(1)) for message in format_.archived(result, 0)]
         told += format_.result(Interval("a", 1, 1, 2, (), (), (), ()), False, 0)
         told += [*format_.result(Event(1, None, "k", "t"), False, 0), *format_.result(alarm(1), False, 0)]
         for message in told:

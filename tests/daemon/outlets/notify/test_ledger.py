@@ -109,7 +109,7 @@ async def test_a_full_disk_is_told_and_made_good_later(tmp_path: Path, monkeypat
 
     with monkeypatch.context() as patch:
         patch.setattr(module, "append", full)
-        patch.setattr(module, "write_anew", full)
+        patch.setattr(module, "replace_bytes", full)
         made.put("shift", STORY[1])
         await made.flush()
         made.put("shift", STORY[2])

@@ -216,6 +216,7 @@ async def test_what_another_site_posts_is_refused(
         (b"POST /api/logout HTTP/1.1\r\nHost: 127.0.0.1\r\nCookie: %s=\xff\r\nX-CSRF-Token: \xff\r\n", 403),
         (b"GET /api/site HTTP/1.1\r\nHost: 127.0.0.1\r\nCookie: %s=\xff\r\n", 200),
         (b"GET / HTTP/1.1\r\nHost: elsewhere.exam\xd0ple\r\n", 421),
+        (b"GET / HTTP/1.1\r\nHost: 127.0.0.1:1@evil.example\r\n", 421),
     ],
 )
 async def test_headers_that_are_no_text_are_no_mistake_of_ours(page: Served, head: bytes, status: int) -> None:

@@ -168,7 +168,7 @@ def free() -> int:
 async def test_a_port_that_is_taken_is_named(view: View) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         listen = f"127.0.0.1:{other.getsockname()[1]}"
-        with pytest.raises(OutletError, match=f"^{listen} is taken by another program$"):
+        with pytest.raises(OutletError, match=f"^{listen} is taken by another program: choose another port"):
             await outlet_of(view, listen=listen).run()
 
 

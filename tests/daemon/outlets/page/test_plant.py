@@ -94,7 +94,7 @@ async def test_all_cells_of_the_site_are_shown_with_their_states(router: str) ->
     page = {"page": {"url": "http://192.0.2.7:8480/"}}
     states = {
         "weld-1": status(),
-        "weld-2": status([up], state="red", power_W=812.5, outlets=page),
+        "weld-2": status([up], state="red", power_W=812.5, sinks=page),
         "weld-3": {"state": "green"},
     }
     async with AsyncExitStack() as stack:

@@ -30,7 +30,8 @@ def solved(problem: Problem, *terms: Term) -> Solution:
 def judged(problem: Problem, *terms: Term) -> str | None:
     """Why data left out do not confirm the last of the terms."""
     before = solved(problem, *terms[:-1])
-    return unconfirmed(before, solved(problem, *terms), DEFAULT, before.fit.gain(problem.block(terms[-1]))[0])
+    gain = before.fit.gain(problem.block(terms[-1]))[0]
+    return unconfirmed(before, solved(problem, *terms), terms[-1], DEFAULT, gain)
 
 
 def test_a_small_real_term_holds_near_the_noise(problem):

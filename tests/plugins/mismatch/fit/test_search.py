@@ -186,23 +186,35 @@ def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
     assert found(15.0) == {"iron_loss", "brake_power"}
 
 
-def test_a_few_short_moves_tell_standby_power_and_the_windings_heat(tmp_path):
-    """1.5 s each, with a rest of 2 W that goes with the motion and no effect explains."""
-    arm = plant.load(plant.write_robot(tmp_path, winding_resistance=0.0, standby_power=0.0))
-    missing = plant.Missing(drawn=lambda time, power, qd: power + 2.0 * np.sin(40 * np.sum(np.abs(qd), axis=1)))
+def short_moves(arm, seconds, real, rest=0.0):
+    """Four moves with their power, of which ``rest`` W goes with the motion and no effect explains."""
+    missing = plant.Missing(real, drawn=lambda time, power, qd: power + rest * np.sin(40 * np.sum(np.abs(qd), axis=1)))
     runs, states = [], []
     for i in range(4):
-        course = plant.moves(i + 1, 1.5, pause=0.1)
-        runs.append(plant.record(f"run_0{i}", i + 1, missing, 1.5, along=course))
-        q, qd, qdd = course(runs[i].time - plant.LAG)
-        moved_ = States(f"run_0{i}", i, runs[i].time, exact(q, qd, qdd), arm)
-        states.append(moved_.with_torque(plant.motors(plant.REAL, q, qd, qdd)))
-    problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
-    solution = search(Supply(problem), 1)
+        course = plant.moves(i + 1, seconds, pause=0.1)
+        runs.append(plant.record(f"run_0{i}", i + 1, missing, seconds, along=course))
+        motion = course(runs[i].time - plant.LAG)
+        there = States(f"run_0{i}", i, runs[i].time, exact(*motion), arm)
+        states.append(there.with_torque(plant.motors(real, *motion)))
+    return Supply(supply_problem(runs, states, [np.zeros_like(s.torque) for s in states]))
+
+
+def test_a_few_short_moves_tell_standby_power_and_the_windings_heat(tmp_path):
+    arm = plant.load(plant.write_robot(tmp_path, winding_resistance=0.0, standby_power=0.0))
+    solution = search(short_moves(arm, 1.5, plant.REAL, rest=2.0), 1)
     found = {t.effect.name: solution.coefficients(t) for t in solution.terms}
     assert set(found) == {"standby_power", "copper_loss"}
     assert found["standby_power"] == pytest.approx([91.5], abs=1.5)
     assert found["copper_loss"] == pytest.approx(plant.REAL.resistance, rel=0.3)
+
+
+def test_resistances_that_are_far_off_are_retuned_and_nothing_is_named_for_them(arm):
+    real = replace(plant.REAL, resistance=(1.2, 1.0, 2.2), standby=100.0)
+    solution = search(short_moves(arm, 5.0, real), 1)
+    assert solution.terms == []
+    standby, *resistance = solution.fit.coefficients
+    assert standby == pytest.approx(10.0, abs=1.0)
+    assert plant.NOMINAL.resistance * (1 + np.array(resistance)) == pytest.approx(real.resistance, rel=0.1)
 
 
 def test_effects_see_the_load_with_what_the_arm_carries(arm):

@@ -54,13 +54,15 @@ def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
     assert not any("otherwise than the simulation" in note for note in notes)
 
 
-def test_controls_of_servos_are_commands(tmp_path):
-    _, q, *_ = motion()
+def test_controls_of_servos_are_commands_and_their_law_is_the_torque(tmp_path):
+    _, q, qd, _ = motion()
     servos = '<position joint="shoulder" kp="200"/><position joint="elbow" kp="80"/>'
     simulator, log = logged(tmp_path, servos, q + 0.01)
     (run,) = read_runs([log], [simulator], arm_of(None, simulator, [log]).description)
     np.testing.assert_allclose(run.command, q + 0.01)
-    assert np.isnan(run.torque).all()
+    # A command is held over a row of 10 ms, so it is half of that late.
+    law = np.array([200, 80]) * (0.01 - 0.005 * qd)
+    np.testing.assert_allclose(run.torque[5:-5], law[5:-5], atol=0.05)
 
 
 def test_something_describes_the_arm(tmp_path):

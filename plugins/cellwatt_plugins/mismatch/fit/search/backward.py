@@ -9,6 +9,7 @@ from cellwatt_plugins.mismatch.fit.acceptance import (
     relieves_tension,
     required_gain,
     seen_by_several,
+    stands_out,
     unconfirmed,
 )
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
@@ -24,7 +25,7 @@ UNSURE = 0.65
 
 def drop_needless(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
     """Terms that others made needless leave; only those that ``beside`` can stand for, where it is given."""
-    for term in list(now.terms):
+    for term in _weakest_first(now):
         if term is beside or not shares_channel(term, beside):
             continue
         if beside is not None and term.effect.usual and term.joint != beside.joint:
@@ -35,11 +36,10 @@ def drop_needless(state: SearchState, now: Solution, beside: Term | None = None)
             continue
         rest = solve(state, others)
         gain = rest.fit.gain(now.problem.block(term))[0]
-        if gain < required_gain(term, state.robot, state.thresholds):
-            last = solve(state, [*others, term])
-            if unconfirmed(rest, last, state.thresholds, gain) is not None:
-                state.refuse(term, gain, "needless beside the others")
-                now = rest
+        small = gain < required_gain(term, state.robot, state.thresholds)
+        if small and unconfirmed(rest, now, term, state.thresholds, gain) is not None:
+            state.refuse(term, gain, "needless beside the others")
+            now = rest
     return now
 
 
@@ -77,7 +77,7 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             if share < state.thresholds.better or beyond.sure < state.thresholds.steady:
                 gain = rest.fit.gain(rest.problem.block(term))[0]
                 state.refuse(term, gain, f"is no better than {name.replace('_', ' ')} on data left out")
-                now = rest if unconfirmed(rest, plain, state.thresholds, gain) else plain
+                now = rest if unconfirmed(rest, plain, plain.terms[-1], state.thresholds, gain) else plain
                 break
     return now
 
@@ -100,15 +100,16 @@ def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
 
 
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
-    """Terms that data left out do not confirm beside the others leave, the smallest first."""
-    for term in sorted(now.terms, key=lambda t: _size(now, t)):
+    """Terms that data left out do not confirm beside the others leave."""
+    for term in _weakest_first(now):
         rest = without(state, now, term)
-        last = solve(state, [*rest.terms, term])
         gain = rest.fit.gain(rest.problem.block(term))[0]
-        why = unconfirmed(rest, last, state.thresholds, gain)
-        several = not term.effect.acceptance.several_channels or relieves_tension(rest, last, state.thresholds)
-        if why is None and not several and not seen_by_several(rest, last.block(term)[0]):
+        why = unconfirmed(rest, now, term, state.thresholds, gain)
+        several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
+        if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
             why = "only one channel asks for it"
+        if why is None and not stands_out(rest, now, term, state.thresholds):
+            why = "is small beside what is left there"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest
@@ -118,6 +119,11 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
 def shares_channel(term: Term, other: Term | None) -> bool:
     """True if two terms act on a common channel; with None, always."""
     return other is None or None in (term.joint, other.joint) or term.joint == other.joint
+
+
+def _weakest_first(now: Solution) -> list[Term]:
+    """The terms by their evidence beside all others: of two that stand for one another the weaker is asked first."""
+    return sorted(now.terms, key=lambda t: now.fit.added(now.block(t)[1]) + t.effect.relations.plainer)
 
 
 def _size(now: Solution, term: Term) -> float:

@@ -20,6 +20,8 @@ Float = NDArray[np.float64]
 
 MOSTLY = 0.5
 """Share of a joint's residual beyond the noise that is fast, from which effects that ring or clack are tried."""
+SAME_LOAD = 0.05
+"""Share by which a load may change before what swings under it is simulated anew."""
 
 
 def candidates(state: SearchState, now: Solution) -> list[Candidate]:
@@ -30,12 +32,15 @@ def candidates(state: SearchState, now: Solution) -> list[Candidate]:
 def rivals(state: SearchState, now: Solution, term: Term) -> tuple[Solution, float, list[Candidate]]:
     """Return the other terms alone, the evidence of a term beside them, and what could stand in its place, best first.
 
-    That is any effect at its joint, and one of the whole arm that can look the same.
+    That is any effect at its joint, and one of the whole arm that can look the same; those alone that cost little once
+    the time is up.
     """
-    others = without(state, now, term)
+    others, spent = without(state, now, term), state.spent()
     alike = {confusion.effect for confusion in term.effect.confusions}
 
     def rival(effect: Effect, joint: int | None) -> bool:
+        if spent and not effect.by_motion_alone:
+            return False
         return term.joint is None or joint == term.joint or (joint is None and effect.name in alike)
 
     # A term that leaves nothing fast has no rival among what rings and clacks.
@@ -124,12 +129,15 @@ def _best_shape(
 
 
 def _blocks(state: SearchState, now: Solution, effect: Effect, joint: int | None, terms: Sequence[Term]) -> list[Block]:
-    """Blocks of all shapes of an effect; made once where they depend on the motion alone."""
+    """Blocks of all shapes of an effect; made once for a motion, and costly ones for a load."""
     key, problem = (effect.name, joint), now.problem
-    if key in state.blocks:
+    costly = effect.form.sample_by_sample and effect.depends_on == "load"
+    load = np.concatenate([s.load[:, joint or 0] for s in problem.states]) if costly else np.zeros(0)
+    old = state.loads.get(key, np.zeros(0))
+    if key in state.blocks and (not costly or np.std(load - old) < SAME_LOAD * np.std(old)):
         return state.blocks[key]
     per_run = [effect.grid(s, joint, [t.shape for t in terms]) for s in problem.states]
     blocks = [problem.prior_block(t, problem.stack([run[i] for run in per_run])) for i, t in enumerate(terms)]
-    if effect.by_motion_alone:
-        state.blocks[key] = blocks
+    if effect.by_motion_alone or costly:
+        state.blocks[key], state.loads[key] = blocks, load
     return blocks

@@ -8,7 +8,9 @@ from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 
-PLAIN = ("coulomb_friction", "viscous_friction", "torque_offset")
+ALWAYS = ("coulomb_friction", "viscous_friction")
+PLAIN = (*ALWAYS, "torque_offset")
+"""Measured torques may have an offset, too."""
 SUPPLY = ("standby_power", "copper_loss")
 
 
@@ -39,7 +41,8 @@ def _asked(state: SearchState) -> list[Term]:
             for effect in there
             if not effect.described(state.robot, None) and effect.possible(state.robot, None)
         ]
-    if not all(name in effects for name in PLAIN):
+    if not all(name in effects for name in ALWAYS):
         return []
-    unknown = [j for j in state.moving if not any(effects[name].described(state.robot, j) for name in PLAIN)]
-    return [Term(effects[name], joint, ()) for joint in unknown for name in PLAIN]
+    there = [effects[name] for name in PLAIN if name in effects]
+    unknown = [j for j in state.moving if not any(effect.described(state.robot, j) for effect in there)]
+    return [Term(effect, joint, ()) for joint in unknown for effect in there]

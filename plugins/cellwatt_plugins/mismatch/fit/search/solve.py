@@ -34,7 +34,7 @@ def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
     if all(t.effect.by_motion_alone for t in terms):
         return _by_motion_alone(problem, terms)
     factor: Float | None = None
-    for _ in range(3 if any(t.effect.acts_on == "reading" for t in terms) else 2):
+    for _ in range(3 if any(not t.effect.mechanical for t in terms) else 2):
         fit = problem.fit([problem.block(t) for t in terms], factor)
         factor = _noise_factor(problem, fit)
         problem = _with_fitted_torque(problem, terms, fit)
@@ -45,9 +45,9 @@ def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
 def _by_motion_alone(problem: Problem, terms: Sequence[Term]) -> Solution:
     """The same of terms whose columns stay as they are whatever torque is fitted: only the noise is found anew."""
     first = problem.fit([problem.block(t) for t in terms])
-    second = problem.fit(first.blocks, _noise_factor(problem, first), first)
+    second = problem.fit(first.blocks, _noise_factor(problem, first))
     problem, factor = _with_fitted_torque(problem, terms, second), _noise_factor(problem, second)
-    fit = problem.fit(first.blocks, factor, first)
+    fit = problem.fit(first.blocks, factor)
     return Solution(problem, list(terms), fit, _noise_factor(problem, fit))
 
 
@@ -80,9 +80,7 @@ def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression
     if problem.side == "supply":
         return problem
     mechanical = [
-        (term, fit.coefficients[place])
-        for term, place in zip(terms, fit.slices, strict=True)
-        if term.effect.acts_on != "reading"
+        (term, fit.coefficients[place]) for term, place in zip(terms, fit.slices, strict=True) if term.effect.mechanical
     ]
     nuisance = fit.coefficients[: problem.design.size]
     return problem.with_torque(*problem.course(nuisance, mechanical))

@@ -45,7 +45,9 @@ class SearchState:
     problem: Problem
     """Nominal parameters alone; terms are fitted beside them."""
     blocks: dict[Place, list[Block]] = field(default_factory=dict)
-    """All shapes of the effects whose columns depend on the motion alone."""
+    """All shapes of the effects whose columns depend on the motion alone, or are costly."""
+    loads: dict[Place, Float] = field(default_factory=dict)
+    """Load (N,) Nm at the joint with which those of costly effects were simulated."""
     solved: dict[tuple[Term, ...], Solution] = field(default_factory=dict)
     """The last solutions of the present problem."""
     refused: dict[Place, Trial] = field(default_factory=dict)

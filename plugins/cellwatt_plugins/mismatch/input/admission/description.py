@@ -53,7 +53,8 @@ def _completed(robot: RobotDescription, simulated: RobotDescription) -> RobotDes
         for own, other in zip(robot.joints, simulated.joints, strict=True)
     )
     standby = robot.standby_power if "standby_power" in robot.model_fields_set else simulated.standby_power
-    return robot.model_copy(update={"joints": joints, "standby_power": standby})
+    lead = simulated.friction_lead
+    return robot.model_copy(update={"joints": joints, "standby_power": standby, "friction_lead": lead})
 
 
 def _how(said: RobotDescription, simulated: RobotDescription, joint: int) -> str:

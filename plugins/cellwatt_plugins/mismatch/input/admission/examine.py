@@ -123,7 +123,8 @@ def _followed(run: Run, base: Baseline) -> tuple[Moved, Float | None, Float | No
 def _moved(run: Run, arm: Arm) -> Moved:
     """The motion of a run, with which its torque and power must go."""
     motion = moved(run)
-    check_torque(run, motion, arm)
+    if run.drive is None:
+        check_torque(run, motion, arm)
     check_power(run, motion)
     return motion
 
@@ -131,6 +132,11 @@ def _moved(run: Run, arm: Arm) -> Moved:
 def check_read(runs: Sequence[Run]) -> None:
     """Raises ``RecordingError`` where no run has the torque of any joint."""
     if all(unread(run).all() for run in runs):
+        if runs[0].command is not None:
+            raise RecordingError(
+                f"{runs[0].name}: commands and positions, but no torque: what the drives do with a command must be "
+                "known; give --simulation an MJCF whose joints have <position> actuators with their kp and kv"
+            )
         raise RecordingError(
             f"{runs[0].name}: no torque goes with the motion: every torque or current is empty, constant, or noise: "
             "were the drives read?"

@@ -1,0 +1,84 @@
+"""Skeleton webhook: what a block of rows becomes, and how it is sent."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+from urllib.parse import urlsplit
+
+from pydantic import Field, field_validator
+from pydantic_core import to_jsonable_python
+
+from cellwatt import Alarm, Energy, ForwardOutlet, ForwardSettings, NotNowError, Row, Task
+from cellwatt.quantity import Seconds
+
+Message = dict[str, Any]
+TAKEN, REFUSED = range(200, 300), (400, 422)
+
+
+class SkeletonSettings(ForwardSettings):
+    """Blocks of rows, alarms, tasks and energies as JSON by HTTP POST."""
+
+    url: str
+    """Where to post them, like ``https://receiver.example/rows``; http is for this PC."""
+    timeout: Seconds = Field(default=5.0, gt=0)
+    """Longest time that an answer may take."""
+
+    @field_validator("url")
+    @classmethod
+    def _address(cls, url: str) -> str:
+        parts = urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError("expected an address like https://receiver.example/rows")
+        if parts.scheme == "http" and parts.hostname not in ("localhost", "127.0.0.1", "::1"):
+            raise ValueError("http is for this PC alone: use https")
+        return url
+
+
+class SkeletonOutlet(ForwardOutlet[SkeletonSettings, Message]):
+    """Posts blocks of messages; order, repetition, what was missed, and the account are ``ForwardOutlet``'s."""
+
+    Settings: ClassVar[type[SkeletonSettings]] = SkeletonSettings
+    title = "Skeleton: blocks of rows by HTTP POST"
+
+    @property
+    def place(self) -> str:
+        """The receiver: another one is owed nothing of what this one lacks."""
+        return self.settings.url
+
+    def row(self, row: Row, units: Mapping[str, str]) -> Message | None:
+        """One row as JSON; its time, UTC ns, tells a receiver what it has already."""
+        return {"time": row.time, "values": row.values, "units": {name: units[name] for name in row.values}}
+
+    def result(self, result: Alarm | Task | Energy) -> Message | None:
+        """An alarm, task or energy as JSON."""
+        told: Message = to_jsonable_python(result, inf_nan_mode="null", fallback=str)
+        return {"kind": type(result).__name__.lower(), **told}
+
+    async def send(self, messages: Sequence[Message]) -> Mapping[str, int]:
+        """Post one block; return what is refused for good. Raises ``NotNowError`` where it is to be sent again."""
+        try:
+            status, reason = await asyncio.to_thread(self._post, json.dumps(messages).encode())
+        except (OSError, http.client.HTTPException) as error:
+            raise NotNowError(f"{self.settings.url}: {error or type(error).__name__}") from None
+        if status in REFUSED:
+            return {"refused": len(messages)}
+        if status not in TAKEN:
+            raise NotNowError(f"{self.settings.url}: {status} {reason}")
+        return {}
+
+    def _post(self, body: bytes) -> tuple[int, str]:
+        parts = urlsplit(self.settings.url)
+        kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
+        connection = kind(parts.hostname or "", parts.port, timeout=self.settings.timeout)
+        try:
+            path = f"{parts.path or '/'}{'?' + parts.query if parts.query else ''}"
+            connection.request("POST", path, body, {"Content-Type": "application/json"})
+            answer = connection.getresponse()
+            answer.read(64_000)
+            return answer.status, answer.reason
+        finally:
+            connection.close()

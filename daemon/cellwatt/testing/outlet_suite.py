@@ -1,0 +1,205 @@
+"""The conformance suite of outlets as a pytest class: peers that are cut off, silent, refusing, lying, and restarts."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from cellwatt.outlet import Outlet
+from cellwatt.testing.outlet_rig import FarEnd, Line, OutletRig, line_to, running_outlet
+from cellwatt.testing.recorded_cell import LAYOUT, RecordedCell
+from cellwatt.testing.rig import NotConformingError, require
+
+_ROW = 5
+"""Frames of a row."""
+_SETTLES = 40
+"""Rows after which all before are settled in the record."""
+_STILL = 0.5
+"""s for which the event loop may stand still."""
+
+
+class _Trial:
+    """A cell, its record, and a peer behind a line, for one check."""
+
+    def __init__(self, rig: OutletRig, folder: Path, peer: FarEnd, line: Line) -> None:
+        self.rig, self.folder, self.peer, self.line = rig, folder, peer, line
+        self.cell = RecordedCell(folder)
+
+    def make(self) -> Outlet[Any]:
+        return self.rig.make(self.line.address, self.cell)
+
+    def rows(self, count: int, *outlets: Outlet[Any]) -> None:
+        """Make rows, one block each, and offer them."""
+        for _ in range(count):
+            block = self.cell.frames(_ROW)
+            for outlet in outlets:
+                outlet.offer(block)
+
+    @property
+    def times(self) -> list[int]:
+        """Times of all rows that were made."""
+        return [self.cell.session + (n + 1) * _ROW * LAYOUT.step for n in range(self.cell.made // _ROW)]
+
+    async def until(self, condition: Callable[[], object], what: str, outlet: Outlet[Any]) -> None:
+        end = time.monotonic() + self.rig.patience
+        while not condition():
+            if time.monotonic() > end:
+                raise NotConformingError(
+                    f"{what}: not within {self.rig.patience:g} s; the peer has {len(self.peer.got)} rows of "
+                    f"{len(self.times)}; trouble: {outlet.trouble()}; account: {outlet.account.snapshot()}"
+                )
+            await asyncio.sleep(0.01)
+
+    async def all_there(self, outlet: Outlet[Any]) -> None:
+        """Wait until the peer has every row, and the account says so."""
+        await self.until(lambda: set(self.times) <= set(self.peer.got), "all rows", outlet)
+        require(set(self.peer.got) == set(self.times), "the peer has rows that nobody made")
+        await self.until(lambda: not outlet.account.owed, "an account in which nothing is owed", outlet)
+        require(outlet.account.residue == 0, f"the account is uneven: {outlet.account.snapshot()}")
+        await self.until(lambda: outlet.trouble() is None, "no trouble any more", outlet)
+
+
+@asynccontextmanager
+async def _trial(rig: OutletRig, folder: Path) -> AsyncIterator[_Trial]:
+    async with rig.peer() as peer, line_to(peer) as line:
+        trial = _Trial(rig, folder, peer, line)
+        try:
+            yield trial
+        finally:
+            trial.cell.close()
+
+
+async def arrives(trial: _Trial) -> None:
+    """Require that each row arrives once and in order, but for the first, of which the outlet may have seen a part."""
+    outlet = trial.make()
+    async with running_outlet(outlet):
+        trial.rows(60, outlet)
+        await trial.all_there(outlet)
+    late = [t for t in trial.peer.got if t != trial.times[0]]
+    require(late == trial.times[1:], "rows came in another order, or more than once")
+
+
+async def survives_a_cut(trial: _Trial) -> None:
+    """Require that what was made while the peer was away comes later, beside what is new."""
+    outlet = trial.make()
+    async with running_outlet(outlet) as run:
+        trial.rows(20, outlet)
+        await trial.until(lambda: len(trial.peer.got) >= 19, "rows", outlet)
+        trial.line.be("cut")
+        trial.rows(30, outlet)
+        await trial.until(lambda: outlet.trouble() or run.ends, "trouble that is told", outlet)
+        trial.line.be("well")
+        trial.rows(_SETTLES, outlet)
+        await trial.all_there(outlet)
+
+
+async def goes_on_after_a_restart(trial: _Trial) -> None:
+    """Require that what the record got while no outlet ran comes later, and nothing twice after a clean end."""
+    first, second = trial.make(), trial.make()
+    async with running_outlet(first):
+        trial.rows(60, first)
+        await trial.all_there(first)
+    trial.rows(25)
+    async with running_outlet(second):
+        trial.rows(_SETTLES, second)
+        await trial.all_there(second)
+
+
+async def loses_nothing_when_killed(trial: _Trial) -> None:
+    """Require that a position from before the kill leads to all rows, some of them twice."""
+    first, second = trial.make(), trial.make()
+    async with running_outlet(first):
+        trial.rows(20, first)
+        await trial.until(lambda: list(trial.folder.glob(trial.rig.position)), "a file of its position", first)
+        kept = {path: path.read_bytes() for path in trial.folder.glob(trial.rig.position)}
+        trial.rows(20, first)
+        await trial.until(lambda: len(trial.peer.got) >= 30, "rows", first)
+    for path, content in kept.items():
+        path.write_bytes(content)
+    async with running_outlet(second):
+        trial.rows(_SETTLES, second)
+        await trial.all_there(second)
+
+
+async def is_not_held_up_by_silence(trial: _Trial) -> None:
+    """Require that a peer that takes everything and says nothing is told, and holds up neither loop nor rows."""
+    outlet = trial.make()
+    trial.line.be("silent")
+    async with running_outlet(outlet) as run:
+        worst, last = 0.0, time.monotonic()
+        trial.rows(20, outlet)
+        while not (outlet.trouble() or run.ends):
+            await asyncio.sleep(0.01)
+            worst, last = max(worst, time.monotonic() - last), time.monotonic()
+        require(worst < _STILL, f"the event loop stood still for {worst:.2f} s: block in a thread")
+        require(not trial.peer.got and outlet.account.received == 0, "rows count as delivered that nobody answered")
+        trial.line.be("well")
+        trial.rows(_SETTLES, outlet)
+        await trial.all_there(outlet)
+
+
+async def believes_no_garbage(trial: _Trial) -> None:
+    """Require that an answer that is none is trouble, and no confirmation."""
+    outlet = trial.make()
+    trial.line.be("lies")
+    async with running_outlet(outlet) as run:
+        trial.rows(20, outlet)
+        await trial.until(lambda: outlet.trouble() or run.ends, "trouble that is told", outlet)
+        require(outlet.account.received == 0, "garbage counts as a confirmation")
+        trial.line.be("well")
+        trial.rows(_SETTLES, outlet)
+        await trial.all_there(outlet)
+
+
+async def counts_what_is_refused(trial: _Trial) -> None:
+    """Require that what the peer refuses for good is counted and not sent for ever."""
+    outlet = trial.make()
+    trial.peer.refuse = True
+    async with running_outlet(outlet):
+        trial.rows(60, outlet)
+        await trial.until(lambda: outlet.account.missed.total() >= 60, "60 rows that are missed", outlet)
+        require(not trial.peer.got and outlet.account.residue == 0, f"uneven: {outlet.account.snapshot()}")
+        trial.peer.refuse = False
+        trial.rows(10, outlet)
+        await trial.until(lambda: len(trial.peer.got) >= 10, "what comes after", outlet)
+
+
+CHECKS = (
+    arrives,
+    survives_a_cut,
+    goes_on_after_a_restart,
+    loses_nothing_when_killed,
+    is_not_held_up_by_silence,
+    believes_no_garbage,
+    counts_what_is_refused,
+)
+
+
+class OutletConformance:
+    """Derive from it, name the outlets, and each check of each outlet is a test."""
+
+    rigs: ClassVar[Sequence[OutletRig]] = ()
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        """One test for each rig and check."""
+        cases = [
+            pytest.param(rig, check, id=f"{rig.outlet.__name__}-{check.__name__}")
+            for rig in self.rigs
+            for check in CHECKS
+        ]
+        metafunc.parametrize(("rig", "check"), cases)
+
+    def test_outlet(self, rig: OutletRig, check: Any, tmp_path: Path) -> None:
+        """The outlet keeps this part of the contract."""
+
+        async def run() -> None:
+            async with _trial(rig, tmp_path) as trial:
+                await check(trial)
+
+        asyncio.run(run())

@@ -1,0 +1,173 @@
+"""Servos as the motion tells them, written into an MJCF; what that is worth is told by rolling the file out."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.retuning import FIXED, Freedom, all_fixed, confirmed, links_fixed
+from cellwatt_plugins.mismatch.fit.search.solve import fitted
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.simulators.callback import write_callback
+from cellwatt_plugins.mismatch.simulators.correction import holds
+from cellwatt_plugins.mismatch.simulators.mend import (
+    RISES,
+    ChannelError,
+    Mended,
+    ToMend,
+    left_of,
+    target_of,
+    verify,
+    write,
+)
+from cellwatt_plugins.mismatch.simulators.rollout import WINDOW, rms_of, rolled_out
+from cellwatt_plugins.mismatch.simulators.target import Target
+from cellwatt_plugins.robot.regression import Prior
+from cellwatt_plugins.robot.servo.law import Servo
+
+Float = NDArray[np.float64]
+
+TRIES = 3
+"""Fits, each with the numbers of those joints as the user has them that followed worse before."""
+SAME = 0.1
+"""Share of the encoders' noise by which a joint may follow worse: that is none."""
+ROLLED = (
+    f"Errors are of the file rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
+)
+WRITTEN = ("drive_gain", "torque_saturation")
+"""Effects of drives that an actuator has a number for."""
+LATE = (2, 3)
+"""Places, among the numbers of a drive, of the s by which its velocity and its commands are later."""
+DAMPED = {0: -1.0, 1: 0.0}
+"""Half steps by which Euler's and Runge and Kutta's velocity that is damped is later; of others one."""
+
+
+def _starts(free: Problem, found: Explained) -> Iterator[tuple[Freedom, list[Term]]]:
+    """What may be written, with more and more numbers as the user has them.
+
+    What the file cannot hold is among the terms: other numbers are not to stand for it, and the callback adds it.
+    """
+    terms = sorted(found.torque.terms, key=lambda t: holds(t) or t.effect.name in WRITTEN)
+    yield confirmed(free, terms, found.torque.factor), terms
+    yield links_fixed(free), terms
+    while terms:
+        yield all_fixed(free), terms
+        terms = terms[:-1]
+
+
+def _kept(problem: Problem, freedom: Freedom, joints: Sequence[int]) -> Freedom:
+    """The same freedom, but friction, rotors and drives of ``joints`` stay the user's."""
+    return Freedom(
+        tuple(
+            FIXED if block.channel in joints else factor
+            for factor, block in zip(freedom.factors, problem.nuisance, strict=True)
+        )
+    )
+
+
+def _as_stepped(problem: Problem, model: Any) -> Problem:
+    """The problem of drives as MuJoCo steps them, and without the delays that an MJCF does not hold.
+
+    A command acts from the first step of its row on, half a step earlier than held over the row. Implicit integrators
+    damp the velocity of a step's end, Euler's that of its beginning.
+    """
+    joints, priors, half = len(problem.floor), [], 0.5 * model.opt.timestep
+    for i, block in enumerate(problem.nuisance):
+        prior = block.prior
+        if i >= len(problem.nuisance) - joints:
+            mean, spread = np.zeros(block.size), prior.deviations.copy()
+            spread[list(LATE)] *= FIXED
+            mean[list(LATE)] = half * DAMPED.get(int(model.opt.integrator), 1.0), -half
+            prior = Prior.spread(spread, mean)
+        priors.append(prior)
+    return problem.with_priors(priors)
+
+
+def _servo(solution: Solution) -> Servo:
+    """The servos (n,) that a solution tells: of error and velocity, (1 + a) · torque + (a + b) · damping · velocity."""
+    problem = solution.problem
+    own, joints = problem.states[0].servos.servo, len(problem.floor)
+    numbers = [solution.fit.coefficients[place][:2] for place in problem.design.slices[-joints:]]
+    pull, braked = np.array(numbers).T
+    low, high = own.low.copy(), own.high.copy()
+    for term in solution.terms:
+        joint = term.joint or 0
+        if term.effect.name == "drive_gain":
+            pull[joint] += solution.coefficients(term)[0]
+        elif term.effect.name == "torque_saturation":
+            low[joint], high[joint] = -term.shape[0], term.shape[0]
+    return replace(
+        own,
+        pull=own.pull / (1 + pull),
+        stiffness=own.stiffness / (1 + pull),
+        damping=own.damping * np.maximum(1 + pull + braked, 0.0) / (1 + pull),
+        low=low,
+        high=high,
+    )
+
+
+def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mended:
+    """``mend`` where motion alone is known: of what the file may hold, that is written which follows the arm best.
+
+    Each is rolled out under the recorded commands, and no joint may follow worse; at worst the file stays as it is.
+    Raises ``ConfigError`` where it cannot be changed.
+    """
+    simulator, frames = user.simulator, user.frames
+    noise = np.max([run.drive.moved.resolution for run in runs if run.drive is not None], axis=0)
+    before = rms_of(rolled_out(simulator.path, simulator.joints, runs))
+    free = _as_stepped(found.torque.free or found.torque.problem, simulator.model)
+    best = 0.0, fitted(all_fixed(free).of(free), []), before
+    for freedom, terms in _starts(free, found):
+        for _ in range(TRIES):
+            solution = fitted(freedom.of(free), terms)
+            after = _errors(found, solution, user, runs)
+            worse = np.flatnonzero(after > RISES * before + SAME * noise).tolist()
+            if not worse:
+                break
+            freedom = _kept(free, freedom, worse)
+        left = float(np.sum(np.log((after + noise) / (before + noise))))
+        if not worse and left < best[0]:
+            best = left, solution, after
+    _, solution, after = best
+    goal = _goal(found, solution, user)
+    written = write(simulator, goal, out)
+    verify(simulator, frames, goal, solution.problem, written)
+    stiffness = solution.problem.states[0].servos.servo.stiffness
+    left_out = [
+        replace(
+            left,
+            rms=left.rms / float(stiffness[(left.joint or 1) - 1]),
+            unit=simulator.unit((left.joint or 1) - 1, "rad"),
+        )
+        for left in left_of(found, solution, [*goal.refused, *written.refused])
+        if left.effect not in WRITTEN
+    ]
+    error = tuple(
+        ChannelError(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))
+        for j, (b, a, f) in enumerate(zip(before, after, noise, strict=True))
+    )
+    beside = write_callback(written.path, simulator.joints, found.model.terms)
+    more = () if beside is None else (f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.",)
+    same = () if best[0] < 0 else ("Nothing that was found makes it follow better: its numbers stay.",)
+    notes = (*simulator.notes, *frames.notes, *goal.notes, ROLLED, *same, *more)
+    return Mended(written.path, tuple(written.applied), tuple(left_out), error, notes)
+
+
+def _errors(found: Explained, solution: Solution, user: ToMend, runs: Sequence[Run]) -> Float:
+    """Error (n,) rad of a file with the numbers of a solution."""
+    with tempfile.TemporaryDirectory() as folder:
+        written = write(user.simulator, _goal(found, solution, user), Path(folder))
+        return rms_of(rolled_out(written.path, user.simulator.joints, runs))
+
+
+def _goal(found: Explained, solution: Solution, user: ToMend) -> Target:
+    return replace(target_of(user.simulator, user.frames, solution, found.mounted), servo=_servo(solution))

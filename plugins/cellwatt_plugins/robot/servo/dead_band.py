@@ -1,0 +1,53 @@
+"""A drive that does nothing as long as its joint is near enough where it was told to be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+
+SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+"""Quantiles of the error that are tried as the half width of the band."""
+FROM_EDGE, FROM_CENTRE = 0.0, 1.0
+"""What is beyond the band pulls by how far it is beyond the edge, or by all of the error."""
+
+
+class DriveDeadBand(Effect):
+    """No pull while abs(command - position) is below the half width of the band."""
+
+    name = "drive_dead_band"
+    acts_on = "drive"
+    form = Form(to_scale=True)
+    acceptance = Acceptance()
+    confusions = (
+        Confusion("coulomb_friction", "push the joint by hand in rest: a band lets it go without any resistance"),
+        Confusion("backlash", "lock the motor: play stays, a dead band does not"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        error = np.abs(np.concatenate([run.servos.error[:, joint or 0] for run in runs]))
+        widths = np.unique(np.quantile(error, SHARES))
+        return [(float(width), way) for width in widths if width > 0 for way in (FROM_EDGE, FROM_CENTRE)]
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        drive, at = run.servos, joint or 0
+        error, (width, way) = drive.error[:, at], shape
+        lost = np.where(np.abs(error) < width, error, 0.0 if way == FROM_CENTRE else width * np.sign(error))
+        return np.asarray(drive.servo.stiffness[at] * lost)[:, None]
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(0.5 * shape[0], 2 * shape[0]), (shape[1], shape[1])]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"half_width": estimate.shaped(0, "rad")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"The drive of {who.lower()} does nothing within {said(parameters['half_width'])} of its command: "
+            "a dead band is missing."
+        )

@@ -1,0 +1,52 @@
+"""Commands that act later than they were logged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.states import States
+
+DELAYS = tuple(float(d) for d in np.geomspace(0.003, 0.15, 14))
+"""s that are tried."""
+SHARE = 0.4
+"""Of a row: a delay as short as that is when commands were logged."""
+
+
+class CommandDelay(Effect):
+    """The drives do what they were told ``delay`` s before."""
+
+    name = "time_delay"
+    acts_on = "drive"
+    whole_arm = True
+    form = Form(to_scale=True)
+    acceptance = Acceptance(several_channels=True)
+    confusions = (Confusion("drive_gain", "move at two speeds: a delay grows with the speed, a soft loop with torque"),)
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        return [(d,) for d in DELAYS]
+
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        return abs(shape[0]) > SHARE * runs[0].step
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        drive, when = run.servos, run.time - shape[0]
+        before = np.column_stack([np.interp(when, run.time, one) for one in drive.command.T])
+        return np.asarray(drive.servo.pull * (drive.command - before))[:, :, None]
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(0.001, 0.3)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"delay": estimate.scaled("s")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        delay = parameters["delay"]
+        return (
+            f"Commands act {1000 * delay.value:.1f} ± {1000 * delay.std:.1f} ms later than they were logged: "
+            "a time delay is missing."
+        )

@@ -1,0 +1,117 @@
+"""The law of position servos: the torque that a drive gives for what it was told and how its joint moved.
+
+    torque = pull · command - stiffness · position - damping · velocity, within the drive's limits
+
+A command holds until the next one; over a row of the log it is that of the row's beginning, so a course of commands is
+half a row late beside the positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from cellwatt_plugins.robot.mjcf import compiled, library
+from cellwatt_plugins.robot.motion import Moved
+
+Float = NDArray[np.float64]
+
+
+NEAR = 0.06
+"""s about a torque that is beyond its limits within which it is not compared."""
+
+
+@dataclass(frozen=True)
+class Servo:
+    """Position servos of n joints, (n,) each, at the joint side."""
+
+    pull: Float
+    """Nm a unit of the command."""
+    stiffness: Float
+    """Nm/rad."""
+    damping: Float
+    """Nm s/rad."""
+    low: Float
+    """Nm."""
+    high: Float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The servos along a run: N samples, n joints."""
+
+    servo: Servo
+    command: Float
+    """(N, n), as it acts at the instants of the motion."""
+    moved: Moved
+    """The motion that the encoders tell."""
+    turnovers: Float
+    """(N, n, k): what the sign of the velocity would be if friction turned over in less speed, or in more, less it."""
+    step: float
+    """s between samples."""
+
+    @cached_property
+    def error(self) -> Float:
+        """(N, n) rad by which the joints are off where they were told to be."""
+        servo = self.servo
+        return np.asarray(servo.pull / servo.stiffness * self.command - self.moved.position)
+
+    @cached_property
+    def told(self) -> Float:
+        """(N, n) rad/s at which the place that the joints were told to be moves."""
+        return np.asarray(np.gradient(self.servo.pull / self.servo.stiffness * self.command, self.step, axis=0))
+
+    @cached_property
+    def torque(self) -> Float:
+        """Torque (N, n) Nm that the law asks for, within its limits or not."""
+        return np.asarray(self.servo.stiffness * self.error - self.servo.damping * self.moved.velocity)
+
+    @cached_property
+    def sure(self) -> NDArray[np.bool_]:
+        """(N, n) true where the torque is within the limits, and was and will be: beyond, it may be either."""
+        beyond = (self.torque < self.servo.low) | (self.torque > self.servo.high)
+        return ~maximum_filter1d(beyond, 2 * round(NEAR / self.step) + 1, axis=0)
+
+
+def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
+    """The position servos of ``joints`` in an MJCF, from the base; None where not every joint has one of its own.
+
+    Raises ``ConfigError`` where the file cannot be read.
+    """
+    model = compiled(path)
+    rows = [_one(path, model, name) for name in joints]
+    if any(row is None for row in rows):
+        return None
+    columns = np.array([row for row in rows if row is not None]).T
+    return Servo(*columns)
+
+
+def _one(path: Path, model: Any, name: str) -> tuple[float, float, float, float, float] | None:
+    """Pull, stiffness, damping and limits of a joint's servo."""
+    joint = model.joint(name).id
+    at = actuator_of(model, joint)
+    if at < 0 or model.actuator_biastype[at] != library(path).mjtBias.mjBIAS_AFFINE:
+        return None
+    gear, bias = float(model.actuator_gear[at, 0]), model.actuator_biasprm[at]
+    if not bias[1] < 0:
+        return None
+    low, high = -np.inf, np.inf
+    if model.actuator_forcelimited[at]:
+        low, high = sorted((gear * model.actuator_forcerange[at]).tolist())
+    if model.jnt_actfrclimited[joint]:
+        low, high = max(low, model.jnt_actfrcrange[joint, 0]), min(high, model.jnt_actfrcrange[joint, 1])
+    pull = gear * float(model.actuator_gainprm[at, 0])
+    return pull, -(gear**2) * float(bias[1]), -(gear**2) * float(bias[2]), low, high
+
+
+def actuator_of(model: Any, joint: int) -> int:
+    """The one actuator that acts on a joint alone; -1 where none or several do."""
+    acting = [i for i in range(model.nu) if model.actuator_trntype[i] == 0 and model.actuator_trnid[i, 0] == joint]
+    return acting[0] if len(acting) == 1 else -1

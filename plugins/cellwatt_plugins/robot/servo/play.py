@@ -1,0 +1,65 @@
+"""Play between a drive and its link, as an encoder on the link sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import FAST
+from cellwatt_plugins.robot.regression import Prior
+from cellwatt_plugins.robot.servo.motion import derivatives
+
+WIDTHS = (0.02, 0.06, 0.15, 0.4)
+"""Shares of the load's spread within which the drive crosses the gap."""
+SMALL, LARGE = 1e-3, 0.06
+"""rad of half a gap: less is not seen, more is a broken gear."""
+
+
+class Play(Effect):
+    """The link rests on one flank or the other; where its load turns over, the rotor crosses the gap by itself.
+
+    The encoder is on the link: the rotor is half the gap ahead of it, in the load's direction, and must be accelerated
+    and braked to get there.
+    """
+
+    name = "backlash"
+    acceptance = Acceptance(least_rate=FAST, above=SMALL)
+    confusions = (
+        Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),
+    )
+
+    def possible(self, robot: RobotDescription, joint: int | None) -> bool:
+        return robot.joints[joint or 0].rotor_inertia > 0
+
+    def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
+        return bool(coefficients[0] < LARGE)
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        loads = np.concatenate([run.rigid[:, joint or 0] for run in runs])
+        if np.all(loads > 0) or np.all(loads < 0):
+            return []
+        return [(share * float(np.std(loads)),) for share in WIDTHS]
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        at = joint or 0
+        own = run.robot.joints[at]
+        ahead = np.tanh(run.rigid[:, [at]] / shape[0])
+        speed, gain = derivatives(ahead, run.step)
+        return np.asarray(own.rotor_inertia * gain + own.viscous_friction * speed)
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        return Prior.spread(np.array([0.3 * LARGE]))
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(0.5 * shape[0], 2 * shape[0])]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"gap": Parameter(2 * estimate.coefficients[0], 2 * estimate.coefficient(0, "rad").std, "rad")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return f"{who} has a play of {said(parameters['gap'])} between drive and link: backlash is missing."

@@ -1,0 +1,99 @@
+"""Rows out of the record, against rows made of the same frames at once."""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt.outlets import past
+from cellwatt.outlets.past import read
+from cellwatt.outlets.selection import Picker, Selection
+from tests.daemon.outlets.page.recorded import CELL, Written, frames, recording
+
+STEP = 20_000_000
+SELECTION = Selection(rate=10.0)
+SPAN = 100_000_000
+
+
+@pytest.fixture
+def start() -> int:
+    """A minute ago, where a span begins."""
+    return (time.time_ns() - 60 * 10**9) // SPAN * SPAN
+
+
+def block(start: int, first: int, count: int, names: tuple[str, ...] = ("arm.power",)):
+    numbers = np.arange(first, first + count)
+    return frames(start + numbers * STEP, np.repeat(numbers[:, None], len(names), axis=1), names)
+
+
+def rows_of(*blocks):
+    picker = Picker(SELECTION, blocks[0].layout)
+    return [r for b in blocks for r in picker.rows(b)] + list(picker.rest())
+
+
+def keys(rows):
+    return [(r.time, dict(r.values)) for r in rows]
+
+
+def test_rows_of_several_files_and_sessions_are_those_of_the_frames(tmp_path: Path, start: int) -> None:
+    blocks = [block(start, i, 33) for i in range(1, 331, 33)]
+    for number, several in enumerate((blocks[:4], blocks[4:7]), 1):
+        recording(tmp_path, [several], number, session=start - 10)
+    open_ = Written(tmp_path, 1, session=start - 5).chunk(*blocks[7:])
+    recording(tmp_path, [[block(start, 0, 400)]], cell="another")
+    wanted = [r for r in rows_of(*blocks) if start + SPAN < r.time <= start + 50 * SPAN]
+    part = read(tmp_path, CELL, SELECTION, start + SPAN, start + 50 * SPAN, 1000)
+    assert part.whole and keys(part.rows) == keys(wanted)
+    found, after = [], start + SPAN
+    while not (part := read(tmp_path, CELL, SELECTION, after, start + 50 * SPAN, 7)).whole:
+        assert len(part.rows) == 7
+        found += part.rows
+        after = part.rows[-1].time
+    assert keys(found + part.rows) == keys(wanted)
+    open_.crash()
+
+
+def test_a_span_that_the_record_has_not_reached_is_waited_for(tmp_path: Path) -> None:
+    now = time.time_ns() // SPAN * SPAN
+    written = Written(tmp_path, session=now - 1).chunk(block(now, 1, 12))
+    part = read(tmp_path, CELL, SELECTION, now, now + 5 * SPAN, 100)
+    assert part.waits and not part.whole
+    assert [r.time for r in part.rows] == [now + SPAN, now + 2 * SPAN], "whole rows come meanwhile"
+    written.chunk(block(now, 13, 13))
+    part = read(tmp_path, CELL, SELECTION, now + 2 * SPAN, now + 5 * SPAN, 100)
+    assert part.whole and [r.time for r in part.rows] == [now + n * SPAN for n in (3, 4, 5)]
+    written.crash()
+
+
+def test_what_never_came_is_not_waited_for(tmp_path: Path, start: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording(tmp_path, [[block(start, 1, 12)]], session=start - 1)
+    part = read(tmp_path, CELL, SELECTION, start, start + 10 * SPAN, 100)
+    assert part.whole and [r.time for r in part.rows] == [start + n * SPAN for n in (1, 2, 3)]
+    assert part.rows[-1].values == {"arm.power": 11.5}
+    monkeypatch.setattr(past, "PATIENCE", 3600 * 10**9)
+    assert read(tmp_path, CELL, SELECTION, start, start + 10 * SPAN, 100).waits
+
+
+def test_other_channels_make_other_rows(tmp_path: Path, start: int) -> None:
+    blocks = [block(start, 1, 7), block(start, 8, 20, ("arm.power", "meter.power"))]
+    for number, b in enumerate(blocks, 1):
+        recording(tmp_path, [[b]], number, session=start - 1)
+    part = read(tmp_path, CELL, SELECTION, start, start + 4 * SPAN, 100)
+    assert part.whole
+    assert [list(r.values) for r in part.rows][:2] == [["arm.power"], ["arm.power"]]
+    assert all(list(r.values) == ["arm.power", "meter.power"] for r in part.rows[2:])
+    assert all(a.time <= b.time for a, b in pairwise(part.rows))
+
+
+def test_what_is_damaged_or_gone_is_left_out(tmp_path: Path, start: int) -> None:
+    recording(tmp_path, [[block(start, 1, 10)]], 1, session=start - 1)
+    broken = recording(tmp_path, [[block(start, 11, 10)]], 2, session=start - 1)
+    recording(tmp_path, [[block(start, 21, 30)]], 3, session=start - 1)
+    broken.write_bytes(b"nothing that is a recording")
+    part = read(tmp_path, CELL, SELECTION, start, start + 6 * SPAN, 100)
+    assert part.whole and [r.time for r in part.rows] == [start + n * SPAN for n in (1, 2, 5, 6)]
+    assert read(tmp_path / "none", CELL, SELECTION, start, start + SPAN, 9).whole

@@ -1,0 +1,167 @@
+"""``explain`` from commands and motion, without torque: a planar arm on servos, its dynamics in closed form."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt_plugins.mismatch.command import explain
+from cellwatt_plugins.robot.servo.law import servo_of
+from tests.plugins.robot import planar_arm as arm
+
+mujoco = pytest.importorskip("mujoco")
+
+STEP, ROW = 0.001, 0.01
+COUNT = 1e-4
+"""rad of the encoders."""
+ROTOR, COULOMB, VISCOUS = np.array([0.5, 0.2]), np.array([1.5, 0.8]), np.array([1.0, 0.5])
+KP, KV, FORCE = np.array([900.0, 400.0]), np.array([45.0, 18.0]), 200.0
+SECONDS = 14.0
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What the real arm has otherwise than the file."""
+
+    gain: tuple[float, float] = (1.0, 1.0)
+    dead: tuple[float, float] = (0.0, 0.0)
+    late: int = 0
+    """Rows by which commands act later."""
+    coulomb: tuple[float, float] = (1.0, 1.0)
+
+
+PLANTS = {
+    "null": Plant(gain=(1.01, 0.99)),
+    "gain": Plant(gain=(1.0, 0.7)),
+    "dead": Plant(dead=(0.0, 0.008)),
+    "late": Plant(late=3),
+    "rough": Plant(coulomb=(2.0, 1.0)),
+}
+
+
+def mjcf() -> str:
+    joints = [
+        f'<joint name="{name}" axis="0 1 0" armature="{ROTOR[i]}" frictionloss="{COULOMB[i]}" damping="{VISCOUS[i]}"/>'
+        for i, name in enumerate(("shoulder", "elbow"))
+    ]
+    drives = [
+        f'<position joint="{name}" kp="{KP[i]}" kv="{KV[i]}" forcerange="-{FORCE} {FORCE}"/>'
+        for i, name in enumerate(("shoulder", "elbow"))
+    ]
+    return f"""<mujoco><compiler angle="radian"/><option timestep="0.001"><flag contact="disable"/></option><worldbody>
+<body>{joints[0]}<inertial pos="{arm.C1} 0 0" mass="{arm.M1}" diaginertia="0.2 {arm.I1} 0.2"/>
+<body pos="{arm.L1} 0 0">{joints[1]}<inertial pos="{arm.C2} 0 0" mass="{arm.M2}" diaginertia="0.06 {arm.I2} 0.06"/>
+</body></body></worldbody><actuator>{"".join(drives)}</actuator></mujoco>"""
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """Commands (N, 2) and encoders (N, 2) of each plant: all are integrated side by side."""
+    time = np.arange(0, SECONDS, ROW)
+    told = np.empty((len(time), 2))
+    for j, (slow, quick) in enumerate(((0.19, 0.83), (0.27, 1.1))):
+        held = np.floor(time / 3) % 2  # Every other three seconds are slow.
+        told[:, j] = 0.9 * np.sin(2 * np.pi * slow * time + j) + 0.12 * held * np.sin(2 * np.pi * quick * time)
+    plants = list(PLANTS.values())
+    gain, dead, coulomb = (np.array([getattr(p, n) for p in plants]) for n in ("gain", "dead", "coulomb"))
+    q = np.repeat(told[:1], len(plants), axis=0)
+    qd = np.zeros_like(q)
+    seen = np.empty((len(time), len(plants), 2))
+    for row in range(len(time)):
+        seen[row] = np.round(q / COUNT) * COUNT
+        command = np.array([told[max(0, row - p.late)] for p in plants])
+        for _ in range(round(ROW / STEP)):
+            error = command - q
+            error = np.sign(error) * np.maximum(np.abs(error) - dead, 0)
+            sign = np.tanh(qd / 0.02)
+            push = KP * gain * error - KV * qd - coulomb * COULOMB * sign - VISCOUS * qd
+            push -= arm.coriolis(q, qd) + arm.gravity(q)
+            stiff = coulomb * COULOMB / 0.02 * (1 - sign**2) + KV
+            mass = arm.mass_matrix(q) + (ROTOR + STEP * stiff)[:, :, None] * np.eye(2)
+            qd = qd + STEP * np.linalg.solve(mass, push[:, :, None])[:, :, 0]
+            q = q + STEP * qd
+    return {name: (time, told, seen[:, i]) for i, name in enumerate(PLANTS)}
+
+
+def explained(folder, log, *words):
+    time, told, seen = log
+    columns = {"t": time}
+    for j in range(2):
+        columns |= {f"command_{j + 1}": told[:, j], f"q_{j + 1}": seen[:, j]}
+    pq.write_table(pa.table(columns), folder / "log.parquet")
+    (folder / "arm.xml").write_text(mjcf())
+    given = [str(folder / "log.parquet"), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
+    done = CliRunner().invoke(explain, [*given, "--no-report", "-q", *words], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    found = json.loads((folder / "out" / "findings.json").read_text())
+    return found, {(f["effect"], f["joint"]): f["parameters"] for f in found["findings"]}
+
+
+def test_servos_are_read_with_their_gears(tmp_path):
+    (tmp_path / "arm.xml").write_text(mjcf().replace('kp="400.0"', 'gear="2" kp="400.0"'))
+    servo = servo_of(tmp_path / "arm.xml", ["shoulder", "elbow"])
+    assert servo.stiffness.tolist() == [900.0, 1600.0]
+    assert servo.pull.tolist() == [900.0, 800.0]
+    assert servo.damping.tolist() == [45.0, 72.0]
+    assert servo.high.tolist() == [200.0, 400.0]
+
+
+def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
+    assert explained(tmp_path, logs["null"])[1] == {}
+
+
+def test_a_soft_loop_is_named_and_mended(tmp_path, logs):
+    found, named = explained(tmp_path, logs["gain"], "--mend", str(tmp_path / "arm.xml"))
+    assert named.keys() == {("drive_gain", 2)}
+    assert named["drive_gain", 2]["gain"]["value"] == pytest.approx(-0.3, abs=0.03)
+    before, after = ([e[key] for e in found["mended"]["error"]] for key in ("before", "after"))
+    assert after[1] < 0.2 * before[1]
+    assert after[0] < 1.02 * before[0]
+    kp = mujoco.MjModel.from_xml_path(found["mended"]["path"]).actuator_gainprm[1, 0]
+    assert kp == pytest.approx(0.7 * KP[1], rel=0.03)
+
+
+def test_what_the_file_cannot_hold_is_a_callback_beside_it(tmp_path, logs, monkeypatch):
+    found, named = explained(tmp_path, logs["dead"], "--mend", str(tmp_path / "arm.xml"))
+    assert named.keys() == {("drive_dead_band", 2)}
+    assert named["drive_dead_band", 2]["half_width"]["value"] == pytest.approx(0.008, rel=0.15)
+    (left,) = found["mended"]["left"]
+    assert (left["effect"], left["joint"], left["unit"]) == ("drive_dead_band", 2, "rad")
+    monkeypatch.syspath_prepend(tmp_path / "out")
+    import arm_mended
+
+    time, told, seen = logs["dead"]
+    model = mujoco.MjModel.from_xml_path(found["mended"]["path"])
+
+    def error():
+        data, off = mujoco.MjData(model), []
+        data.qpos[:], data.ctrl[:] = seen[0], told[0]
+        for row in range(len(time) - 1):
+            data.ctrl[:] = told[row]
+            mujoco.mj_step(model, data, 10)
+            off.append(data.qpos - seen[row + 1])
+        return float(np.sqrt(np.mean(np.square(off), axis=0))[1])
+
+    without = error()
+    try:
+        arm_mended.attach(model)
+        assert error() < 0.4 * without
+    finally:
+        mujoco.set_mjcb_passive(None)
+
+
+@pytest.mark.parametrize(
+    ("plant", "place", "number", "value"),
+    [
+        ("late", ("time_delay", None), "delay", 0.03),
+        ("rough", ("coulomb_friction", 1), "force", 1.5),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path, logs, plant, place, number, value):
+    _, named = explained(tmp_path, logs[plant])
+    assert named.keys() == {place}
+    assert named[place][number]["value"] == pytest.approx(value, rel=0.15)
