@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -54,6 +55,7 @@ def write_run(folder: Path, out: Path, epoch: float, since: float, until: float)
     Raises ``RecordingError`` where there are none.
     """
     out.mkdir(parents=True, exist_ok=True)
+    logging.getLogger("cellwatt.record.reader").setLevel(logging.ERROR)  # a file that is being written is no news here
     names = [f"{ARM}.joint_{joint}.{quantity}" for _, quantity in RECORDED for joint in range(1, JOINTS + 1)]
     blocks = [
         np.column_stack([block.time * 1e-9, block.values[:, [block.layout.index(name) for name in names]]])
