@@ -20,6 +20,7 @@ from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in
 from cellwatt_plugins.mismatch.input.sources import simulator_file
 from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.report.terminal import in_words
+from cellwatt_plugins.mismatch.simulators.drives import mend_driven
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 
@@ -102,7 +103,8 @@ def explain(
     try:
         if user is not None:
             with threadpool_limits(1), stage("mending the simulator's file"):
-                mended = mend(found, found.runs, user, out)
+                driven = any(run.drive is not None for run in found.runs)
+                mended = (mend_driven if driven else mend)(found, found.runs, user, out)
     finally:
         if not no_report:
             with stage("writing the report"):
