@@ -54,10 +54,10 @@ class Simulator:
             data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
-        return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity + self._lead[dof] * acceleration))
+        return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity + self.lead[dof] * acceleration))
 
     @property
-    def _lead(self) -> Float:
+    def lead(self) -> Float:
         """s of each degree of freedom by which dry friction turns over before its velocity does: 1/b of its solver."""
         time, damping = self.model.dof_solref.T
         most = self.model.dof_solimp[:, 1]
