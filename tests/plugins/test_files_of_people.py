@@ -14,7 +14,6 @@ import pytest
 
 from cellwatt.config import load
 from cellwatt.errors import CellwattError
-from cellwatt.imports import read_map
 from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
 from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
 from cellwatt_plugins.energy.known import load_known
@@ -45,7 +44,6 @@ CASES: dict[str, tuple[str, Callable[[Path], object], str, str]] = {
     "model": ("model.yaml", load_model, "format: 1\nrobot: {robot: a, urdf: a, joints: [{name: a}]}\neffects: []\nretuned: {}\n", "1:9: format: found 1: this cellwatt reads version 2: run `cellwatt explain` again"),
     "meter": ("meter.yaml", load_meter, "title: a\nvalues: 5\n", "2:9: values: found 5, expected settings (key: value)"),
     "sensor": ("sensor.yaml", load_sensor, "streams: 5\n", "1:10: streams: found 5, expected "),
-    "columns": ("map.yaml", lambda path: read_map(str(path)), "title: a\nlayuot: table\n", "2:1: layuot: unknown key 'layuot'; did you mean 'layout'"),
 }  # fmt: skip
 
 

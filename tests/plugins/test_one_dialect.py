@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from cellwatt.emulation import load_signals
-from cellwatt.imports.column_map import Column, ColumnMap, Source
-from cellwatt.imports.parts import read_parts
 from cellwatt.tables import names, read_table
 from cellwatt_plugins.energy.recordings import read_motion, read_reading
 from cellwatt_plugins.faults.recordings import frames_of_files
@@ -109,14 +107,10 @@ def test_train_static_and_collect_read_the_same(path: Path) -> None:
     np.testing.assert_allclose(read_plan(path), Q, atol=1e-9)
 
 
-def test_emulate_and_import_take_the_columns_by_their_own_names(path: Path) -> None:
+def test_emulate_takes_the_columns_by_their_own_names(path: Path) -> None:
     signals = load_signals(path)
     np.testing.assert_allclose(signals.columns["Q 2 (mrad)"], 1e3 * Q[:, 1])
     np.testing.assert_allclose(signals.time, TIME)
-    source = Source(time="Time [ms]", seconds=1e-3, channels={"supply.power": Column(column="pose", unit="W")})
-    wanted = ColumnMap(title="x", licence="x", documented="x", sources={"arm": source})
-    (part,) = read_parts(path, wanted)
-    np.testing.assert_allclose(part.sources["arm"].time, TIME)
 
 
 def test_the_page_lists_every_name() -> None:

@@ -13,11 +13,10 @@ import numpy as np
 from cellwatt.channel import Channel
 from cellwatt.errors import RecordingError
 from cellwatt.files import Places, paths_of
-from cellwatt.imports import Part, write_recording
-from cellwatt.imports.parts import Samples
 from cellwatt.logs.choice import chosen
 from cellwatt.logs.log import UNITS, Log
 from cellwatt.logs.opening import is_log, read_log
+from cellwatt.logs.writing import Part, Samples, write_recording
 from cellwatt.record import Recording
 
 SOURCE = "log"

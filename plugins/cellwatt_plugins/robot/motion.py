@@ -134,7 +134,7 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
     (Wiener's filter).
     """
     error = position - plan.position
-    noise = encoder_noise(error)
+    noise = encoder_noise(position, plan.position)
     kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
     position, velocity = plan.position + kept.position, plan.velocity + kept.velocity
     acceleration = plan.acceleration + kept.acceleration
@@ -196,10 +196,17 @@ def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
     return mean, square
 
 
-def encoder_noise(position: Float) -> Float:
-    """Return the white noise (n,) of positions (N, n); at least a rounding error, where most of them repeat."""
-    rms = np.sqrt(np.mean(np.square(np.diff(position, n=3, axis=0)), axis=0)) / np.sqrt(20.0)
-    middle = white_noise(position)
+def encoder_noise(position: Float, plan: Float | float = 0.0) -> Float:
+    """Return the white noise (n,) of positions (N, n) about a ``plan``; at least a rounding error.
+
+    A joint at rest repeats its position where its encoder is coarse: that is no sample of the noise in motion.
+    """
+    course = position - plan
+    rms = np.sqrt(np.mean(np.square(np.diff(course, n=3, axis=0)), axis=0)) / np.sqrt(20.0)
+    same = np.diff(position, axis=0) == 0
+    known = course.copy()
+    known[1:-1][same[1:] & same[:-1]] = np.nan
+    middle = white_noise(known)
     return np.asarray(np.maximum(np.where(middle > 0, middle, rms), 1e-9))
 
 

@@ -11,8 +11,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cellwatt.errors import RecordingError
-from cellwatt.imports.column_map import Column, ColumnMap, Source
-from cellwatt.imports.parts import read_parts
 from cellwatt.tables import read_table
 
 
@@ -110,11 +108,3 @@ def test_rows_without_a_time_are_left_out_and_counted(tmp_path: Path, caplog: py
     assert table.rising_time().tolist() == [0, 1]
     assert table.row(1) == 4
     assert "2 of 4 rows have no time and are left out, first row 3" in caplog.text
-
-
-def test_import_says_why_a_column_cannot_be_read(tmp_path: Path) -> None:
-    source = Source(time="t", channels={"joint_{}.position": Column(column="q_{}", unit="rad")})
-    wanted = ColumnMap(title="x", licence="x", documented="x", joints=1, sources={"arm": source})
-    path = read(tmp_path, "t;q_1\n0;1\n1;ERR\n").path
-    with pytest.raises(RecordingError, match="column q_1 holds text, first 'ERR' in row 3, column B"):
-        list(read_parts(path, wanted))

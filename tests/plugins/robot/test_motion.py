@@ -8,6 +8,7 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import (
     Plan,
     _by_nodes,
+    about_plan,
     differentiate,
     encoder_noise,
     exact,
@@ -102,6 +103,16 @@ def test_encoder_noise_of_a_coarse_encoder_is_its_rounding():
     step = 1e-3
     rounded = step * np.round(np.sin(t)[:, None] / step)
     assert encoder_noise(rounded)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
+
+
+def test_rests_are_no_sample_of_a_coarse_encoders_noise():
+    """Of a plan that rests for six tenths of the time; positions as files hold them, in single precision."""
+    t = np.arange(5000) * STEP
+    step, plan = 1e-4, np.sin(np.clip(t, 0.4 * t[-1], 0.8 * t[-1]))[:, None]
+    rounded = (step * np.round(plan / step)).astype(np.float32).astype(float)
+    assert encoder_noise(rounded, plan)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
+    moved = about_plan(rounded, Plan(plan, *differentiate(plan, STEP)), STEP)
+    assert np.abs(moved.acceleration - differentiate(plan, STEP)[1]).max() < 0.05
 
 
 def test_rates_are_the_derivatives_of_what_is_slow_enough():

@@ -95,7 +95,7 @@ class Effect(ABC):
     @property
     def by_motion_alone(self) -> bool:
         """True if its columns and shapes stay as they are whatever is fitted."""
-        return self.acts_on != "reading" and self.depends_on == "motion"
+        return self.depends_on == "motion"
 
     @property
     def mechanical(self) -> bool:

@@ -27,6 +27,7 @@ class TimeDelay(Effect):
 
     name = "time_delay"
     acts_on = "reading"
+    depends_on = "fitted torque"
     whole_arm = True
     form = Form(to_scale=True)
     acceptance = Acceptance(least_rate=FAST, several_channels=True)

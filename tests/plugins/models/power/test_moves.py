@@ -9,7 +9,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt.imports import read_map, read_parts, write_recording
 from cellwatt_plugins.models.power.moves import read_moves
 
 
@@ -116,18 +115,3 @@ def test_some_moves_only(tmp_path):
     moves = read_moves([path], 2).only([0, 2])
     assert moves.count == 2
     assert np.array_equal(moves.time[20:], columns(60)["t"][40:])
-
-
-def test_imported_recordings_are_moves(tmp_path):
-    """Two repetitions of a published format become two moves, with every sample."""
-    time = np.tile(np.arange(100) / 100, 2)
-    columns = {"time": time, "sample": np.repeat([7, 9], 100), "robot_voltage": np.full(200, 48.0)}
-    columns["robot_current"] = 2 + time
-    for i in range(1, 7):
-        columns |= {f"joint_position_{i}": i + 0.1 * time, f"joint_velocity_{i}": np.full(200, 0.1)}
-    pq.write_table(pa.table(columns), tmp_path / "data.parquet")
-    write_recording(tmp_path / "out", read_parts(tmp_path / "data.parquet", read_map("voraus-ad")), "voraus", 100.0)
-    moves = read_moves([tmp_path / "out"], 6)
-    assert (moves.count, len(moves)) == (2, 200)
-    assert moves.q[:100, 1] == pytest.approx(2 + 0.1 * time[:100], abs=1e-6)
-    assert moves.power[10:90] == pytest.approx(48 * (2 + time[10:90]), rel=1e-3)

@@ -3,28 +3,45 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt.align import Aligner
 from cellwatt.batch import Batch, Tick
-from cellwatt.channel import Quality, Stream
+from cellwatt.channel import Channel, Quality, Stream
 from cellwatt.errors import RecordingError
-from cellwatt.imports.parts import Part, Samples
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt.turns import counted_on
 
 START = 1_000_000_000_000_000_000
-"""UTC ns that the first part begins at: the publishers do not say when they recorded."""
+"""UTC ns that the first part begins at where nobody says when it was recorded."""
 PAUSE = 5_000_000_000
 """ns between parts: long enough for the frames in between to be missing."""
 WAIT = 600.0
 """s that the disk may take for a part."""
 BLOCK = 0.1
 """s of samples handed on at a time, as a device would: sources that are slower are awaited."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of one source in one part: time (N,) s, values (N, channels)."""
+
+    time: NDArray[np.float64]
+    channels: tuple[Channel, ...]
+    values: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One log: samples by source."""
+
+    name: str
+    sources: Mapping[str, Samples]
 
 
 def write_recording(
