@@ -54,14 +54,15 @@ class Simulator:
             data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
-        return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity + self.lead[dof] * acceleration))
+        return np.asarray(out + self.model.dof_frictionloss[dof] * self.friction_sign(velocity, acceleration))
 
-    @property
-    def lead(self) -> Float:
-        """s of each degree of freedom by which dry friction turns over before its velocity does: 1/b of its solver."""
-        time, damping = self.model.dof_solref.T
-        most = self.model.dof_solimp[:, 1]
-        return np.asarray(np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9)))
+    def friction_sign(self, velocity: Float, acceleration: Float) -> Float:
+        """Sign (N, n) of dry friction: 1/b of the friction's solver ahead of the velocity's."""
+        dof = self.places[1]
+        time, damping = self.model.dof_solref[dof].T
+        most = self.model.dof_solimp[dof, 1]
+        lead = np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9))
+        return direction(velocity + lead * acceleration)
 
     def unit(self, joint: int, unit: str) -> str:
         """Unit at a ``joint`` (0-based) of what has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""
