@@ -1,6 +1,6 @@
 """All doors of one cell attacked at once, on loopback: what that costs the record, and what the daemon says of it.
 
-    python bench/doors.py [--seconds 300] [--json] [--only idle slow garbage guesses flood opc_ua zenoh reloads]
+    python bench/doors.py [--seconds 300] [--log FILE] [--only idle slow garbage guesses flood opc_ua zenoh reloads]
 
 A daemon with an emulated arm (500 Hz) and power board serves the page (users), metrics (token), OPC UA (users), Zenoh,
 and the Foxglove app beside it. Each attack goes on against every door that it fits:
@@ -42,6 +42,7 @@ from cellwatt.emulation import EmulatorProcess
 from cellwatt.outlets.page.passwords import hash_of
 from cellwatt.outlets.zenoh.keys import QUESTIONS
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.record import Recording
 from cellwatt.subscriber import Health, Subscriber
 
 ATTACKS = ("idle", "slow", "garbage", "guesses", "flood", "opc_ua", "zenoh", "reloads")
@@ -299,10 +300,9 @@ def delivers(status: dict[str, Any]) -> bool:
     return up and all(outlet["state"] == "ok" for outlet in outlets)
 
 
-async def run(seconds: float, chosen: tuple[str, ...]) -> dict[str, Any]:
+async def run(seconds: float, chosen: tuple[str, ...], keep: Path | None = None) -> dict[str, Any]:
     """Figures of an attack that goes on for so long."""
     counts: Counter[str] = Counter()
-    alarms: set[str] = set()
     async with contextlib.AsyncExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         arm = await stack.enter_async_context(EmulatorProcess("ur", "--listen", "127.0.0.1:0"))
@@ -324,7 +324,6 @@ async def run(seconds: float, chosen: tuple[str, ...]) -> dict[str, Any]:
                 continue
             attack, doors, number = FITS[name]
             tasks += [asyncio.create_task(again(attack, cell, d, counts)) for d in doors for _ in range(number)]
-        watching = asyncio.create_task(_watch(cell, alarms))
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             await asyncio.sleep(1.0)
@@ -335,15 +334,24 @@ async def run(seconds: float, chosen: tuple[str, ...]) -> dict[str, Any]:
         await asyncio.gather(*tasks, return_exceptions=True)
         await asyncio.sleep(SETTLE)
         after = await health_of(cell, lambda _: True)
-        watching.cancel()
-        await asyncio.gather(watching, return_exceptions=True)
-        log = cell.log.read_text(errors="replace")
-        await asyncio.sleep(0)
-        figures = _figures(before, after)
+        log, recorded = await asyncio.to_thread(_kept, cell, folder, keep)
     return {
-        "seconds": seconds, **figures, "alarms": sorted(alarms), "log_bytes": len(log),
+        "seconds": seconds, **_figures(before, after), **recorded, "log_bytes": len(log),
         "log_lines": log.count("\n"), "tells": dict(most), "attackers": dict(sorted(counts.items())),
     }  # fmt: skip
+
+
+def _kept(cell: Cell, folder: Path, keep: Path | None) -> tuple[str, dict[str, Any]]:
+    """The log, and what the record has: samples that are missing in it, its damage and its alarms."""
+    log = cell.log.read_text(errors="replace")
+    if keep is not None:
+        keep.write_text(log)
+    record = Recording.open(folder / "record")
+    streams = [(source, stream.name) for source, streams in record.streams.items() for stream in streams]
+    numbers = {source: record.batches(source, stream).sequence for source, stream in streams}
+    gaps = {source: int(found[-1] - found[0] + 1 - len(found)) for source, found in numbers.items() if len(found)}
+    alarms = sorted({alarm.id for alarm in record.alarms() if alarm.active})
+    return log, {"missing_in_record": gaps, "damage": [str(d) for d in record.damage], "alarms": alarms}
 
 
 async def _until_open(cell: Cell) -> None:
@@ -355,14 +363,6 @@ async def _until_open(cell: Cell) -> None:
             return
         await asyncio.sleep(0.2)
     raise AssertionError(f"the daemon does not listen: {cell.log.read_text()[-2000:]}")
-
-
-async def _watch(cell: Cell, alarms: set[str]) -> None:
-    link = LinkSettings(mode="client", connect=(f"tcp/{cell.doors['zenoh']}",))
-    async with Subscriber("bench", "doors", link, want=("alarm",)) as subscriber:
-        async for message in subscriber:
-            if getattr(message.content, "active", False):
-                alarms.add(str(message.content.id))
 
 
 def _figures(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
@@ -386,8 +386,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=300.0)
     parser.add_argument("--only", nargs="*", choices=ATTACKS, default=ATTACKS)
+    parser.add_argument("--log", type=Path, help="keep the daemon's log here")
     asked = parser.parse_args()
-    print(json.dumps(asyncio.run(run(asked.seconds, tuple(asked.only))), indent=2))
+    print(json.dumps(asyncio.run(run(asked.seconds, tuple(asked.only), asked.log)), indent=2))
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ def free_port() -> int:
 
 def certificates(folder: Path) -> dict[str, str]:
     """Settings ``tls`` of a link, with certificates that are made for this run."""
-    from cellwatt.secure.certificates import issue, new_authority
+    from cellwatt.certificates import issue, new_authority
 
     now = datetime.now(UTC)
     authority = new_authority(SITE, now)

@@ -56,7 +56,8 @@ def linear(samples: Samples, columns: Columns, grid: Nanoseconds, limits: Limits
     span = before + after
     weight = before / np.maximum(span, 1)
     low = values[left][:, columns]
-    result = low + weight[:, None] * (values[right][:, columns] - low)
+    with np.errstate(invalid="ignore", over="ignore"):  # a device may send infinities
+        result = low + weight[:, None] * (values[right][:, columns] - low)
     worst = _graded(np.maximum(quality[left], quality[right]), span, inside, limits)
     return Aligned(result, worst, np.maximum(bound[left], bound[right]) + np.minimum(before, after))
 

@@ -12,12 +12,12 @@ import click
 from cellwatt.channel import Stream
 from cellwatt.commands import EXIT_USAGE
 from cellwatt.commands.ranges import span
-from cellwatt.commands.tables import show_table
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.record.room import Room, room
 from cellwatt.runtime.assemble import Prepared, prepare
+from cellwatt.terminal import show_table
 
 
 @click.command(short_help="Check settings files; connects to nothing.")

@@ -15,12 +15,12 @@ from cellwatt.commands import EXIT_FAILED
 from cellwatt.commands.check import warn
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.commands.ranges import summary
-from cellwatt.commands.tables import show_table
 from cellwatt.commands.units import with_units
 from cellwatt.config import load
 from cellwatt.report.page import PAGE
 from cellwatt.runtime.examine import Examination, examine
 from cellwatt.runtime.examine_meters import examine_meters
+from cellwatt.terminal import show_table
 
 COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 

@@ -12,11 +12,11 @@ import click
 
 from cellwatt.channel import Channel, Stream
 from cellwatt.commands import EXIT_USAGE, completion
-from cellwatt.commands.tables import show_table
 from cellwatt.config.installed import Part, installed
 from cellwatt.config.reference import Field, markdown, reference
 from cellwatt.config.wording import did_you_mean
 from cellwatt.runtime.assemble import typical_streams
+from cellwatt.terminal import show_table
 
 
 @click.command(short_help="List what is installed, and every key of one.")

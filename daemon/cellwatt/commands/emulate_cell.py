@@ -13,7 +13,6 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.tables import show_table
 from cellwatt.config import CellConfig, load
 from cellwatt.config.document import read
 from cellwatt.config.edit import edited
@@ -22,6 +21,7 @@ from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places
 from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import addressed
 from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.terminal import show_table
 
 
 def emulate_cell(

@@ -16,12 +16,13 @@ from cellwatt.batch import Batch
 from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.commands.units import recorded_units, with_units
+from cellwatt.commands.units import with_units
 from cellwatt.errors import RecordingError
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
 from cellwatt.record.scan import Damage
 from cellwatt.record.tables import Table, write_lines
+from cellwatt.record.units import recorded_units
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
 

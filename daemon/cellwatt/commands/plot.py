@@ -10,9 +10,10 @@ import click
 from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FINITE
 from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.units import recorded_units, with_units
+from cellwatt.commands.units import with_units
 from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import stage
+from cellwatt.record.units import recorded_units
 
 
 @click.command(short_help="Draw a recording as an HTML page.")

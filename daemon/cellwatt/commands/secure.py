@@ -12,8 +12,8 @@ from pathlib import Path
 import click
 
 from cellwatt.commands import EXIT_FAILED
-from cellwatt.commands.tables import show_table
 from cellwatt.errors import ConfigError
+from cellwatt.terminal import show_table
 
 try:
     from cellwatt.secure.folder import Folder, Member, Role

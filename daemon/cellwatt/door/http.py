@@ -7,7 +7,8 @@ import logging
 import ssl
 from typing import Final
 
-from aiohttp import web
+from aiohttp import ClientPayloadError, web
+from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler, Middleware
 
 from cellwatt.door.port import Limits, Port
@@ -29,10 +30,13 @@ class HttpDoor:
 
     def __init__(self, app: web.Application, settings: Listening, limits: Limits = Limits()) -> None:
         self._settings = settings
+        self._log = logging.Logger(__name__)
+        self._log.parent = logging.getLogger(__name__)
+        self._log.addFilter(self._ours)
         self._runner = web.AppRunner(
             app,
             access_log=None,
-            logger=logging.getLogger(__name__),
+            logger=self._log,
             keepalive_timeout=limits.idle,
             shutdown_timeout=_STOP,
             lingering_time=_LINGERS,
@@ -60,6 +64,13 @@ class HttpDoor:
         await self._port.close()
         await self._runner.cleanup()
 
+    def _ours(self, record: logging.LogRecord) -> bool:
+        """Keep what is no HTTP out of the log; it is counted."""
+        error = record.exc_info[1] if record.exc_info else None
+        foreign = isinstance(error, HttpProcessingError | ConnectionError)
+        self.counts["requests malformed"] += foreign
+        return not foreign
+
     def _protocol(self) -> asyncio.Protocol:
         server = self._runner.server
         assert server is not None
@@ -73,6 +84,8 @@ class HttpDoor:
                     try:
                         async with asyncio.timeout(BODY):
                             await request.read()
+                    except (ConnectionError, ClientPayloadError) as error:
+                        raise web.HTTPBadRequest(text="the body of the request broke off") from error
                     except TimeoutError:
                         raise web.HTTPRequestTimeout(text="the body of the request did not come in time") from None
                 return await handler(request)

@@ -12,6 +12,7 @@ from pydantic import ConfigDict, ValidationError, field_validator
 from pydantic import model_validator as model_check
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from cellwatt.door import validity
 from cellwatt.errors import OutletError
 from cellwatt.files import WRITTEN, open_file
 from cellwatt.host import check_host, stays_here
@@ -97,15 +98,7 @@ class Listening(OutletSettings):
                     yield f"{option}: {path} cannot be read: {error.strerror}"
 
     def _expiring(self) -> Iterator[str]:
-        if self.certificate is None:
-            return
-        from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
-        from cellwatt.secure import validity
-
-        tls = TlsSettings(root_ca=self.certificate, certificate=self.certificate, key=self.key)
-        for text in validity.warnings(LinkSettings.model_construct(tls=tls)):
-            if not text.startswith("tls.root_ca"):
-                yield text.removeprefix("tls.")
+        yield from validity.warnings(self.certificate, self.key)
 
 
 def tls_context(settings: Listening) -> ssl.SSLContext | None:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from cellwatt.commands.tables import show_table
 from cellwatt.config import SourceConfig
 from cellwatt.config.installed import installed
 from cellwatt.config.reference import Field, reference
@@ -19,6 +18,7 @@ from cellwatt.first_cell.plan import SourcePlan, address_settings, check_name, i
 from cellwatt.first_cell.write import arms_of, source_config
 from cellwatt.registry import driver as find_driver
 from cellwatt.runtime.assemble import streams_of
+from cellwatt.terminal import show_table
 
 _UNNAMED = "device"
 

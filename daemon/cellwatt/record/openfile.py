@@ -70,8 +70,10 @@ def check_place(descriptor: int, path: Path) -> None:
     mine = os.fstat(descriptor)
     try:
         there = path.stat()
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         there = None
+    except OSError:
+        return  # nobody may look any more: that says nothing about the file
     if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
         how = "moved away, or something is mounted over its folder," if mine.st_nlink else "removed"
         raise DisplacedError(f"{path.name} was {how} while it was written")

@@ -169,8 +169,9 @@ class ItemReader:
         self.ring.quiet(self.reader)
 
     def items(self) -> Iterator[Item | Skipped]:
-        """Read all present items in order."""
-        while True:
+        """Read all present items in order; those that come meanwhile are for the next call, so that it has an end."""
+        end = self.ring.head
+        while self.position < end:
             record, following = self.ring.read(self.position)
             missed = following - self.position
             self.position = following

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import logging
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -31,6 +32,10 @@ log = logging.getLogger(__name__)
 
 LARGEST: Final = 4_000_000_000
 """Bytes of a Parquet file in memory; one of some kB may unpack to any number."""
+LARGEST_TEXT: Final = 1_000_000_000
+"""Bytes of text of a Parquet file in memory."""
+MOST_COLUMNS: Final = 5_000
+"""Columns of a table; some kB may claim any number."""
 _LONGEST: Final = 40
 """Characters of a cell that a message repeats."""
 
@@ -91,7 +96,35 @@ def _parquet(path: Path) -> pa.Table:
     packed = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
     if max(8 * about.num_rows * about.num_columns, packed) > LARGEST:
         raise UnfitFileError(f"would take more than {LARGEST:,} bytes of memory")
-    return pq.read_table(path)
+    _check_columns(about.num_columns)
+    columns = [about.schema.column(i) for i in range(about.num_columns)]
+    # As a dictionary a text is in memory once, as in the file; only then is it known how often it comes.
+    texts = [c.path for c in columns if c.physical_type == "BYTE_ARRAY" and not c.max_repetition_level]
+    return _without_dictionaries(pq.read_table(path, read_dictionary=texts))
+
+
+def _check_columns(number: int) -> None:
+    if number > MOST_COLUMNS:
+        raise UnfitFileError(f"has {number:,} columns; {MOST_COLUMNS:,} are the most")
+
+
+def _without_dictionaries(table: pa.Table) -> pa.Table:
+    """A table whose texts stand in each row. Raises ``UnfitFileError`` where they would fill the memory."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    size = 0
+    for place, column in enumerate(table.columns):
+        if not pa.types.is_dictionary(column.type):
+            continue
+        for chunk in column.chunks:
+            lengths = pc.binary_length(chunk.dictionary).take(chunk.indices)
+            size += pc.sum(lengths).as_py() or 0
+        if size > LARGEST_TEXT:
+            raise UnfitFileError(f"has more than {LARGEST_TEXT:,} bytes of text")
+        field = table.schema.field(place).with_type(column.type.value_type)
+        table = table.set_column(place, field, column.cast(field.type))
+    return table
 
 
 def _csv(path: Path) -> Table:
@@ -100,6 +133,7 @@ def _csv(path: Path) -> Table:
     import pyarrow.csv
 
     rows = rows_of(text_of(read_bytes(path, COMPUTED)))
+    _check_columns(len(rows.names))
     units, records, numbers = _units(rows)
     if not records:
         raise RecordingError(f"{path}: has no rows")
@@ -202,9 +236,10 @@ def _arrow(path: Path, table: pa.Table) -> Table:
         raise RecordingError(f"{path}: has no rows")
     columns: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
+    times = Counter(names)
     for name, column in zip(names, table.columns, strict=True):
-        if names.count(name) > 1:
-            unfit[name] = f"is there {names.count(name)} times: keep one"
+        if times[name] > 1:
+            unfit[name] = f"is there {times[name]} times: keep one"
         elif (numbers := _numbers(column)) is not None:
             columns[name] = numbers
         elif name:

@@ -111,6 +111,16 @@ async def test_the_body_of_a_request_has_a_deadline(monkeypatch: pytest.MonkeyPa
         assert (await asyncio.wait_for(reader.read(), 5)).startswith(b"HTTP/1.1 408")
 
 
+async def test_what_is_no_http_is_not_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async with serving(LONG) as (door, peer):
+        for said in (b"GET / HTTP/9.9\r\n\r\n", b"\x16\x03\x01 nonsense\r\n\r\n", b"X" * 20_000):
+            reader, writer = await peer.connect()
+            writer.write(said)
+            assert (await asyncio.wait_for(reader.readline(), 5)).startswith(b"HTTP/1.0 400")
+        assert door.counts["requests malformed"] >= 1
+        assert not [record for record in caplog.records if record.name != "asyncio"]
+
+
 async def test_a_want_of_descriptors_costs_a_pause_and_a_line(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -9,10 +9,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from cellwatt import ConfigError
+from cellwatt import ConfigError, certificates
+from cellwatt.certificates import MEMBER_DAYS, read
 from cellwatt.commands.secure import command
-from cellwatt.secure import certificates
-from cellwatt.secure.certificates import MEMBER_DAYS, read
 from cellwatt.secure.folder import Folder, Member
 
 

@@ -241,3 +241,24 @@ def test_columns_of_simulators_are_read_under_their_own_names(tmp_path, header, 
     table = read_table(tmp_path / "log.csv")
     for i, quantity in enumerate(quantities):
         np.testing.assert_array_equal(table.joints(quantity), values[:, 1 + 2 * i : 3 + 2 * i])
+
+
+def test_a_small_file_that_unpacks_to_gigabytes_is_refused(tmp_path):
+    """A text of 100 kB that each of 100,000 rows names, and columns without end."""
+    texts = pa.DictionaryArray.from_arrays(pa.array(np.zeros(100_000, np.int32)), pa.array(["x" * 100_000]))
+    pq.write_table(pa.table({"t": np.arange(100_000.0), "note": texts}), tmp_path / "texts.parquet", store_schema=False)
+    assert (tmp_path / "texts.parquet").stat().st_size < 1_000_000
+    with pytest.raises(RecordingError, match="has more than 1,000,000,000 bytes of text"):
+        read_table(tmp_path / "texts.parquet")
+    (tmp_path / "wide.csv").write_text(",".join(f"c{i}" for i in range(5001)) + "\n" + "1," * 5000 + "1\n")
+    with pytest.raises(RecordingError, match="has 5,001 columns; 5,000 are the most"):
+        read_table(tmp_path / "wide.csv")
+
+
+def test_texts_of_a_file_stay_what_they_are(tmp_path):
+    field = pa.field("note", pa.string(), metadata={"unit": "mm"})
+    schema = pa.schema([pa.field("t", pa.float64()), field])
+    pq.write_table(pa.table({"t": [1.0, 2.0], "note": ["wet", "dry"]}, schema=schema), tmp_path / "a.parquet")
+    found = read_table(tmp_path / "a.parquet")
+    assert "wet" in found.unfit["note"]
+    assert found.units["note"] == "mm"

@@ -40,7 +40,10 @@ class PageSettings(Listening):
     listen: str = LOCAL
     """Address and port at which the page is served; beyond this PC only with a certificate and users."""
     names: tuple[str, ...] = ()
-    """Host names by which browsers reach the page, beside those of the certificate, of this PC, and addresses."""
+    """Host names by which browsers reach the page, beside those of the certificate, of this PC, and addresses.
+
+    With names but without users nobody may act, as a proxy on this PC may bring strangers.
+    """
     certificate: Path | None = None
     """Certificate (PEM) with which the page is served as https, with the authorities between, if there are any."""
     users: Mapping[str, UserSettings] = Field(default_factory=dict)
@@ -86,10 +89,15 @@ class PageSettings(Listening):
         """See ``Listening.advice``."""
         return "use 127.0.0.1, or give certificate, key and users, or set open: true"
 
+    def warnings(self) -> tuple[str, ...]:
+        """See ``Listening.warnings``; also a page of this PC that a proxy may bring to others."""
+        proxied = "names: whoever reaches the page by them, through a proxy on this PC, sees the cell without a login"
+        return (*super().warnings(), *([proxied] if self.local and self.names and not self.users else []))
+
     def may_act(self, name: str | None) -> bool:
         """True if a user, or ``None`` for whoever comes where there are no users, may change anything."""
         if not self.users:
-            return self.local
+            return self.local and not self.names
         return name is not None and name in self.users and self.users[name].may == "act"
 
     def told(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, PositiveInt, ValidationError, model_
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.batch import Batch
+from cellwatt.door import validity
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.zenoh.answers import Answers
@@ -71,10 +72,9 @@ class ZenohSettings(LinkSettings):
 
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
-        from cellwatt.secure import validity
-
         ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
-        return (*ways, *unreadable(self), *unusable(self.sign), *validity.warnings(self))
+        told = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
+        return (*ways, *unreadable(self), *unusable(self.sign), *(f"tls.{text}" for text in told))
 
 
 def _refusal(opening: Opening) -> InitErrorDetails:

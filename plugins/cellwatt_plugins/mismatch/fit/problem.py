@@ -124,7 +124,7 @@ class Problem:
 
     def columns(self, term: Term) -> list[Float]:
         """Columns of a term in each run; simulated once where they depend on the motion alone."""
-        if term.effect.acts_on in ("reading", "supply") or term.effect.depends_on == "load":
+        if term.effect.acts_on == "supply" or term.effect.depends_on in ("load", "fitted torque"):
             return [term.effect.columns(s, term.joint, term.shape) for s in self.states]
         key = (*term.place, term.shape)
         if key not in self.simulated:

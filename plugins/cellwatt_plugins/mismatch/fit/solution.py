@@ -35,11 +35,8 @@ class Thresholds:
     """Mean square residual, in units of the noise."""
     better: float = 0.4
     """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
-    far: float = 4.0
-    """Mean square residual, in units of the noise, from which most of what is left at a channel has no name: what is no
-    usual thing must then take off ``share_far``, or be ``certain``."""
-    share_far: float = 0.35
     certain: float = 8.0
+    """Standard errors from which an unusual term stays that takes less off than it leaves beyond the noise."""
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""
     rise: float = 0.02

@@ -14,6 +14,8 @@ from cellwatt_plugins.mismatch.simulators.markup import Element, Markup
 
 DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 ASSETS = {"mesh": "meshdir", "texture": "texturedir", "hfield": "assetdir", "skin": "assetdir"}
+MOST = 200
+"""Files that one includes, and those include in turn."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class Files:
         except (OSError, UnicodeDecodeError, expat.ExpatError) as error:
             raise ConfigError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
         self.every.append(one)
+        if len(self.every) > MOST:
+            raise ConfigError(f"{self.path}: includes more than {MOST} files: does one include itself?")
         for include in one.markup.root.iter("include"):
             self._read(self._place(include.attributes.get("file", "")))
 

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from cellwatt.certificates import issue, new_authority
 from cellwatt.errors import OutletError
-from cellwatt.secure.certificates import issue, new_authority
 from tests.daemon.outlets.mqtt.broker import PROGRAM, Broker, ears, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import ROOT, Cell, outlet_of, serving
 

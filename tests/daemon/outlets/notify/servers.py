@@ -19,7 +19,7 @@ from typing import Any
 from aiohttp import web
 from aiosmtpd.smtp import SMTP, AuthResult, Envelope, LoginPassword, Session
 
-from cellwatt.secure.certificates import Pair, issue, new_authority
+from cellwatt.certificates import Pair, issue, new_authority
 
 Answer = Callable[[web.Request], Awaitable[web.StreamResponse]]
 

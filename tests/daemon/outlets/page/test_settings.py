@@ -140,3 +140,11 @@ def test_what_is_no_hash_is_refused(text: str) -> None:
 def test_no_password_is_no_password(password: str) -> None:
     with pytest.raises(ValueError, match="1 to 1024 characters"):
         hash_of(password)
+
+
+def test_who_comes_through_a_proxy_without_a_login_may_look() -> None:
+    settings = PageSettings(names=("weld-3.plant",))
+    assert not settings.may_act(None)
+    (told,) = settings.warnings()
+    assert "sees the cell without a login" in told
+    assert PageSettings(names=("weld-3.plant",), users=USERS).warnings() == ()

@@ -18,10 +18,10 @@ import zenoh
 from click.testing import CliRunner
 
 from cellwatt import OutletError
+from cellwatt.certificates import Pair, issue, new_authority
 from cellwatt.commands.secure import command
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session
-from cellwatt.secure.certificates import Pair, issue, new_authority
 from cellwatt.subscriber import Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.processes import ROOT, free_port

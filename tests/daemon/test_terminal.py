@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from cellwatt.commands import tables
+from cellwatt import terminal
 
 HEADER = ("source", "device", "stream", "declared", "measured", "jitter p99", "clock ±", "lost", "verdict")
 ROW = ("arm", "Universal Robots UR10e 5.11", "rtde", "500 Hz", "499.9 Hz", "0.12 ms", "0.25 ms", "0", "ok")
 
 
 def test_a_row_becomes_a_paragraph_that_breaks_between_values() -> None:
-    assert tables.stacked(HEADER, [ROW, ("board", "–", "–", "", "", "", "", "", "failed")], 44) == (
+    assert terminal.stacked(HEADER, [ROW, ("board", "–", "–", "", "", "", "", "", "failed")], 44) == (
         "arm\n"
         "  device Universal Robots UR10e 5.11,\n"
         "  stream rtde, declared 500 Hz,\n"
@@ -27,7 +27,7 @@ def test_no_word_is_torn_and_no_line_is_too_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    tables._draw(HEADER, [ROW], "")
+    terminal._draw(HEADER, [ROW], "")
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= width
     for word in " ".join(ROW).split():

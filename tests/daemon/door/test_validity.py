@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cellwatt.certificates import Pair, issue, new_authority
+from cellwatt.door import validity
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
-from cellwatt.secure.certificates import Pair, issue, new_authority
-from cellwatt.secure.validity import warnings
 
 NOW = datetime.now(UTC)
 
@@ -20,6 +20,10 @@ def write(folder: Path, authority: Pair, own: Pair) -> LinkSettings:
         (folder / name).chmod(0o600)
     files = {"root_ca": folder / "ca.pem", "certificate": folder / "cert.pem", "key": folder / "key.pem"}
     return LinkSettings(mode="client", connect=("tls/plant-router:7447",), tls=TlsSettings(**files))
+
+
+def warnings(settings: LinkSettings) -> tuple[str, ...]:
+    return validity.warnings(settings.tls.certificate, settings.tls.key, settings.tls.root_ca)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +44,7 @@ def test_the_time_of_a_certificate(tmp_path: Path, begun: timedelta, text: str |
         assert found == ()
     else:
         (told,) = found
-        assert told.startswith(f"tls.certificate: {tmp_path}/cert.pem ")
+        assert told.startswith(f"certificate: {tmp_path}/cert.pem ")
         assert re.search(text, told), told
 
 
@@ -49,7 +53,7 @@ def test_an_authority_that_ends(tmp_path: Path) -> None:
     new = new_authority("plant-1", NOW)
     own = issue(new, "weld-3", (), NOW)
     (told,) = warnings(write(tmp_path, old, own))
-    assert told.startswith("tls.root_ca: ")
+    assert told.startswith("root_ca: ")
     assert "in 9 days" in told or "in 10 days" in told
     both = Pair(old.certificate + new.certificate, b"")
     assert warnings(write(tmp_path, both, own)) == ()
@@ -59,22 +63,22 @@ def test_a_key_that_belongs_to_another_certificate(tmp_path: Path) -> None:
     authority = new_authority("plant-1", NOW)
     one, other = (issue(authority, name, (), NOW) for name in ("one", "other"))
     (told,) = warnings(write(tmp_path, authority, Pair(one.certificate, other.key)))
-    assert told == f"tls.key: {tmp_path}/key.pem is not the key of {tmp_path}/cert.pem"
+    assert told == f"key: {tmp_path}/key.pem is not the key of {tmp_path}/cert.pem"
 
 
 def test_what_is_no_certificate_and_no_key(tmp_path: Path) -> None:
     authority = new_authority("plant-1", NOW)
     found = warnings(write(tmp_path, Pair(b"none", b""), Pair(issue(authority, "a", (), NOW).certificate, b"none")))
-    assert [text.split(":")[0] for text in found] == ["tls.key", "tls.root_ca"]
+    assert [text.split(":")[0] for text in found] == ["key", "root_ca"]
     (only, _) = warnings(write(tmp_path, Pair(b"none", b""), Pair(b"none", b"none")))
-    assert only == f"tls.certificate: {tmp_path}/cert.pem is no certificate"
+    assert only == f"certificate: {tmp_path}/cert.pem is no certificate"
 
 
 def test_a_key_that_everybody_may_read(tmp_path: Path) -> None:
     authority = new_authority("plant-1", NOW)
     settings = write(tmp_path, authority, issue(authority, "weld-3", (), NOW))
     (tmp_path / "key.pem").chmod(0o644)
-    assert warnings(settings) == (f"tls.key: {tmp_path}/key.pem may be read by everybody on this PC: chmod 600",)
+    assert warnings(settings) == (f"key: {tmp_path}/key.pem may be read by everybody on this PC: chmod 600",)
 
 
 def test_a_renewed_certificate_is_a_change_of_the_settings(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Warns of certificates in a settings file that are wrong or about to expire."""
+"""Warns of certificates that are wrong or about to expire."""
 
 from __future__ import annotations
 
@@ -6,47 +6,47 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
-from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
-
 SOON: Final = timedelta(days=30)
 """Rest of a certificate's time from which on it is told."""
 
 
-def warnings(settings: LinkSettings) -> tuple[str, ...]:
-    """One line per problem. Files that cannot be read are reported when the session is opened."""
-    if settings.tls is None:
+def warnings(certificate: Path | None, key: Path | None, authority: Path | None = None) -> tuple[str, ...]:
+    """One line per problem, after the setting of a file. Those that cannot be read are told where they are opened."""
+    if certificate is None and authority is None:
         return ()
     try:
-        from cellwatt.secure import certificates  # noqa: F401
+        from cellwatt import certificates  # noqa: F401
     except ImportError:
         return ("nobody looks when the certificates end: that needs pip install 'cellwatt[secure]'",)
-    return tuple(_own(settings.tls, datetime.now(UTC)) + _authorities(settings.tls.root_ca, datetime.now(UTC)))
+    now = datetime.now(UTC)
+    own = [] if certificate is None else _own(certificate, key, now)
+    return tuple(own + _authorities(authority, now))
 
 
-def _own(tls: TlsSettings, now: datetime) -> list[str]:
-    from cellwatt.secure.certificates import belongs, read
+def _own(file: Path, key_file: Path | None, now: datetime) -> list[str]:
+    from cellwatt.certificates import belongs, read
 
-    certificate, key = _bytes(tls.certificate), _bytes(tls.key)
+    certificate, key = _bytes(file), _bytes(key_file)
     if certificate is None:
         return []
     try:
         first, *_ = read(certificate)
     except ValueError:
-        return [f"tls.certificate: {tls.certificate} is no certificate"]
-    found = _time(f"tls.certificate: {tls.certificate}", first.not_valid_before_utc, first.not_valid_after_utc, now)
+        return [f"certificate: {file} is no certificate"]
+    found = _time(f"certificate: {file}", first.not_valid_before_utc, first.not_valid_after_utc, now)
     try:
         if key is not None and not belongs(first, key):
-            found.append(f"tls.key: {tls.key} is not the key of {tls.certificate}")
+            found.append(f"key: {key_file} is not the key of {file}")
     except (ValueError, TypeError):
-        found.append(f"tls.key: {tls.key} is no private key that can be read without a password")
-    if tls.key is not None and key is not None and tls.key.stat().st_mode & 0o007:
-        found.append(f"tls.key: {tls.key} may be read by everybody on this PC: chmod 600")
+        found.append(f"key: {key_file} is no private key that can be read without a password")
+    if key_file is not None and key is not None and key_file.stat().st_mode & 0o007:
+        found.append(f"key: {key_file} may be read by everybody on this PC: chmod 600")
     return found
 
 
-def _authorities(path: Path, now: datetime) -> list[str]:
+def _authorities(path: Path | None, now: datetime) -> list[str]:
     """Warnings about authorities; one valid authority is enough, as there are two during a change."""
-    from cellwatt.secure.certificates import read
+    from cellwatt.certificates import read
 
     data = _bytes(path)
     if data is None:
@@ -54,9 +54,9 @@ def _authorities(path: Path, now: datetime) -> list[str]:
     try:
         all_of_them = read(data)
     except ValueError:
-        return [f"tls.root_ca: {path} is no certificate"]
+        return [f"root_ca: {path} is no certificate"]
     last = max(all_of_them, key=lambda c: c.not_valid_after_utc)
-    return _time(f"tls.root_ca: {path}", last.not_valid_before_utc, last.not_valid_after_utc, now)
+    return _time(f"root_ca: {path}", last.not_valid_before_utc, last.not_valid_after_utc, now)
 
 
 def _time(what: str, begin: datetime, end: datetime, now: datetime) -> list[str]:
