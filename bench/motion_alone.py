@@ -97,6 +97,8 @@ class Plant:
     force: Float
     delay: float = 0.0
     dead: Float = field(default_factory=lambda: np.zeros(0))
+    gap: Float = field(default_factory=lambda: np.zeros(0))
+    """rad of play between drive and link; the encoder is on the link."""
     torque: list[Callable[[Float, Float, Float, float], Float]] = field(default_factory=list)
     """Torques (n,) against the motion of q, qd, the links' load and t."""
 
@@ -188,7 +190,10 @@ def drive(plant: Plant, arm: Table, time: Float, told: Float) -> tuple[Float, Fl
     q_out, v_out = np.empty_like(told), np.empty_like(told)
     every = np.repeat(told, per, axis=0)
     every = np.concatenate([np.tile(every[:1], (late, 1)), every])[: len(every)] if late else every
-    dead = plant.dead if len(plant.dead) else np.zeros(n)
+    dead, gap = (each if len(each) else np.zeros(n) for each in (plant.dead, plant.gap))
+    loose = np.flatnonzero(gap > 0)
+    rotor, speed, inertia = told[0, loose].copy(), np.zeros(len(loose)), model.dof_armature[loose].copy()
+    model.dof_armature[loose] = 0.0
     for k in range(len(every)):
         q, v = data.qpos.copy(), data.qvel.copy()
         if k % per == 0:
@@ -205,6 +210,18 @@ def drive(plant: Plant, arm: Table, time: Float, told: Float) -> tuple[Float, Fl
         for each in plant.torque:
             against = against + each(q, v, load, k * STEP)
         stiff = plant.coulomb / CREEP * (1 - sign**2)
+        if len(loose):
+            own = mass[loose, loose]
+            spring, damper = own * (2 * np.pi * 18) ** 2, 2 * 0.3 * own * 2 * np.pi * 18
+            apart = rotor - q[loose]
+            pressed = apart - np.clip(apart, -gap[loose] / 2, gap[loose] / 2)
+            through = spring * pressed + damper * (speed - v[loose]) * (pressed != 0)
+            turns = np.tanh(speed / CREEP)
+            rubs = plant.coulomb[loose] * turns + plant.viscous[loose] * speed
+            slope = plant.coulomb[loose] / CREEP * (1 - turns**2)
+            speed = speed + STEP * (given[loose] - rubs - through) / (inertia + STEP * slope)
+            rotor = rotor + STEP * speed
+            given[loose], against[loose], stiff[loose] = through, 0.0, 0.0
         data.qvel[:] = v + np.linalg.solve(mass + STEP * np.diag(stiff), STEP * (given - against - load))
         data.qpos[:] = q + STEP * data.qvel
     return q_out, v_out
@@ -242,6 +259,7 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
     user, n = ARMS[name], len(ARMS[name].rows)
     required: list[dict[str, Any]] = []
     rows, load, gravity, delay, dead = [list(r) for r in off(user, rng).rows], None, "0 0 -9.81", 0.0, np.zeros(n)
+    gap = np.zeros(n)
     lacks: dict[int, list[int]] = {}
     torque: list[Callable[..., Float]] = []
     for effect in what:
@@ -268,6 +286,9 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
                 rows[joint][8] *= float(rng.choice([0.72, 0.78, 1.3]))
             case "drive_dead_band":
                 dead[joint] = float(rng.uniform(1.2, 2) * friction / user.rows[joint][8] + 1.5 * user.count)
+            case "backlash":
+                joint = int(rng.choice([1, 2]))
+                gap[joint], at = float(rng.uniform(0.008, 0.016)), joint + 1
             case "torque_saturation":
                 rows[joint][10] = 0.0
             case "stribeck_friction":
@@ -301,6 +322,7 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
         *(np.array([float(r[i]) for r in rows]) for i in (6, 7, 8, 9, 10)),
         delay=delay,
         dead=dead,
+        gap=gap,
         torque=torque,
     )
     for r in required:
@@ -333,6 +355,9 @@ CASES = [
     ["coulomb_friction", "time_delay"],
     ["gravity_tilt", "stribeck_friction"],
     ["drive_dead_band", "payload", "coulomb_friction"],
+    ["backlash"],
+    ["position_periodic_torque", "payload"],
+    ["torque_saturation", "drive_gain"],
 ]
 
 

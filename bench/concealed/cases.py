@@ -33,13 +33,16 @@ MASKED = (
 )
 """A large effect and a small one in the same channel."""
 PAIRS = 26
+SOFT, LOOPS = 0.5, (6.0, 15.0)
+"""Share of the cases with a soft controller, and Hz of its loop."""
 
 
 @dataclass(frozen=True)
 class Spec:
     """What one case shall hold: level of the case, effects with their strength, and whether they share a joint.
 
-    `simulation` is a kind of the user's own, or "law": it computes what robot.yaml and URDF say.
+    `simulation` is a kind of the user's own, or "law": it computes what robot.yaml and URDF say. A ``soft`` controller
+    lets friction take the motion off its plan.
     """
 
     level: str
@@ -47,6 +50,7 @@ class Spec:
     run_set: str
     shared: bool = False
     simulation: str = "law"
+    soft: bool = False
 
 
 def kind_of(name: str) -> Kind:
@@ -91,7 +95,9 @@ def specs(seed: str) -> list[Spec]:
     out += [draw_pair(rng) for _ in range(PAIRS)]
     for name in UNKNOWNS:
         out += [Spec("unknown", ((name, level),), "short") for level in RATIO]
-    return with_own(generator(seed, "own"), [out[i] for i in rng.permutation(len(out))])
+    drawn = with_own(generator(seed, "own"), [out[i] for i in rng.permutation(len(out))])
+    soft = generator(seed, "loops").random(len(drawn)) < SOFT
+    return [replace(spec, soft=bool(one)) for spec, one in zip(drawn, soft, strict=True)]
 
 
 def with_own(rng: np.random.Generator, all_specs: list[Spec]) -> list[Spec]:
@@ -150,6 +156,7 @@ def make_case(seed: str, index: int, spec: Spec, work: Path) -> Key:
         rng = generator(seed, "case", index, attempt)
         try:
             s, effects, own = build(rng, spec)
+            s.hertz = generator(seed, "loop", index, attempt).uniform(*LOOPS) if spec.soft else None
             return write_case(s, effects, spec.level, name, work, own)
         except NotVisibleError:
             continue

@@ -19,6 +19,8 @@ LEAD = 0.5
 """Seconds at rest before time zero, for the controller to settle."""
 TAIL = 0.1
 STILL = 1e-6
+DAMPED = 0.7
+"""Share of critical damping of a soft loop."""
 MIDDLE = 0.25
 """Of a tick: in MuJoCo's semi-implicit steps of half a tick, velocities belong half a step before their positions."""
 
@@ -89,11 +91,12 @@ class Trace:
     temperature: Array | None = field(default=None)
 
 
-def tune(rng: np.random.Generator, body: Body, tick: float) -> Controller:
+def tune(rng: np.random.Generator, body: Body, tick: float, hertz: float | None = None) -> Controller:
     """A controller that has been set up for this arm as it stands: its own figures are off by a few per cent.
 
     It knows what it carries and what its joints feel like, except for what comes by the clock. The velocity loop is
-    as fast as the tick allows, the position loop has 20 to 45 1/s.
+    as fast as the tick allows, the position loop has 20 to 45 1/s. A loop of so many ``hertz`` is much softer: friction
+    that it does not know holds the arm for a moment at each reversal, and motion leaves its plan.
     """
     arm, joints = mistune(rng, body.arm), body.joints
     share = np.where(body.arm.coulomb > 0, joints.coulomb / body.arm.coulomb, 1.0)
@@ -103,7 +106,11 @@ def tune(rng: np.random.Generator, body: Body, tick: float) -> Controller:
     )
     felt = body.arm.rotor + np.minimum(RigidBody(arm).inertia(0.5 * (arm.low + arm.high)), 1.5 * body.arm.rotor)
     damping = felt * 0.2 / tick * rng.uniform(0.6, 1.0)
-    return Controller(model, damping * rng.uniform(20.0, 45.0), damping)
+    stiffness = damping * rng.uniform(20.0, 45.0)
+    if hertz is None:
+        return Controller(model, stiffness, damping)
+    turns = 2 * np.pi * hertz
+    return Controller(model, felt * turns**2, 2 * DAMPED * felt * turns)
 
 
 def stack(plans: Sequence[Plan], what: str, lead: int, tail: int) -> Array:

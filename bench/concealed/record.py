@@ -167,7 +167,7 @@ def write_case(s: Setting, effects: list[Key], level: str, name: str, work: Path
     leave_out = own is not None and bool(own.facts.get("keys_left_out"))
     (case / "robot.urdf").write_text(urdf(known))
     (case / "robot.yaml").write_text(robot_yaml(known, s.interface.rate, leave_out))
-    trace = simulate(s.body, s.plans, tune(s.rng, s.body, s.plans[0].tick))
+    trace = simulate(s.body, s.plans, tune(s.rng, s.body, s.plans[0].tick, s.hertz))
     perfect = perfect_trace(s)
     runs = [write_run(s, trace, perfect, copy, case, keys) for copy in range(len(s.plans))]
     sizes = channel_sizes(runs)

@@ -27,11 +27,18 @@ TITLES = {"explain": "cellwatt explain", "sparse": "sparse regression", "network
 
 
 def wanted(all_specs: list[Spec], only: list[str], count: int | None) -> list[int]:
-    """Indices of the cases to run: by level, effect, run set, simulation or name; all without a choice."""
+    """Indices of the cases to run: by level, effect, run set, simulation, loop or name; all without a choice."""
 
     def fits(index: int, s: Spec) -> bool:
         own = set() if s.simulation == "law" else {"own"}
-        words = {s.level, s.run_set, s.simulation, f"case-{index + 1:03d}", *(e for e, _ in s.effects)} | own
+        words = {
+            s.level,
+            s.run_set,
+            s.simulation,
+            "soft" if s.soft else "stiff",
+            f"case-{index + 1:03d}",
+            *(e for e, _ in s.effects),
+        } | own
         return not only or bool(words & set(only))
 
     return [i for i, s in enumerate(all_specs) if fits(i, s)][:count]
@@ -123,7 +130,11 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--markdown", action="store_true", help="the tables of the proof instead of an object")
     parser.add_argument("--cases", type=int, help="only the first so many of the draw")
     parser.add_argument(
-        "--only", nargs="+", default=[], metavar="WORD", help="a level, effect, run set, kind of simulation or case-NNN"
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="WORD",
+        help="a level, effect, run set, kind of simulation, soft, stiff or case-NNN",
     )
     parser.add_argument("--jobs", type=int, default=2, help="cases at once: --scheduler local:N in short")
     parser.add_argument("--scheduler", metavar="PLACE", help="whose workers do the cases, as of cellwatt's commands")
@@ -132,6 +143,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--law-only", action="store_true", help="all simulations compute robot.yaml's law, as in the first three runs"
     )
+    parser.add_argument("--stiff", action="store_true", help="no controller is soft, as in the first four runs")
     parser.add_argument(
         "--motions",
         nargs="+",
@@ -164,6 +176,7 @@ def arguments() -> argparse.ArgumentParser:
 def jobs_of(a: argparse.Namespace, seed: str, work: Path) -> list[Job]:
     """What the command line asks for."""
     all_specs = [replace(s, simulation="law") if a.law_only else s for s in specs(seed)]
+    all_specs = [replace(s, soft=s.soft and not a.stiff) for s in all_specs]
     methods = tuple(m for m in METHODS if m in a.methods and (m == "explain" or not a.no_baselines))
     codes = Codes(kept.making(), kept.product(), kept.judging())
     return [

@@ -84,6 +84,8 @@ class Setting:
     level: str = "medium"
     focus: list[int] = field(default_factory=list)
     simulation: Simulation = field(default_factory=Simulation)
+    hertz: float | None = None
+    """Of the controller's loop, where that is soft."""
 
     @property
     def joints(self) -> int:

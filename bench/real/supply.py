@@ -1,7 +1,4 @@
-"""Supply power of a UR3e: explained on four short moves, judged on the fifth, in turn.
-
-The moves, recorded at 25 Hz, are interpolated to 50 Hz.
-"""
+"""Supply power of a UR3e: explained on four short moves, judged on the fifth, in turn."""
 
 from __future__ import annotations
 
@@ -18,8 +15,6 @@ from real.product import ExplainError, explain, simulate
 from real.recording import Float
 
 FOLDER = ur3e.FOLDER
-RATE = 50.0
-"""Hz that the moves are interpolated to."""
 
 
 def supply(data: Path, work: Path) -> dict[str, Any]:
@@ -28,7 +23,7 @@ def supply(data: Path, work: Path) -> dict[str, Any]:
     A move that `explain` refuses to be explained without is told with the reason.
     """
     robot = ur3e.write_robot(work)
-    moves = [_denser(move) for move in ur3e.write_moves(data, work)]
+    moves = ur3e.write_moves(data, work)
     terms = [_terms(Arm.load(robot), pq.read_table(move)) for move in moves]
     power = [pq.read_table(move)["power"].to_numpy() for move in moves]
     left: dict[str, list[Float]] = {"constant": [], "five terms": [], "model": []}
@@ -51,16 +46,6 @@ def supply(data: Path, work: Path) -> dict[str, Any]:
     error = {name: _rms(np.concatenate(parts)) for name, parts in left.items() if parts}
     by_move = {name: [_rms(part) for part in parts] for name, parts in left.items()}
     return {"power_error": error, "by_move": by_move, "refused": refused, "named": named, "seconds": round(seconds, 1)}
-
-
-def _denser(move: Path) -> Path:
-    """The move's table in place, interpolated."""
-    table = pq.read_table(move)
-    at = table["t"].to_numpy()
-    time = np.arange(at[0], at[-1], 1 / RATE)
-    columns = {name: np.interp(time, at, table[name].to_numpy()) for name in table.column_names}
-    pq.write_table(pa.table(columns | {"t": time}), move)
-    return move
 
 
 def _terms(arm: Arm, table: pa.Table) -> Float:

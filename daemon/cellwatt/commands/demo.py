@@ -139,7 +139,8 @@ def _lines(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> 
             run.stop("nobody reads its output any more")
 
     run = Demonstration(folder, seconds, show, say, outlets)
-    say(STARTING)
+    if cell != "small":  # that one begins with the address of its page
+        say(STARTING)
     return asyncio.run(_run(cell, run))
 
 

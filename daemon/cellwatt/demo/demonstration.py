@@ -7,13 +7,13 @@ import contextlib
 import json
 import signal
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cellwatt.config import load
-from cellwatt.demo import cells, fault, processes
+from cellwatt.demo import cells, fault, processes, simulation
 from cellwatt.demo.power import power_of
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import delivery_problems, sources_of, summary, summary_of_every_driver
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 HEALTHY = 20.0
 """s at most before the spring."""
+COMPARED = 17.0
+"""s after the spring at which the arm is compared with its simulation: two repetitions of its task."""
+SHORTEST = 12.0
+"""s of a recording that is compared."""
 STOP = 60.0
 """Longest time, s, that the daemon may take to drain, and then the last messages to the subscriber."""
 
@@ -146,14 +150,30 @@ class Demonstration:
         self.say(f"running for {self.seconds:.0f} s; the spring comes after {healthy:.0f} s; {look}")
         start = time.time()
         hooked = fault.next_start(start + healthy, self.epoch)
-        await self._pause(hooked - 0.5 - time.time())
-        if self._stopped:
-            return None
-        for name in fault.FAULTY:
-            await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
-        self.say(f"a spring is hooked on joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
-        await self._pause(start + self.seconds - time.time())
+        comparing = [asyncio.create_task(self._compare("healthy", start, hooked - 1, look))]
+        try:
+            await self._pause(hooked - 0.5 - time.time())
+            if self._stopped:
+                return None
+            for name in fault.FAULTY:
+                await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
+            self.say(f"a spring is hooked on joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
+            sprung = self._compare("with-the-spring", hooked + 1, hooked + COMPARED, look)
+            comparing.append(asyncio.create_task(sprung))
+            await self._pause(start + self.seconds - time.time())
+        finally:
+            await _ended(comparing)
         return hooked
+
+    async def _compare(self, name: str, since: float, until: float, look: str) -> None:
+        """Wait until there is enough, compare the arm with its simulation, and say what was found."""
+        await self._pause(until - time.time())
+        if self._stopped or until - since < SHORTEST:
+            return
+        try:
+            self.say(f"simulation: {await simulation.compared(self.folder, name, self.epoch, since, until)} {look}")
+        except CellwattError as error:
+            self.say(f"simulation: not compared: {error}")
 
     async def _until_running(self, daemon: asyncio.subprocess.Process, watching: asyncio.subprocess.Process) -> None:
         end = time.monotonic() + processes.START
@@ -186,3 +206,12 @@ class Demonstration:
             message = json.loads(line)
             self.seen.add(message)
             self.show(message)
+
+
+async def _ended(tasks: Sequence[asyncio.Task[None]]) -> None:
+    """Cancel what still runs. Raises what one of them raised."""
+    for task in tasks:
+        task.cancel()
+    for result in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(result, Exception):
+            raise result

@@ -40,7 +40,8 @@ class Owed(BaseModel):
 class Position(BaseModel):
     """What the file holds. All up to ``reached``, UTC ns, is delivered or owed.
 
-    ``place`` is the peer, ``births`` the number of Sparkplug's next connection, ``gaps`` have also the form of before.
+    ``place`` is the peer, ``births`` the number of Sparkplug's next connection, ``ended`` is true where nothing was
+    said after this was written; ``gaps`` have also the form of before.
     """
 
     model_config = ConfigDict(extra="ignore", populate_by_name=True)
@@ -50,6 +51,7 @@ class Position(BaseModel):
     gaps: list[Annotated[list[int], Field(min_length=2, max_length=3)]] = []
     births: Annotated[int, Field(ge=0, le=255)] = 0
     lost: int = 0
+    ended: bool = False
 
 
 class Cursor:
@@ -64,6 +66,8 @@ class Cursor:
         self.births = 0
         self.lost = 0
         """Entries that the record did not have any more, ever."""
+        self.ended = False
+        """All that was said before this start is in the position."""
         self.problem: str | None = None
         self.lacking = asyncio.Event()
         """Something is owed."""
@@ -162,8 +166,8 @@ class Cursor:
             since, self._opened = self._owed, True
             self._owed = [Owed(after=g[0], until=g[1], entries=sum(g[2:])) for g in sorted(known.gaps) if g[0] < g[1]]
             self._account.expect(self.entries)
-            self.reached = known.reached if self.reached is None else self.reached
-            self.births, self.lost = known.births, known.lost
+            self.reached = self.reached if known.reached is None else known.reached
+            self.births, self.lost, self.ended = known.births, known.lost, known.ended
             for o in since:
                 self.owe(o.after, o.until, o.entries)
         self._note()
@@ -183,13 +187,20 @@ class Cursor:
             await self.write()
             await asyncio.sleep(EVERY)
 
-    async def write(self) -> None:
-        """Write the position as it is, if it changed."""
-        if self._path is None or not self._changed.is_set():
+    async def end(self) -> None:
+        """Write the position for the last time: all that was said is in it."""
+        self._changed.set()
+        await self.write(ended=True)
+
+    async def write(self, *, ended: bool = False) -> None:
+        """Write the position as it is, if it changed since it was read."""
+        if self._path is None or not self._opened or not self._changed.is_set():
             return
         self._changed.clear()
         gaps = [[o.after, o.until, o.entries] for o in self._owed]
-        told = Position(place=self._place, reached=self.reached, gaps=gaps, births=self.births, lost=self.lost)
+        told = Position(
+            place=self._place, reached=self.reached, gaps=gaps, births=self.births, lost=self.lost, ended=ended
+        )
         # A cancelled write goes on in its thread; the next waits for it.
         await asyncio.shield(asyncio.ensure_future(self._write(self._path, told.model_dump_json().encode())))
 

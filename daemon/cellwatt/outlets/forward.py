@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Generic, Protocol, TypeVar
 
@@ -33,7 +34,7 @@ BLOCKS: Final = 2048
 AT_ONCE: Final = 4
 """Items that are put into messages before the loop may turn to something else."""
 MARGIN: Final = 60 * 10**9
-"""ns in front of the last row sent which are filled in again after a restart: results come later than their time."""
+"""ns in front of the last row sent which are filled in again after a kill: results come later than their time."""
 SETTLED: Final = 3 * 10**9
 """ns after which all of a moment is in the record."""
 ROWS: Final = 300
@@ -72,27 +73,27 @@ class Peer(Protocol[M]):
         ...
 
 
-class Flow(Protocol):
-    """Limits of a way to a peer, see ``ForwardSettings``."""
+class Flow(Selection):
+    """What goes to a peer, and how fast."""
 
-    @property
-    def results(self) -> bool: ...  # noqa: D102
-    @property
-    def batch(self) -> int: ...  # noqa: D102
-    @property
-    def every(self) -> float: ...  # noqa: D102
-    @property
-    def queue(self) -> int: ...  # noqa: D102
+    results: bool = True
+    """Send alarms, tasks and energies, too."""
+    batch: PositiveInt = Field(default=100, le=50_000)
+    """Most messages of one attempt."""
+    every: Seconds = Field(default=1.0, gt=0)
+    """Time between two attempts while all is well."""
+    queue: PositiveInt = 10_000
+    """Messages that may wait; what is beyond is filled in from the record later."""
 
 
 class Forwarder(Generic[M]):
-    """The way to one peer, from what the cell offers and from its record; ``settings`` are also a ``Flow``.
+    """The way to one peer, from what the cell offers and from its record.
 
     ``record`` is the folder of the record, ``None`` where there is none; ``name`` begins what is counted and said.
     """
 
     def __init__(
-        self, name: str, peer: Peer[M], settings: Any, cell: str, record: Path | None, cursor: Cursor, account: Account
+        self, name: str, peer: Peer[M], flow: Flow, cell: str, record: Path | None, cursor: Cursor, account: Account
     ) -> None:
         self.problem: str | None = None
         """Reason why nothing can be sent now; ``None`` if all is well."""
@@ -101,8 +102,7 @@ class Forwarder(Generic[M]):
         self.cursor = cursor
         self.unmatched: tuple[str, ...] = ()
         self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
-        self._selection: Selection = settings
-        self._flow: Flow = settings
+        self._flow = flow
         self._items: deque[Frames | Archived] = deque()
         self._pending: deque[tuple[int, M]] = deque()
         """Times, UTC ns, and messages."""
@@ -164,7 +164,7 @@ class Forwarder(Generic[M]):
         self._newest = int(frames.time[-1])
         picker = self._picker
         if picker is None or (picker.layout is not frames.layout and picker.layout != frames.layout):
-            picker = self._picker = Picker(self._selection, frames.layout)
+            picker = self._picker = Picker(self._flow, frames.layout)
             self.unmatched = picker.unmatched
             if picker.unmatched:
                 self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
@@ -185,7 +185,9 @@ class Forwarder(Generic[M]):
     def _begin(self, first: int, span: int) -> None:
         """Leave the first row, of whose span we may have seen a part, and what came before it to the record."""
         reached = self.cursor.reached
-        self.cursor.owe(first - span if reached is None else min(reached - MARGIN, first - span), first)
+        since = first - span if reached is None else reached if self.cursor.ended else reached - MARGIN
+        self.cursor.owe(min(since, first - span), first)
+        self.cursor.deliver(first)
 
     def _forgo_item(self, item: Frames | Archived) -> None:
         if isinstance(item, Frames):
@@ -206,7 +208,7 @@ class Forwarder(Generic[M]):
     @property
     def _span(self) -> int:
         """Time between two rows, ns."""
-        return self._picker.span if self._picker is not None else round(1e9 / self._selection.rate)
+        return self._picker.span if self._picker is not None else round(1e9 / self._flow.rate)
 
     async def _send_live(self) -> None:
         batch = [self._pending.popleft() for _ in range(min(self._flow.batch, len(self._pending)))]
@@ -227,15 +229,15 @@ class Forwarder(Generic[M]):
         span = self.cursor.first
         if span is None or self._record is None or time.monotonic() < self._fill_from:
             return None
-        after, until = span[0], min(span[1], self._newest - SETTLED)
+        after, until = span[0], min(span[1], (self._newest - SETTLED) // self._span * self._span)
         return (after, until) if after < until else None
 
     async def _fill(self, after: int, until: int) -> None:
         assert self._record is not None
-        more = {"results": self._flow.results}
-        most = min(self._flow.batch, ROWS)
+        record, flow = (self._record, self._cell), self._flow
+        work = partial(read, *record, flow, after, until, min(flow.batch, ROWS), results=flow.results)
         try:
-            part = await asyncio.to_thread(read, self._record, self._cell, self._selection, after, until, most, **more)
+            part = await asyncio.to_thread(work)
         except (CellwattError, OSError) as error:
             self._account.count(f"{self._name}: readings of the record that failed")
             self._fill_from = time.monotonic() + LONGEST_PAUSE
@@ -243,16 +245,25 @@ class Forwarder(Generic[M]):
             self.unread = f"{self._name}: what was missed cannot be read from the record: {reason}"
             return
         self.unread = None
-        found = [*(self._peer.row(row, part.units) for row in part.rows), *map(self._peer.result, part.results)]
-        messages = [message for message in found if message is not None]
-        for first in range(0, len(messages), self._flow.batch):
-            if not await self._send(messages[first : first + self._flow.batch]):
+        found = [*((row.time, self._peer.row(row, part.units)) for row in part.rows)]
+        found += [(time_of(result), self._peer.result(result)) for result in part.results]
+        entries = sorted(((at, message) for at, message in found if message is not None), key=lambda e: e[0])
+        sent = 0
+        for first in range(0, len(entries), self._flow.batch):
+            batch = entries[first : first + self._flow.batch]
+            if not await self._send([message for _, message in batch]):
                 return
+            sent += len(batch)
+            self._account.count(f"{self._name}: entries filled in", len(batch))
+            left = entries[first + len(batch) :]
+            until = (left[0][0] - 1) // self._span * self._span if left else part.until  # whole rows alone are read
+            if until > after:  # at once: what is sent and what is paid go together
+                self.cursor.pay(after, until, sent)
+                after, sent = until, 0
             await self._collect()
             while self._pending and time.monotonic() >= self._not_before:  # what is new goes first
                 await self._send_live()
-        self._account.count(f"{self._name}: entries filled in", len(messages))
-        self.cursor.pay(after, part.until, len(messages))
+        self.cursor.pay(after, part.until)
         if part.waits:
             self._fill_from = time.monotonic() + 1.0
 
@@ -284,20 +295,11 @@ class Forwarder(Generic[M]):
                 self._account.count(f"{self._name}: last attempt given up")
         while self._pending:
             self._forgo(self._pending.popleft()[0], 1)
-        await self.cursor.write()
+        await self.cursor.end()
 
 
-class ForwardSettings(OutletSettings, Selection):
+class ForwardSettings(OutletSettings, Flow):
     """Settings of an outlet that forwards: derive yours, and add what your peer needs."""
-
-    results: bool = True
-    """Send alarms, tasks and energies, too."""
-    batch: PositiveInt = Field(default=100, le=50_000)
-    """Most messages of one attempt."""
-    every: Seconds = Field(default=1.0, gt=0)
-    """Time between two attempts while all is well."""
-    queue: PositiveInt = 10_000
-    """Messages that may wait; what is beyond is filled in from the record later."""
 
 
 F = TypeVar("F", bound=ForwardSettings)

@@ -27,6 +27,8 @@ BEYOND: Final = 2_000_000_000
 """ns after a span in which a frame tells that the span is in the record as far as it ever will be."""
 PATIENCE: Final = 30_000_000_000
 """ns after which a span that has not come to its end in the record never will."""
+WRITTEN: Final = 60.0
+"""s since the last change of an open recording in which it may be that it cannot be read just now."""
 
 
 @dataclass(slots=True)
@@ -49,7 +51,8 @@ def read(
 ) -> Part:
     """Rows after ``after`` up to ``until`` UTC ns, the first ``most`` of them, and the results up to the last.
 
-    Raises ``OSError`` where the folder cannot be read; what is damaged in it, or gone, is left out.
+    Raises ``OSError`` where the folder cannot be read, and ``RecordingError`` where that is so of the recording that is
+    being written; what else is damaged in it, or gone, is left out.
     """
     recordings = list(_recordings(folder, cell, after, until))
     part = _rows(recordings, selection, after, until, most)
@@ -93,6 +96,8 @@ def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Rec
     for kept in listing(folder, cell):
         if kept.modified >= first and kept.name.session <= until:
             recording = opened(kept.path)
+            if recording is None and not kept.closed and time.time() - kept.modified < WRITTEN:
+                raise RecordingError(f"{kept.path} is being written, and cannot be read yet")
             if recording is not None and recording.start <= until + BEYOND and recording.end > after:
                 yield recording
 

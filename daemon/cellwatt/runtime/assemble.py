@@ -116,10 +116,17 @@ def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:
     return chains
 
 
-def chain_names(config: CellConfig) -> list[list[str]]:
-    """The stages of a cell by name, in chains that share no results, each in the order in which they run."""
+def chain_names(config: CellConfig, most: int | None = None) -> list[list[str]]:
+    """The stages of a cell by name, in chains that share no results, each in the order in which they run.
+
+    Where there are more than ``most``, the shortest are joined.
+    """
     kinds = {name: stage.kind for name, stage in config.stages.items()}
-    return group_by_needs({name: find_stage(kind) for name, kind in kinds.items()}, kinds)
+    chains = group_by_needs({name: find_stage(kind) for name, kind in kinds.items()}, kinds)
+    while most is not None and len(chains) > most:
+        shortest, next_one, *others = sorted(chains, key=len)
+        chains = [*others, shortest + next_one]
+    return chains
 
 
 def make_chain(config: CellConfig, layout: Layout, names: Sequence[str]) -> Chain:

@@ -56,6 +56,7 @@ KINDS: Final = {
     "sink_down": "outlet {part} is back",
     "process_down": "process {part} is back",
     "process_slow": "process {part} keeps up again",
+    "pc_slow": "all processes run again",
     "recorder": "recording works again",
     "record_displaced": "recording goes on in a new file",
     "record_short": "no recordings had to go before their time in the last hour",
@@ -116,6 +117,7 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
             text = f"Process {name} has not been heard of for {process['silent_s']:.0f} s; the others go on."
             found.append(Trouble("process_down", "error", name, text, {"restarts": process["restarts"]}))
         found += _behind(name, process, before.get("processes", {}).get(name, {}))
+    found += _starved({name: p["silent_s"] for name, p in status.get("processes", {}).items() if p.get("starved")})
     recorder = status.get("recorder")
     return found if recorder is None else [*found, *_recording(recorder, before.get("recorder") or {})]
 
@@ -149,6 +151,15 @@ def _attacked(name: str, outlet: Mapping[str, Any], before: Mapping[str, Any]) -
         told = ", ".join(f"{n} {what}" for what, n in tries.items())
         text = f"Somebody tries passwords at {name}: {told} in the last {SPAN:.0f} s; the log says from where."
         yield Trouble("door_tried", "warning", name, text, tries)
+
+
+def _starved(waiting: Mapping[str, float]) -> list[Trouble]:
+    """Processes that other programs keep from running; what they have to do waits in the rings."""
+    if not waiting:
+        return []
+    told = ", ".join(f"{name} for {silent:.0f} s" for name, silent in waiting.items())
+    text = f"This PC is too slow for all that runs on it; these have waited for a processor: {told}."
+    return [Trouble("pc_slow", "warning", "pc", text, {"waiting_s": dict(waiting)})]
 
 
 def _behind(name: str, process: Mapping[str, Any], before: Mapping[str, Any]) -> list[Trouble]:

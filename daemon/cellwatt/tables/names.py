@@ -13,9 +13,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Final
 
+from cellwatt.errors import ConfigError
 from cellwatt.units import TABLE, Unit, kind_of
 
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
@@ -126,8 +129,34 @@ class Name:
         return stems.index(self.family) if self.family in stems else len(stems)
 
 
+_OF_THE_USER: ContextVar[tuple[tuple[str, re.Pattern[str]], ...]] = ContextVar("of_the_user", default=())
+
+
+@contextmanager
+def called(names: Mapping[str, str]) -> Iterator[None]:
+    """Within the block columns may have a user's names, too: ``{"tau": "Moment{}"}`` takes ``Moment1`` for ``tau_1``.
+
+    Raises ``ConfigError`` where a key is no name of the dialect.
+    """
+    patterns = []
+    for stem, written in names.items():
+        before, numbered, after = written.partition("{}")
+        if understood(f"{stem}_1" if numbered else stem) is None:
+            raise ConfigError(f"--columns: {stem!r} is no name of a quantity, such as q, qd, tau, t or power")
+        number = r"(?P<number>\d+)" if numbered else ""
+        patterns.append((stem, re.compile(re.escape(before) + number + re.escape(after))))
+    before_it = _OF_THE_USER.set(tuple(patterns))
+    try:
+        yield
+    finally:
+        _OF_THE_USER.reset(before_it)
+
+
 def understood(written: str) -> Name | None:
     """Take a column's name apart; None where it is none of the dialect."""
+    for stem, pattern in _OF_THE_USER.get():
+        if (match := pattern.fullmatch(written.strip())) is not None:
+            return _named(f"{stem}_{match['number']}" if "number" in pattern.groupindex else stem, None)
     if (match := _BRACKETS.fullmatch(written.strip())) is not None and not match["unit"].isdigit():
         return _named(match["name"], match["unit"] or None)
     return _named(written.strip(), None) or next(_with_ending(written.strip()), None)

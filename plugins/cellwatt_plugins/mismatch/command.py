@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from threadpoolctl import threadpool_limits
 
+from cellwatt.commands.columns import with_columns
 from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
@@ -69,6 +70,7 @@ class _Explain(click.Command):
 )
 @with_progress
 @with_scheduler
+@with_columns
 def explain(
     recordings: tuple[Path, ...],
     simulations: tuple[Path, ...],
@@ -96,11 +98,15 @@ def explain(
     content = found.as_json()
     (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
-    if not no_report:
-        with stage("writing the report"):
-            found.report(out / "report.html")
-    with threadpool_limits(1), stage("mending the simulator's file"):
-        mended = None if user is None else mend(found, found.runs, user, out)
+    mended = None
+    try:
+        if user is not None:
+            with threadpool_limits(1), stage("mending the simulator's file"):
+                mended = mend(found, found.runs, user, out)
+    finally:
+        if not no_report:
+            with stage("writing the report"):
+                found.report(out / "report.html", None if mended is None else mended.path)
     if mended is not None:
         content["mended"] = mended.as_json()
         (out / "findings.json").write_text(json.dumps(content, indent=1))
@@ -122,6 +128,7 @@ def explain(
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
+@with_columns
 def simulate(model: Path, motion: Path, simulation: Path | None, out: Path, as_json: bool) -> None:
     """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power.
 

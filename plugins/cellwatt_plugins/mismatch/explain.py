@@ -80,8 +80,11 @@ class Explained:
         model = self.model
         return None if model.mount is None else model.mount - model.arm().body.gravity_field
 
-    def report(self, path: Place) -> None:
-        """Write the page, ``report.html``. Raises ``CellwattError`` where the file cannot be written."""
+    def report(self, path: Place, mended: Path | None = None) -> None:
+        """Write the page, ``report.html``; ``mended`` is the simulator's file as ``mend`` wrote it.
+
+        Raises ``CellwattError`` where the file cannot be written.
+        """
         from cellwatt.report import Provenance
         from cellwatt_plugins.mismatch.report import report
         from cellwatt_plugins.mismatch.report.traces import traces_of
@@ -91,6 +94,11 @@ class Explained:
         floors = floor if self.supply is None else np.append(floor, self.supply.problem.floor)
         traces = traces_of(self.runs, self.model, self.torque, self.nominal)
         page = report(self.findings, traces, self.model.robot.robot, floors, made_from)
+        if self.runs[0].drive is not None:
+            from cellwatt_plugins.mismatch.report import motion
+
+            joints, file = [joint.name for joint in self.model.robot.joints], self.model.robot.urdf
+            page = replace(page, sections=[motion.section(self.runs, joints, file, mended), *page.sections])
         page.write(Path(path))
 
 

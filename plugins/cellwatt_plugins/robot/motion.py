@@ -29,7 +29,7 @@ ORDER = 3
 ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Hz up to which the tracking error, recorded minus planned motion, is told from noise; of the last octave only how
 much there is. An arm that sticks at a reversal leaves its plan for some ms."""
-OWN_OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0)
+OWN_OCTAVES = ERROR_OCTAVES[1:]
 """The same of a motion whose plan is not known; the first is kept as it is."""
 QUICK_OCTAVES = (10.0, 20.0)
 """The same for who cannot wait: what is slow enough to be told from noise takes seconds before and after."""
@@ -37,12 +37,16 @@ FASTEST_BAND = 0.35
 """Bandwidth times step of the fastest octave that the sampling has."""
 OWN_BANDWIDTH = 10.0
 """Hz kept where derivatives are taken from encoders alone, and no doubt of them is asked for."""
-SOFT = 0.15
-"""Share of such a lead within which friction that turns over early does so."""
 HURRIED = 8.0
 """Hz above which nothing is told from noise at the ends of a recording, where half of the neighbours lack."""
+SOFT = 0.4
+"""Share of its lead within which friction that turns over early does so."""
 JERK = 0.5
 """Power of accelerations from one octave to the next: where friction jumps, so does the acceleration."""
+SHORTEST, PERIODS = 0.06, 2.0
+"""s, and periods of an octave, over which its power is averaged: a stop comes and goes within some ms."""
+SURE = 4.0
+"""Times its noise that an octave's power must exceed to be kept, and what exceeds it without being kept is doubt."""
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
@@ -51,25 +55,6 @@ HARDLY = 0.005
 """Noise as a share of what is there that needs no smoothing."""
 SURE_SIGN = 22.0
 """From here on tanh is 1 to the last bit."""
-
-
-@dataclass(frozen=True)
-class _Judge:
-    """How an octave is told from encoder noise."""
-
-    shortest: float
-    """s over which its power is averaged at least."""
-    periods: float
-    """Periods of the octave over which it is averaged."""
-    sure: float
-    """Times its noise that the power must exceed to be kept at all."""
-    clear: float
-    """Times its noise from which an octave that is not kept is doubt."""
-
-
-BESIDE_PLAN = _Judge(shortest=0.06, periods=2.0, sure=4.0, clear=4.0)
-"""An error that comes and goes within some ms; without it the plan stands."""
-ALONE = _Judge(shortest=0.4, periods=1.0, sure=2.0, clear=1.0)
 
 
 @dataclass(frozen=True)
@@ -134,8 +119,8 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
     (Wiener's filter).
     """
     error = position - plan.position
-    noise = encoder_noise(error)
-    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
+    noise = encoder_noise(position, plan.position)
+    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES))
     position, velocity = plan.position + kept.position, plan.velocity + kept.velocity
     acceleration = plan.acceleration + kept.acceleration
     sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
@@ -150,7 +135,7 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
     noise = encoder_noise(encoders)
     octaves = _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
-    kept = _in_octaves(encoders, noise, step, octaves, ALONE, base)
+    kept = _in_octaves(encoders, noise, step, octaves, base)
     speed, gain = differentiate(base, step)
     position, velocity, acceleration = base + kept.position, speed + kept.velocity, gain + kept.acceleration
     sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
@@ -196,10 +181,17 @@ def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
     return mean, square
 
 
-def encoder_noise(position: Float) -> Float:
-    """Return the white noise (n,) of positions (N, n); at least a rounding error, where most of them repeat."""
-    rms = np.sqrt(np.mean(np.square(np.diff(position, n=3, axis=0)), axis=0)) / np.sqrt(20.0)
-    middle = white_noise(position)
+def encoder_noise(position: Float, plan: Float | float = 0.0) -> Float:
+    """Return the white noise (n,) of positions (N, n) about a ``plan``; at least a rounding error.
+
+    A joint at rest repeats its position where its encoder is coarse: that is no sample of the noise in motion.
+    """
+    course = position - plan
+    rms = np.sqrt(np.mean(np.square(np.diff(course, n=3, axis=0)), axis=0)) / np.sqrt(20.0)
+    same = np.diff(position, axis=0) == 0
+    known = course.copy()
+    known[1:-1][same[1:] & same[:-1]] = np.nan
+    middle = white_noise(known)
     return np.asarray(np.maximum(np.where(middle > 0, middle, rms), 1e-9))
 
 
@@ -263,9 +255,7 @@ class _Kept:
     acceleration_spread: Float
 
 
-def _in_octaves(
-    values: Float, noise: Float, step: float, octaves: Sequence[float], judge: _Judge, base: Float | None = None
-) -> _Kept:
+def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[float], base: Float | None = None) -> _Kept:
     """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
 
     Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
@@ -280,17 +270,17 @@ def _in_octaves(
         upper = smooth(values, step, bandwidth)
         band = (upper - lower, *differentiate(upper - lower, step))
         gains = _band_gains(step, octaves[i - 1] if i else None, bandwidth)
-        width = _samples(max(judge.shortest, judge.periods / bandwidth), step)
+        width = _samples(max(SHORTEST, PERIODS / bandwidth), step)
         edge = _samples(1 / bandwidth, step) if bandwidth > HURRIED else 0
         inner = slice(edge, len(values) - edge)
         for order, (part, gain) in enumerate(zip(band, gains, strict=True)):
             own, power = np.square(gain * noise), _average(part**2, width)
             share = np.zeros_like(part)
             if i < len(octaves) - 1:
-                share[inner] = np.clip(1 - judge.sure * own / np.maximum(power[inner], 1e-300), 0.0, 1.0)
-            hidden = np.minimum(expected[order], (judge.clear - 1) * own)
+                share[inner] = np.clip(1 - SURE * own / np.maximum(power[inner], 1e-300), 0.0, 1.0)
+            hidden = np.minimum(expected[order], (SURE - 1) * own)
             parts[order] += share * part
-            squares[order] += share * own + np.square(1 - share) * np.maximum(power - judge.clear * own, hidden)
+            squares[order] += share * own + np.square(1 - share) * np.maximum(power - SURE * own, hidden)
             expected[order] = JERK * 4.0 ** (order - 2) * np.where(share > 0, power - own, expected[order])
         lower = upper
     return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))

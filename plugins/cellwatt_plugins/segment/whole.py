@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.results import Interval
-from cellwatt.scheduler import spread
 from cellwatt_plugins.segment.intervals import Segmenter
 from cellwatt_plugins.segment.motion import Thresholds
 from cellwatt_plugins.segment.noise import first_that_counts
@@ -44,6 +43,8 @@ class _Stretch:
 
 def intervals_of(cutting: Cutting, time: Nanoseconds, positions: Float) -> list[Interval]:
     """Intervals of all frames, as a ``Segmenter`` gives them: ``time`` (n,) ns, ``positions`` (n, joints) rad."""
+    from cellwatt.scheduler import spread  # of which a cell that cuts live needs nothing
+
     good = ~np.isnan(positions).any(axis=1)
     when, pose = time[good], positions[good]
     edges = [0, *(np.flatnonzero(np.diff(when) > cutting.segmenter().gap) + 1).tolist(), len(when)]

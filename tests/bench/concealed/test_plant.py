@@ -71,6 +71,20 @@ def test_motor_torque_is_the_law_of_the_motion():
     assert (np.sqrt(np.mean(off**2, axis=0)) / arm.noise).max() < 0.05
 
 
+def test_friction_takes_motion_under_a_soft_loop_off_its_plan():
+    arm = arm_of()
+    body = Body(arm, Joints.of(arm))
+    plan = excite(np.random.default_rng(2), arm, 4.0, [])
+    off = []
+    for hertz in (None, 9.0):
+        trace = simulate(body, [plan], tune(np.random.default_rng(2), body, 0.001, hertz))
+        planned = np.stack([np.interp(trace.t, np.arange(len(plan.q)) * plan.tick, q) for q in plan.q.T], axis=1)
+        moving = (trace.t > 0) & (trace.t < 3.9)
+        off.append(np.std((trace.q[:, 0] - planned)[moving], axis=0))
+    assert (off[1] > 1.3 * off[0]).all()
+    assert off[1].max() < 0.001
+
+
 def test_a_spring_in_the_gear_gives_way_by_torque_over_stiffness():
     arm = arm_of()
     body = Body(arm, Joints.of(arm), two_mass=TwoMass(1, 2e4, 80.0))

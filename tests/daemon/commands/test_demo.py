@@ -101,7 +101,7 @@ def test_what_happens_is_a_line_at_once_where_the_output_is_no_terminal(
 
     monkeypatch.setitem(demo.RUNS, "small", run)
     ended = call("demo")
-    assert out[:2] == [f"{demo.STARTING}\n", "running for 30 s; in a browser: http://127.0.0.1:8080\n"]
+    assert out[:2] == ["", "running for 30 s; in a browser: http://127.0.0.1:8080\n"]
     told = [line.split(" ", 1)[1] for line in out[2].splitlines()]
     assert told[:2] == ["source arm: ok", "source board: ok"]
     assert told[2].startswith("plant-1/weld-3 is green: 2 of 2 sources ok")

@@ -119,6 +119,9 @@ async def test_another_place_is_owed_nothing_of_this_one(tmp_path: Path) -> None
     cursor = Cursor(tmp_path / "c.json", Account(), "here")
     cursor.owe(1, 2)
     await cursor.write()
+    assert not (tmp_path / "c.json").exists(), "nothing is written over what was not read"
+    await cursor.open()
+    await cursor.write()
     assert load(tmp_path / "c.json", "here").gaps == [[1, 2, 0]]
     assert load(tmp_path / "c.json", "there").gaps == []
 
@@ -141,6 +144,7 @@ async def test_the_file_follows_and_is_whole_whenever_it_is_looked_at(tmp_path: 
 
 async def test_a_full_disk_is_told_and_made_good_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cursor = Cursor(tmp_path / "c.json", account := Account())
+    await cursor.open()
     cursor.deliver(5)
     await cursor.write()
 

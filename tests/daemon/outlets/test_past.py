@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellwatt.errors import RecordingError
 from cellwatt.outlets import past
 from cellwatt.outlets.past import read
 from cellwatt.outlets.selection import Picker, Selection
@@ -97,3 +99,16 @@ def test_what_is_damaged_or_gone_is_left_out(tmp_path: Path, start: int) -> None
     part = read(tmp_path, CELL, SELECTION, start, start + 6 * SPAN, 100)
     assert part.whole and [r.time for r in part.rows] == [start + n * SPAN for n in (1, 2, 5, 6)]
     assert read(tmp_path / "none", CELL, SELECTION, start, start + SPAN, 9).whole
+
+
+def test_one_that_is_being_written_and_cannot_be_read_is_not_taken_for_empty(tmp_path: Path, start: int) -> None:
+    whole = recording(tmp_path, [[block(start, 1, 10)]], 1, session=start - 1)
+    part = whole.rename(whole.with_name(f"{whole.name}.part"))
+    content = part.read_bytes()
+    part.write_bytes(content[:3])
+    with pytest.raises(RecordingError, match="cannot be read yet"):
+        read(tmp_path, CELL, SELECTION, start, start + 2 * SPAN, 9)
+    os.utime(part, (start / 1e9 - 60, start / 1e9 - 60))
+    assert read(tmp_path, CELL, SELECTION, start, start + 2 * SPAN, 9).whole, "nobody writes it any more"
+    part.write_bytes(content)
+    assert len(read(tmp_path, CELL, SELECTION, start, start + 2 * SPAN, 9).rows) == 2

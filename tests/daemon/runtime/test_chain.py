@@ -11,7 +11,9 @@ import pytest
 
 from cellwatt import CellInfo, CellwattError, FrameChannel, Frames, Layout, Stage, StageSettings
 from cellwatt.results import Prediction, Result
+from cellwatt.runtime.assemble import chain_names
 from cellwatt.runtime.chain import Chain, group_by_needs
+from tests.daemon.runtime.fakes import config_of, stages
 
 LAYOUT = Layout((FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),), 50.0)
 INFO = CellInfo("site", "cell", None, Path())
@@ -75,6 +77,14 @@ def test_groups_share_nothing() -> None:
     kinds = {"faults": "faults", "power": "model", "segment": "segment"}
     groups = group_by_needs(stages, kinds)
     assert sorted(groups, key=len) == [["power"], ["segment", "faults"]]
+
+
+def test_more_chains_than_processes_share_them() -> None:
+    names = [f"tasks_{n}" for n in range(32)]
+    chains = chain_names(config_of(stages=stages(*names)), 8)
+    assert [len(chain) for chain in chains] == [4] * 8
+    assert sorted(name for chain in chains for name in chain) == sorted(names)
+    assert chain_names(config_of(stages=stages(*names[:8])), 8) == [[name] for name in names[:8]]
 
 
 def test_circle_is_refused() -> None:

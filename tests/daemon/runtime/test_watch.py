@@ -191,6 +191,21 @@ def test_samples_that_were_never_recorded_are_an_error_and_over_when_no_more_are
     assert [(a.kind, a.active) for a in alarms] == [("process_slow", False)]
 
 
+def test_processes_that_the_pc_does_not_let_run_are_one_warning_not_down() -> None:
+    def waiting(*names: str) -> dict[str, Any]:
+        usual = {"down": False, "restarts": 0, "silent_s": 5.2}
+        return status() | {"processes": {n: usual | {"starved": n in names} for n in ("align", "judge power", "tell")}}
+
+    watch = Watch()
+    alarms = [a for s in range(10) for a in watch.look(waiting("align", "judge power"), s * 10**9)]
+    assert [(a.id, a.severity) for a in alarms] == [("pc_slow:pc", "warning")]
+    assert alarms[0].statement.endswith("waited for a processor: align for 5 s, judge power for 5 s.")
+    alarms = [a for s in range(10, 20) for a in watch.look(waiting(), s * 10**9)]
+    assert [(a.id, a.active, a.statement) for a in alarms] == [
+        ("pc_slow:pc", False, "Resolved: all processes run again.")
+    ]
+
+
 def test_a_device_that_answers_and_gives_no_number_is_an_alarm() -> None:
     starting = {"state": "starting", "streams": {}}
     waits = looked_at(Watch(), 20, lambda second: starting | {"since_s": float(second)})

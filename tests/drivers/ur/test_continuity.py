@@ -117,6 +117,17 @@ def test_a_late_network_is_no_jump():
     assert base.arrived(device + 3000 * MS, now + 3001 * MS)
 
 
+def test_bounds_widen_with_the_time_since_they_were_seen():
+    """The two times run apart by 700 ppm, while packages, then questions, stay out for long."""
+    silent = TimeBase()
+    assert silent.arrived(0, NOW)
+    assert silent.made_after(60_000 * MS, NOW + 60_042 * MS)
+    slowing = TimeBase()
+    assert slowing.made_after(0, NOW)
+    assert slowing.made_after(100_000 * MS, NOW + 99_930 * MS)  # a newer bound, though below the older one
+    assert not slowing.arrived(100_050 * MS, NOW + 99_940 * MS)
+
+
 def test_forgotten_bounds_no_longer_hold():
     base = TimeBase()
     device, now = fed(base)

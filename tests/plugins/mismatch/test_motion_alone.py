@@ -95,7 +95,8 @@ def explained(folder, log, *words):
     pq.write_table(pa.table(columns), folder / "log.parquet")
     (folder / "arm.xml").write_text(mjcf())
     given = [str(folder / "log.parquet"), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
-    done = CliRunner().invoke(explain, [*given, "--no-report", "-q", *words], catch_exceptions=False)
+    words = words or ("--no-report",)
+    done = CliRunner().invoke(explain, [*given, "-q", *words], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     found = json.loads((folder / "out" / "findings.json").read_text())
     return found, {(f["effect"], f["joint"]): f["parameters"] for f in found["findings"]}
@@ -117,6 +118,7 @@ def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
 def test_a_soft_loop_is_named_and_mended(tmp_path, logs):
     found, named = explained(tmp_path, logs["gain"], "--mend", str(tmp_path / "arm.xml"))
     assert named.keys() == {("drive_gain", 2)}
+    assert "How the arm and its simulation move" in (tmp_path / "out" / "report.html").read_text()
     assert named["drive_gain", 2]["gain"]["value"] == pytest.approx(-0.3, abs=0.03)
     before, after = ([e[key] for e in found["mended"]["error"]] for key in ("before", "after"))
     assert after[1] < 0.2 * before[1]

@@ -8,11 +8,13 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import (
     Plan,
     _by_nodes,
+    about_plan,
     differentiate,
     encoder_noise,
     exact,
     expected_sign,
     rates,
+    slope,
     smooth,
 )
 from tests.plugins.mismatch import plant
@@ -48,8 +50,8 @@ def test_noise_left_in_position_velocity_and_acceleration_is_what_the_transfer_f
     kept = smooth(noise, STEP, BANDWIDTH)
     angle = np.linspace(0, np.pi, 20001)[1:]
     slopes = np.ones_like(angle), np.sin(angle) / STEP, (2 * np.sin(angle / 2)) ** 2 / STEP**2
-    for part, slope in zip((kept, *differentiate(kept, STEP)), slopes, strict=True):
-        expected = np.sqrt(np.mean((transfer(angle) * slope) ** 2))
+    for part, gain in zip((kept, *differentiate(kept, STEP)), slopes, strict=True):
+        expected = np.sqrt(np.mean((transfer(angle) * gain) ** 2))
         assert np.std(part) == pytest.approx(expected, rel=0.03)
 
 
@@ -101,6 +103,16 @@ def test_encoder_noise_of_a_coarse_encoder_is_its_rounding():
     step = 1e-3
     rounded = step * np.round(np.sin(t)[:, None] / step)
     assert encoder_noise(rounded)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
+
+
+def test_rests_are_no_sample_of_a_coarse_encoders_noise():
+    """Of a plan that rests for six tenths of the time; positions as files hold them, in single precision."""
+    t = np.arange(5000) * STEP
+    step, plan = 1e-4, np.sin(np.clip(t, 0.4 * t[-1], 0.8 * t[-1]))[:, None]
+    rounded = (step * np.round(plan / step)).astype(np.float32).astype(float)
+    assert encoder_noise(rounded, plan)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
+    moved = about_plan(rounded, Plan(plan, *differentiate(plan, STEP)), STEP)
+    assert np.abs(moved.acceleration - differentiate(plan, STEP)[1]).max() < 0.05
 
 
 def test_rates_are_the_derivatives_of_what_is_slow_enough():
@@ -179,3 +191,38 @@ def test_a_servo_that_lags_behind_moves_as_planned_but_later(lag):
     found = moved(run)
     assert np.sqrt(np.mean((found.velocity - really[1]) ** 2)) < 0.002
     assert np.sqrt(np.mean((found.acceleration - really[2]) ** 2)) < 0.03 * np.std(really[2])
+
+
+def test_an_arm_that_sticks_at_a_reversal_is_followed_off_its_plan():
+    """It stands for 40 ms where the plan turns back, then catches up within 100 ms."""
+    step = 0.004
+    time = np.arange(3000) * step
+    swing, turn = 2 * np.pi * 0.5, 0.5
+    plan = (np.sin(swing * time), swing * np.cos(swing * time), -(swing**2) * np.sin(swing * time))
+    since = time - turn
+    held = np.sin(swing * (turn - 0.02)) - plan[0]
+    share = np.where((since > -0.02) & (since < 0.02), 1.0, np.where(since < 0, 0.0, np.exp(-since / 0.03)))
+    q = (plan[0] + np.where(since > -0.02, share * held, 0.0))[:, None]
+    noise = 3e-6 * np.random.default_rng(1).standard_normal(q.shape)
+    commanded = Plan(*(part[:, None] for part in plan))
+    found = moved(Run("run_01", time, q + noise, None, np.zeros_like(q), plan=commanded))
+    stuck = np.abs(since) < 0.012
+    assert np.abs(plan[1][stuck]).max() > 0.07
+    assert np.abs(found.velocity[stuck]).max() < 0.03
+    assert found.turning().held[stuck].min() > 0.2
+    assert found.turning().held[np.abs(found.velocity) > 0.15].max() < 0.01
+
+
+def test_friction_that_leads_turns_over_before_the_velocity():
+    speed = np.linspace(0.1, -0.1, 21)[:, None]
+    known = exact(np.zeros_like(speed), speed, np.full_like(speed, -4.0))
+    assert np.argmax(known.turning().sign[:, 0] < 0) == 11
+    assert np.argmax(known.turning(0.01).sign[:, 0] < 0) == 7
+
+
+def test_the_slope_of_what_has_no_noise_keeps_its_jumps():
+    t, draw = np.arange(500) * STEP, np.random.default_rng(0)
+    known = np.abs(t - 2.0) + 1e-8 * draw.standard_normal(len(t))
+    assert slope(known[:, None], STEP)[252, 0] == pytest.approx(1.0, abs=1e-5)
+    noisy = np.abs(t - 2.0) + 0.01 * draw.standard_normal(len(t))
+    assert np.std(slope(noisy[:, None], STEP)[300:400]) < 0.5 * np.std(np.gradient(noisy, STEP)[300:400])

@@ -14,6 +14,7 @@ from pydantic import model_validator as model_check
 from cellwatt.files import WRITTEN, open_file
 from cellwatt.host import stays_here
 from cellwatt.outlet import OutletSettings
+from cellwatt.outlets.forward import Flow
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Seconds
 
@@ -34,7 +35,7 @@ def _web(url: str) -> str:
     return url.rstrip("/")
 
 
-class InfluxSettings(Selection):
+class InfluxSettings(Flow):
     """InfluxDB by line protocol over HTTP: ``database`` for version 1, ``org`` and ``bucket`` for 2."""
 
     model_config = _STRICT
@@ -59,14 +60,8 @@ class InfluxSettings(Selection):
     """Certificate authority (PEM) to trust instead of those of the system."""
     measurement: str = Field(default="cellwatt", pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")
     """Measurement of the rows; alarms, tasks and energies have it in front of theirs."""
-    results: bool = True
-    """Write alarms, tasks and energies, too."""
     batch: PositiveInt = Field(default=1000, le=50_000)
     """Most lines of one request."""
-    every: Seconds = Field(default=1.0, gt=0)
-    """Time between two requests while all is well."""
-    queue: PositiveInt = 10_000
-    """Lines that may wait; what is beyond is filled in from the record later."""
     timeout: Seconds = Field(default=10.0, gt=0)
     """Longest time of one request."""
     open: bool = False

@@ -71,6 +71,8 @@ class MqttOutlet(Outlet[MqttSettings]):
         """Make rows of frames; queue results."""
         if isinstance(item, Frames):
             self._outbox.frames(item)
+            if self._cursor.reached is None and self._outbox.last is not None:
+                self._cursor.deliver(self._outbox.begun)  # a start that never connects is owed its rows as well
         elif isinstance(item, Prediction):
             self._outbox.prediction(item)
         elif not isinstance(item, Batch):
@@ -111,6 +113,8 @@ class MqttOutlet(Outlet[MqttSettings]):
         except OutletError:
             self._turn += 1
             raise
+        finally:
+            await self._cursor.write()
 
     async def _serve(self, settings: MqttSettings) -> None:
         await self._cursor.open()
@@ -137,7 +141,6 @@ class MqttOutlet(Outlet[MqttSettings]):
             self._session = None
             await session.end()
             await link.abort()
-            await self._cursor.write()
 
     def _made(self) -> Format:
         alarms = self.view.status().get("alarms", ())

@@ -172,8 +172,6 @@ class Session:
         if not self._outbox.serving:
             self._outbox.serving = True
             if self._backfill is not None and self._outbox.last is not None:
-                if self._cursor.reached is None:
-                    self._cursor.deliver(self._outbox.begun)
                 self._cursor.owe_since(self._outbox.last, self._outbox.take_left())
         await self._sending.send(self._format.birth(now))
         self._account.count("births")

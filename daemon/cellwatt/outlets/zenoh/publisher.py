@@ -15,7 +15,7 @@ from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.answers import STUCK, Answers
 from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode_apart
-from cellwatt.outlets.zenoh.keys import HEALTH, CellKeys
+from cellwatt.outlets.zenoh.keys import FRAME, HEALTH, CellKeys
 from cellwatt.outlets.zenoh.link import LARGEST_MESSAGE, LinkSettings, open_session, why_unconnected
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item
@@ -35,8 +35,6 @@ HELD_UP: Final = 0.02
 HINDERED: Final = 1.0
 SCHEMA_EVERY: Final = 1.0
 """s between two messages of a topic that carry its schema, for consumers that came since."""
-SETTLES: Final = 2.0
-"""s after its first message in which a key counts as subscribed to: Zenoh learns only then who subscribes."""
 _UNCONNECTED: Final = 5.0
 """Time, s, without any link after which the log says why."""
 
@@ -82,6 +80,7 @@ class Publisher(threading.Thread):
         self._broken: Exception | None = None
         self._links = _LinkWatch(link)
         self._health_to: _Publisher | None = None
+        self._interest: list[_Publisher] = []
 
     @property
     def awaited(self) -> bool:
@@ -152,6 +151,8 @@ class Publisher(threading.Thread):
         try:
             token = session.liveliness().declare_token(self._keys.root)
             self._answers.start(session)
+            # Who subscribes to samples is known by the time that the first ones come.
+            self._interest = [_Publisher(session, self._keys.live(k), ARROW, lossy=True) for k in ("raw/**", FRAME)]
             self._health_to = _Publisher(session, self._keys.live(HEALTH), JSON, lossy=True)
             self._beat_due, self._session = None, session
             self._publish(session)
@@ -251,7 +252,6 @@ class _Publisher:
         import zenoh
 
         control, priority = zenoh.CongestionControl, zenoh.Priority
-        self._declared = time.monotonic()
         self._publisher: Any = session.declare_publisher(
             key,
             encoding=encoding,
@@ -262,8 +262,8 @@ class _Publisher:
 
     @property
     def wanted(self) -> bool:
-        """True if somebody subscribes, or that is not known yet."""
-        return time.monotonic() < self._declared + SETTLES or bool(self._publisher.matching_status.matching)
+        """True if somebody subscribes."""
+        return bool(self._publisher.matching_status.matching)
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish one message. Raises ``ZError``."""

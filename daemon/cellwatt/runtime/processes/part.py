@@ -37,6 +37,8 @@ class Part:
     """A descriptor that can be read once the process has ended."""
     control: Connection | None = None
     ready: bool = False
+    done: bool = False
+    """Its last run came to its end by itself."""
     restarts: int = 0
     again_at: float = math.inf
     """When to begin it again, monotonic s."""
@@ -88,6 +90,7 @@ class Part:
         _, status = os.waitpid(self.pid, 0)
         self.let_go()
         code = os.waitstatus_to_exitcode(status)
+        self.done = code == 0
         now = time.monotonic()
         self._failures = 0 if now - self._began > STEADY else self._failures + 1
         pause = 0.0 if self._failures <= 1 else min(FIRST_PAUSE * 2 ** (self._failures - 2), LONGEST_PAUSE)

@@ -16,8 +16,10 @@ from cellwatt.frames import Layout
 from cellwatt.ring import Ring
 from cellwatt.ring.memory import READERS
 
-SLOTS: Final = 16
-"""Chains of stages that may run at a time; during a reload the old ones and the new."""
+CHAINS: Final = 8
+"""Most processes that judge; of more chains of stages some share one."""
+SLOTS: Final = 2 * CHAINS
+"""Processes that judge at a time: during a reload the old ones and the new."""
 KEPT: Final = 10.0
 """s of data that a ring holds: how long a reader may stand still before it misses some."""
 SMALLEST, LARGEST = 1 << 20, 64 << 20  # bytes of a ring

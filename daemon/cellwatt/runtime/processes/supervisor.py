@@ -29,6 +29,7 @@ from cellwatt.runtime.processes.judge import judge
 from cellwatt.runtime.processes.part import Part
 from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
+    CHAINS,
     OTHERS,
     SLOTS,
     Alive,
@@ -160,10 +161,7 @@ class Supervisor:
         free = iter(slot for slot in range(SLOTS) if slot not in used)
         generation = self._generation + held
         made: dict[int, Part] = {}
-        for names in chain_names(config):
-            slot = next(free, None)
-            if slot is None:
-                raise CellwattError(f"a cell has at most {SLOTS} chains of stages that share no results")
+        for slot, names in zip(free, chain_names(config, CHAINS), strict=False):
             made[slot] = Part(
                 f"judge {'+'.join(names)}", judge, self._assign_judge(config, generation, names, slot, held)
             )
@@ -276,7 +274,7 @@ class Supervisor:
             self._end(part)
         for ring in self._shared.results:
             ring.end()
-        if not self._tell.alive and self._tell.restarts and self._failed is None:
+        if not self._tell.alive and self._tell.restarts and not self._tell.done and self._failed is None:
             self._start(self._tell)  # what was collected is still to be recorded
         self._end(self._tell)
 

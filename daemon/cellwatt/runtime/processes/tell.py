@@ -22,6 +22,7 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
 from cellwatt.runtime.processes.shared import TELL, TELLS, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
+from cellwatt.runtime.processes.starved import starved
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
@@ -35,7 +36,7 @@ AT_ONCE: Final = 100
 MARKED: Final = 3.0
 """Longest time, s, that new settings wait until the last frames by the old ones are told: rings hold more than that."""
 SILENT: Final = 4.0
-"""s without figures after which a process is told to be down."""
+"""s without figures after which a process is told to be down, or starved where the PC does not let it run."""
 
 
 def tell(assignment: Assignment) -> None:
@@ -288,6 +289,8 @@ class _Telling:
         now = time.monotonic()
         said = {part: known for part, (_, known) in self._said.items()}
         ages = {part: now - heard for part, (heard, _) in self._said.items()}
+        silent = {part for part, age in ages.items() if age > SILENT}
+        waiting = {part for part in silent if starved(said[part]["pid"], said[part]["cpu_s"], ages[part])}
         stages = {name: s for known in said.values() for name, s in known.get("stages", {}).items()}
         collect, align = said.get("collect", {}), said.get("align", {})
         lag = round(1e3 * self._lag, 3)
@@ -301,7 +304,11 @@ class _Telling:
                 "stages": {name: stages[name] for name in self._config.stages if name in stages},
                 "processes": {
                     part: {k: v for k, v in known.items() if k not in ("part", "sources", "stages", "frames")}
-                    | {"silent_s": round(ages.get(part, 0.0), 1), "down": ages.get(part, 0.0) > SILENT}
+                    | {
+                        "silent_s": round(ages.get(part, 0.0), 1),
+                        "down": part in silent - waiting,
+                        "starved": part in waiting,
+                    }
                     for part, known in {**said, "tell": here}.items()
                 },
             }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import secrets
@@ -9,6 +10,7 @@ import shlex
 import sys
 import webbrowser
 from collections.abc import Sequence
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 
 import click
@@ -93,7 +95,8 @@ def _explained(folder: Path, concealed: Sequence[Concealed], as_json: bool) -> R
     files = [str(folder / name) for name in ("run_1.csv", "run_2.csv")]
     simulation = str(folder / "arm.xml")
     words = [*files, "--simulation", simulation, "--mend", simulation, "--out", str(result)]
-    explain.main([*words, *(["--quiet", "--json"] if as_json else [])], standalone_mode=False)
+    with redirect_stdout(io.StringIO()) if as_json else nullcontext():
+        explain.main([*words, *(["--quiet"] if as_json else [])], standalone_mode=False)
     findings = json.loads((result / "findings.json").read_text())
     revealed = compared(concealed, findings)
     (folder / "revealed.json").write_text(json.dumps(revealed.as_json(), indent=1))
@@ -104,8 +107,10 @@ def _show(revealed: Revealed, report: Path, again: str) -> None:
     console = Console()
     console.print()
     console.print(table(revealed))
-    if revealed.right:
+    if revealed.right and revealed.exact:
         console.print("\nexplain is right.", style="bold green")
+    elif revealed.right:
+        console.print("\nexplain names it, but a number is further off than its ± allows.", style="bold yellow")
     else:
         console.print("\nexplain is wrong here.", style="bold red")
     console.print(f"the same again: {again}", soft_wrap=True, highlight=False)

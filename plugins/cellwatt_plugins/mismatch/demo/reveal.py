@@ -36,9 +36,17 @@ class Revealed:
         """True if all that was concealed is named at its joint, and nothing else."""
         return not self.invented and all(answer.finding is not None for answer in self.answers)
 
+    @property
+    def exact(self) -> bool:
+        """True if each number of what is named is within ``FAR``."""
+        known = [
+            (a.finding, name, n) for a in self.answers if a.finding for name, (n, _) in a.concealed.numbers.items()
+        ]
+        return all(_off(finding, name, number) <= FAR for finding, name, number in known)
+
     def as_json(self) -> dict[str, Any]:
         """The truth beside the answer, JSON-ready."""
-        return {"right": self.right, **asdict(self)}
+        return {"right": self.right, "exact": self.exact, **asdict(self)}
 
 
 def compared(concealed: Sequence[Concealed], findings: Mapping[str, Any]) -> Revealed:
@@ -82,10 +90,16 @@ def _rows(answer: Answer) -> list[list[str]]:
             rows.append([sentence, name, told, "not named", "[bold red]wrong[/]" if i == 0 else ""])
             continue
         found, std = _found(answer.finding, name)
-        off = abs(found - value) / std if std > 0 else 0.0
+        off = _off(answer.finding, name, value)
         sign = _sign(True) if off <= FAR else f"[bold yellow]named, {off:.0f} σ off[/]"
         rows.append([sentence, name, told, f"{measured(found, std)} {unit(symbol)}".strip(), sign])
     return rows
+
+
+def _off(finding: Mapping[str, Any], name: str, value: float) -> float:
+    """Distance of a number from the true ``value``, in its standard deviations."""
+    found, std = _found(finding, name)
+    return abs(found - value) / std if std > 0 else 0.0
 
 
 def _found(finding: Mapping[str, Any], name: str) -> tuple[float, float]:

@@ -31,6 +31,10 @@ RELIEVED = 0.25
 """Share of the greatest stretch of any group that may be left where it comes back."""
 MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
+OF_FALL = 0.1
+"""Share of what a term of the whole arm takes off in all by which another channel's error may rise."""
+PEAK = 3.0
+"""Times what is left at a channel that something must reach there that is there at one time only."""
 OFTEN = 3
 """Folds in which a term must be there for data left out to tell of it."""
 THERE = 0.1
@@ -69,9 +73,12 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     # A drive's limit or dead band can take up what no name says as well as the numbers of its law can.
     shaped = term.effect.acts_on == "drive" and term.effect.form.to_scale and term.joint is not None
     relieved = not shaped and relieves_tension(before, after, thresholds)
-    if (enough and _seldom(after, term)) or relieved:
+    if (enough and _seldom(after, term)) or relieved or gain > term.effect.acceptance.by_evidence:
         return None
     found = held(before, after, term)
+    upon = any(t.joint == term.joint and term.effect.name in t.effect.relations.upon for t in after.terms)
+    if enough and upon and found.share > -thresholds.rise:
+        return None
     channels = channels_of(after, term)
     chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)
@@ -85,7 +92,7 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
         return "adds too little evidence, and does not lower the error on data left out by much"
     # What acts at one joint raises the others' errors only by the links, which are fitted anew beside it.
-    if term.joint is None and found.rise > thresholds.rise:
+    if term.joint is None and found.rise > max(thresholds.rise, OF_FALL * found.share):
         return "raises the error of another channel on data left out"
     old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels)) for s in (before, after))
     if not np.any(new < old):
@@ -104,16 +111,19 @@ def _seldom(solution: Solution, term: Term) -> bool:
 
 
 def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
-    """False if a term of ``after`` could as well stand for what else is left at its channels.
+    """False if a term of ``after`` could as well stand for what else is left at its channels beyond the noise.
 
     What rings was asked for because that rings, and is never followed to the noise.
     """
-    left = after.problem.chi2(after.residual)[channels_of(after, term)]
-    apart = term.effect.usual or term.effect.form.sample_by_sample or _seldom(after, term)
-    if apart or float(np.min(left)) < thresholds.far:
+    channels = channels_of(after, term)
+    left = float(np.min(after.problem.chi2(after.residual)[channels]))
+    if term.effect.usual or term.effect.form.sample_by_sample or left < thresholds.near:
         return True
+    if _seldom(after, term):
+        added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))
+        return bool(np.any(np.max(np.abs(added), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
     found = held(before, after, term)
-    return found.share > thresholds.share_far or found.sure > thresholds.certain
+    return found.sure > thresholds.certain or found.share * left > (1 - found.share) * (left - 1)
 
 
 def held(before: Solution, after: Solution, term: Term) -> Held:

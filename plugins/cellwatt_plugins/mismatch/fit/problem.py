@@ -124,7 +124,7 @@ class Problem:
 
     def columns(self, term: Term) -> list[Float]:
         """Columns of a term in each run; simulated once where they depend on the motion alone."""
-        if term.effect.acts_on in ("reading", "supply") or term.effect.depends_on == "load":
+        if term.effect.acts_on == "supply" or term.effect.depends_on in ("load", "fitted torque"):
             return [term.effect.columns(s, term.joint, term.shape) for s in self.states]
         key = (*term.place, term.shape)
         if key not in self.simulated:
@@ -253,7 +253,7 @@ def torque_problem(
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(
-        np.where(there & _sure(run), _without_gaps(v, run), UNTOLD * noise**2)
+        np.where(there & _between_ends(run), _without_gaps(v, run), UNTOLD * noise**2)
         for v, run, there in zip(variance, runs, told, strict=True)
     )
     size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
@@ -356,12 +356,12 @@ def encoder_floor(states: Sequence[States]) -> Float:
     return noise_of(drive.servo.stiffness, drive.servo.damping, inertia, resolution, drive.step)
 
 
-def _sure(run: Run) -> NDArray[np.bool_]:
-    """(N, n) true where a driven run's torque is known: between its ends, and within the limits of the law."""
-    if run.drive is None:
-        return np.ones(run.torque.shape, np.bool_)
-    inside, edge = run.drive.sure.copy(), round(EDGE / run.step)
-    inside[:edge] = inside[len(inside) - edge :] = False
+def _between_ends(run: Run) -> NDArray[np.bool_]:
+    """(N, 1) true where the filter of a driven run knows what was before and after."""
+    inside = np.ones((len(run.time), 1), np.bool_)
+    if run.drive is not None:
+        edge = round(EDGE / run.step)
+        inside[:edge] = inside[len(inside) - edge :] = False
     return inside
 
 

@@ -28,13 +28,15 @@ class Thresholds:
     sure: float = 2.5
     much: float = 0.15
     """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
+    murky: float = 0.0
+    """Share that a term must take off a channel of which ``much_left`` is left beside all terms: of something that is
+    in no library, each name takes a little."""
+    much_left: float = 10.0
+    """Mean square residual, in units of the noise."""
     better: float = 0.4
     """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
-    far: float = 4.0
-    """Mean square residual, in units of the noise, from which most of what is left at a channel has no name: what is no
-    usual thing must then take off ``share_far``, or be ``certain``."""
-    share_far: float = 0.35
     certain: float = 8.0
+    """Standard errors from which an unusual term stays that takes less off than it leaves beyond the noise."""
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""
     rise: float = 0.02
@@ -55,9 +57,9 @@ DEFAULT = Thresholds()
 def by_law(thresholds: Thresholds) -> Thresholds:
     """Thresholds where a servo's law stands for the torque: its numbers are free, and noise near stops is not known.
 
-    So what is near the noise must take off as much as elsewhere.
+    So what is near the noise must take off as much as elsewhere, and what is far from it more.
     """
-    return replace(thresholds, near=0.0)
+    return replace(thresholds, near=0.0, steady=thresholds.sure, much=0.5, murky=0.35)
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def even(
         name: onto(grid, time, values)
         if name == power
         # Straight lines leave a position by more than its encoder's noise wherever it speeds up.
-        else Akima1DInterpolator(time, values, method="makima")(grid)
+        else Akima1DInterpolator(time, values, method="makima")(np.clip(grid, time[0], time[-1]))
         if name in curved
         else np.interp(grid, time, values)
         for name, values in filled.items()

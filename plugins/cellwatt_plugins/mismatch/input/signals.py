@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
+from cellwatt.tables.likely import hint
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import held, onto
@@ -47,6 +48,8 @@ class Signals:
     notes: tuple[str, ...]
     columns: tuple[str, ...]
     """All the file has beside the time, for messages."""
+    hint: str = ""
+    """What the columns with unknown names look like, for messages."""
 
     @property
     def step(self) -> float:
@@ -59,7 +62,9 @@ class Signals:
             if quantity in self.joints:
                 return self.joints[quantity]
         names = " or ".join(_family(quantity) for quantity in quantities)
-        raise RecordingError(f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}")
+        raise RecordingError(
+            f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}{self.hint}"
+        )
 
     def with_controls(self, gains: Float | None) -> Signals:
         """A simulator's controls as torques, by ``gains`` (n,) Nm a unit, or as commands where these are NaN.
@@ -132,7 +137,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     positions = next((q for q in ("position", "target_position") if q in joints), None)
     if positions is None:
         wanted = f"{_family('position')} or {_family('target_position')}"
-        raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}")
+        raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}{hint(table)}")
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     # Rows in which no joint was heard hold nothing: to leave them out makes them holes in time.
     heard = np.isfinite(joints[positions]).any(axis=1)
@@ -154,6 +159,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         gaps=grid.gaps,
         notes=(*_turned(path.name, table, names), *grid.notes),
         columns=table.names,
+        hint="" if {"torque", "current", "control", "command"} & joints.keys() else hint(table),
     )
 
 

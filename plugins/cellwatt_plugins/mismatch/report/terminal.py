@@ -17,11 +17,12 @@ BAR = 30
 def in_words(found: Explained, out: Path) -> str:
     """The findings as a person reads them at the terminal."""
     findings = found.findings
+    with_curves = {curve.channel for curve in findings.curves}
     lines = [_headline(findings), *_numbers(findings), *_cascade(findings)]
     for finding in findings.findings:
         gain = finding.improvement
         lines.append(f"  • {finding.statement}")
-        curved = " with the curves below" if finding.effect == "unknown" and gain.after < gain.before else ""
+        curved = " with the curves below" if finding.effect == "unknown" and gain.channel in with_curves else ""
         lines.append(
             f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
             f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"

@@ -43,7 +43,16 @@ def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[F
     known = estimates(solution)
     beside = LeaveOut(solution.problem, solution.factor)
     last = solution.problem.rms(beside.residual(solution.terms))
-    return [_finding(solution, beside, added, known[added.term.place], last, gain) for added in steps.findings]
+    found = [
+        (added, _finding(solution, beside, added, known[added.term.place], last, gain)) for added in steps.findings
+    ]
+    return [finding for added, finding in found if not _open(added.term, finding)]
+
+
+def _open(term: Term, finding: Finding) -> bool:
+    """True of a joint's term whose strength is no better known than that it is not 0."""
+    strength = next(iter(finding.parameters.values()))
+    return term.joint is not None and term.effect.acts_on != "links" and strength.std > abs(strength.value)
 
 
 def _finding(

@@ -23,6 +23,7 @@ class ClockDrift(Effect):
 
     name = "clock_drift"
     acts_on = "reading"
+    depends_on = "fitted torque"
     whole_arm = True
     form = Form(to_scale=True)
     acceptance = Acceptance(least_rate=FAST, several_channels=True)

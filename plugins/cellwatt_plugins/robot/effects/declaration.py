@@ -15,7 +15,7 @@ ActsOn = Literal["joint", "friction", "links", "drive", "reading", "supply"]
 - ``friction``: the same, but as a change of Coulomb friction, which must be there;
 - ``links``: the load that the links are, Nm at all joints;
 - ``drive``: the torque that a servo gives for its command, where no torque was measured;
-- ``reading``: the torque as measured, after all mechanics (gain, delay, clipping); columns follow the fitted torque;
+- ``reading``: the torque as measured, after all mechanics (gain, delay, clipping, offset);
 - ``supply``: the power of the supply, W.
 """
 DependsOn = Literal["motion", "load", "fitted torque", "residual"]
@@ -62,6 +62,8 @@ class Acceptance:
     """Samples a second that it takes to show it."""
     usual: bool = False
     """Most arms have it: data left out alone may confirm it, where much else is unexplained."""
+    by_evidence: float = float("inf")
+    """nats from which evidence alone confirms it, whatever data left out say."""
     common: bool = False
     """No rare thing: half as much evidence is asked."""
 
@@ -78,6 +80,8 @@ class Relations:
     """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
     along: Literal["", "position", "velocity"] = ""
     """What its torque is a law of, where it is a law of one thing: a free curve of that must not fit much better."""
+    upon: tuple[str, ...] = ()
+    """Effects that are there wherever it is: with evidence of their own, they stay though it can stand for them."""
     beats: tuple[str, ...] = ()
     """Plainer effects in whose place it must lower the error on data left out."""
 

@@ -95,7 +95,7 @@ class Effect(ABC):
     @property
     def by_motion_alone(self) -> bool:
         """True if its columns and shapes stay as they are whatever is fitted."""
-        return self.acts_on != "reading" and self.depends_on == "motion"
+        return self.depends_on == "motion"
 
     @property
     def mechanical(self) -> bool:
@@ -139,6 +139,10 @@ class Effect(ABC):
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         """True if these recordings can show such a shape, not only what their sampling makes of motion."""
         return True
+
+    def fuller(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
+        """Shapes that this one is a part of, tried once it is found."""
+        return []
 
     def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
         """Shapes so unlike this one that they must fit clearly worse, if it is this one."""

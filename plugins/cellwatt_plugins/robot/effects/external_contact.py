@@ -53,6 +53,10 @@ class ExternalContact(Effect):
             for sample in peaks(np.where(_turns(run, joint or 0), 0.0, left[:, joint]), run.step, width)
         ]
 
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        """True if it is at a time that was recorded."""
+        return any(run.time[0] < shape[1] < run.time[-1] for run in runs if run.index == round(shape[0]))
+
     def charge(self, runs: Sequence[States], shape: Shape) -> float:
         return float(np.log(sum(float(run.time[-1] - run.time[0]) for run in runs) / shape[2]))
 

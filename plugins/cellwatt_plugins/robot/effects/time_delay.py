@@ -18,8 +18,8 @@ DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in
 
 SHARE = 0.5
 """Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""
-LEAST = 0.1
-"""Of a sample: a delay as short as that is how torque was sampled."""
+LEAST = 0.6
+"""Of a sample: a delay as short as that is how torque was sampled, as simulators log a step's torque after it."""
 
 
 class TimeDelay(Effect):
@@ -27,6 +27,7 @@ class TimeDelay(Effect):
 
     name = "time_delay"
     acts_on = "reading"
+    depends_on = "fitted torque"
     whole_arm = True
     form = Form(to_scale=True)
     acceptance = Acceptance(least_rate=FAST, several_channels=True)

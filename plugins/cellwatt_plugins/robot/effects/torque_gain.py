@@ -15,6 +15,7 @@ class TorqueGain(Effect):
 
     name = "torque_gain"
     acts_on = "reading"
+    depends_on = "fitted torque"
     confusions = (
         Confusion(
             "link_inertial_error", "compare with the supply's power at constant speed: a wrong gain draws no power"

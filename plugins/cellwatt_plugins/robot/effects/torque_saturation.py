@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.noise import white_noise
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
@@ -15,6 +16,14 @@ BELOW = (0.0, 1.0, 2.0, 3.0)
 """Standard deviations below the greatest measured torque at which the limit is tried."""
 CLIPPED = 10
 """Samples that must be clipped."""
+FINEST = 0.002
+"""Share of the greatest reading that its noise is at least."""
+APART = 4
+"""Samples from reading to reading of which the noise is taken: all of these are fitted."""
+FLAT = 2.0
+"""Standard deviations from the limit within which most samples read that are clipped, and ask for more."""
+BEYOND = 0.3
+"""Share of the readings about the limit that may be more than one standard deviation beyond it."""
 AMONG = (10, 20, 40)
 """Greatest asked torques over whose readings the limit is also tried: clipped ones all read about the same."""
 
@@ -24,7 +33,7 @@ class TorqueSaturation(Effect):
 
     name = "torque_saturation"
     acts_on = "reading"
-    depends_on = "residual"
+    depends_on = "fitted torque"
     form = Form(to_scale=True)
     confusions = (Confusion("torque_gain", "move slower: a gain stays, clipping goes"),)
 
@@ -34,22 +43,34 @@ class TorqueSaturation(Effect):
             [np.abs(run.torque[:, joint] + r[:, joint]) for run, r in zip(runs, residual, strict=True)]
         )
         asked = np.concatenate([np.abs(run.torque[:, joint]) for run in runs])
-        # Of the reading alone: what the model does not explain yet is no noise of it.
-        spread = float(np.median(np.abs(np.diff(read)))) / 0.6745
+        # What the model does not explain yet is no noise of the reading; what lies between fitted rows has none.
+        left = float(np.median(np.abs(np.concatenate([r[:, joint] for r in residual])))) / 0.6745
+        spread = max(min(left, float(white_noise(read[::APART])[0])), FINEST * float(np.max(read)))
         levels = [float(np.max(read)) - below * spread for below in BELOW]
         greatest = np.argsort(-asked)[: max(AMONG)]
         levels += [float(np.median(read[greatest[:count]])) for count in AMONG]
-        return [(level,) for level in levels if level > 0 and np.count_nonzero(asked > level) >= CLIPPED]
+        return [(level,) for level in levels if level > 0 and _clipped(read, asked, level, spread)]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         torque = run.torque[:, joint]
         return (np.clip(torque, -shape[0], shape[0]) - torque)[:, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.85 * shape[0], 1.15 * shape[0])]
+        return [(0.95 * shape[0], 1.05 * shape[0])]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {"limit": estimate.shaped(0, "N*m")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         return f"The torque measured at {who.lower()} is clipped at {said(parameters['limit'])}."
+
+
+def _clipped(read: Float, asked: Float, level: float, spread: float) -> bool:
+    """True if what asks for clearly more than a limit reads as the limit, and hardly anything reads as more."""
+    over, near = asked > level, read > level - spread
+    return (
+        int(np.count_nonzero(over)) >= CLIPPED
+        and float(np.mean(asked[over])) > level + FLAT * spread
+        and float(np.median(np.abs(read[over] - level))) < FLAT * spread
+        and float(np.mean(read[near] > level + spread)) < BEYOND
+    )

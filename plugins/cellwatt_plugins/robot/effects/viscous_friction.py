@@ -16,7 +16,7 @@ class ViscousFriction(Friction):
 
     name = "viscous_friction"
     nominal = "viscous_friction"
-    relations = Relations(plainer=5.0)
+    relations = Relations(plainer=5.0, beats=("coulomb_friction",), upon=("coulomb_friction",))
     split = 10.0, ()
     confusions = (
         Confusion("coulomb_friction", "sweep one joint at six constant speeds over two decades, both directions"),

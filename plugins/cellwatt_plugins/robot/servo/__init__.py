@@ -7,12 +7,16 @@ from cellwatt_plugins.robot.servo.delay import CommandDelay
 from cellwatt_plugins.robot.servo.gain import DriveGain
 from cellwatt_plugins.robot.servo.limit import DriveLimit
 from cellwatt_plugins.robot.servo.play import Play
+from cellwatt_plugins.robot.servo.presliding import BuiltUp
 
 OF_DRIVES: tuple[Effect, ...] = (CommandDelay(), DriveDeadBand(), DriveGain(), DriveLimit())
 """What a drive does otherwise than its law."""
+OTHERWISE: tuple[Effect, ...] = (BuiltUp(), Play())
+"""What motion shows in another way than torque does."""
+_INSTEAD = {effect.name for effect in OTHERWISE} | {"joint_elasticity"}
 IN_MOTION: tuple[Effect, ...] = (
-    *(e for e in EFFECTS if e.acts_on not in ("reading", "supply") and e.relations.family != "two_mass"),
-    Play(),
+    *(e for e in EFFECTS if e.acts_on not in ("reading", "supply") and e.name not in _INSTEAD),
+    *OTHERWISE,
     *OF_DRIVES,
 )
 """All that motion and commands show where no torque was measured."""

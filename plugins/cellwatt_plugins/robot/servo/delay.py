@@ -10,6 +10,7 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.servo.law import earlier
 
 DELAYS = tuple(float(d) for d in np.geomspace(0.003, 0.15, 14))
 """s that are tried."""
@@ -34,8 +35,8 @@ class CommandDelay(Effect):
         return abs(shape[0]) > SHARE * runs[0].step
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        drive, when = run.servos, run.time - shape[0]
-        before = np.column_stack([np.interp(when, run.time, one) for one in drive.command.T])
+        drive = run.servos
+        before = earlier(drive.command, shape[0], run.step)
         return np.asarray(drive.servo.pull * (drive.command - before))[:, :, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:

@@ -16,16 +16,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
-
-
-NEAR = 0.06
-"""s about a torque that is beyond its limits within which it is not compared."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +51,8 @@ class Drive:
     """(N, n, k): what the sign of the velocity would be if friction turned over in less speed, or in more, less it."""
     step: float
     """s between samples."""
+    late: float = 0.0
+    """s by which commands act later, about: so much later the law reaches its limits."""
 
     @cached_property
     def error(self) -> Float:
@@ -70,14 +67,21 @@ class Drive:
 
     @cached_property
     def torque(self) -> Float:
-        """Torque (N, n) Nm that the law asks for, within its limits or not."""
-        return np.asarray(self.servo.stiffness * self.error - self.servo.damping * self.moved.velocity)
+        """Torque (N, n) Nm that the law gives; what its limits take off is told by the commands ``late`` s before."""
+        asked = self.asked(self.command)
+        before = asked if self.late == 0 else self.asked(earlier(self.command, self.late, self.step))
+        return np.asarray(asked + np.clip(before, self.servo.low, self.servo.high) - before)
 
-    @cached_property
-    def sure(self) -> NDArray[np.bool_]:
-        """(N, n) true where the torque is within the limits, and was and will be: beyond, it may be either."""
-        beyond = (self.torque < self.servo.low) | (self.torque > self.servo.high)
-        return ~maximum_filter1d(beyond, 2 * round(NEAR / self.step) + 1, axis=0)
+    def asked(self, command: Float) -> Float:
+        """Torque (N, n) Nm that the law asks for with a ``command`` (N, n), before its limits."""
+        servo, moved = self.servo, self.moved
+        return np.asarray(servo.pull * command - servo.stiffness * moved.position - servo.damping * moved.velocity)
+
+
+def earlier(values: Float, late: float, step: float) -> Float:
+    """Values (N, n), each ``step`` s, of ``late`` s before; those before the first are as the first."""
+    rows = np.arange(len(values))
+    return np.column_stack([np.interp(rows - late / step, rows, one) for one in values.T])
 
 
 def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:

@@ -41,7 +41,7 @@ class DriveLimit(Effect):
         if np.count_nonzero(beyond) < CLIPPED:
             return False
         off = asked[beyond] - np.mean(asked[beyond])
-        return float(off @ given[beyond]) < FOLLOWS * float(off @ off)
+        return float(off @ given[beyond]) <= FOLLOWS * float(off @ off)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         torque = run.servos.torque[:, joint or 0]

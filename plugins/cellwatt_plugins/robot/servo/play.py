@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
@@ -28,7 +28,9 @@ class Play(Effect):
     """
 
     name = "backlash"
-    acceptance = Acceptance(least_rate=FAST, above=SMALL)
+    form = Form(sample_by_sample=True)
+    acceptance = Acceptance(least_rate=FAST, above=SMALL, by_evidence=80.0)
+    """A link that rebounds in the gap is not followed one by one, in data left out no more than in others."""
     confusions = (
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),
     )
@@ -46,7 +48,14 @@ class Play(Effect):
         return [(share * float(np.std(loads)),) for share in WIDTHS]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        at = joint or 0
+        out = np.zeros((*run.q.shape, 1))
+        out[:, joint or 0] = self._column(run, joint or 0, shape)
+        return out
+
+    def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
+        return [self._column(run, joint or 0, shape) for shape in shapes]
+
+    def _column(self, run: States, at: int, shape: Shape) -> Float:
         own = run.robot.joints[at]
         ahead = np.tanh(run.rigid[:, [at]] / shape[0])
         speed, gain = derivatives(ahead, run.step)

@@ -29,7 +29,7 @@ async def server() -> AsyncIterator[Server]:
 
 
 def at(address: str) -> dict[str, object]:
-    told = {"url": f"http://{address}", "database": "plant", "rate": "10 Hz", "every": "20 ms", "timeout": "200 ms"}
+    told = {"url": f"http://{address}", "database": "plant", "rate": "10 Hz", "every": "20 ms", "timeout": "500 ms"}
     return {"influx": told}
 
 

@@ -244,7 +244,6 @@ async def test_what_is_not_to_be_published_is_not(view: FakeView, endpoint: str)
 async def test_nothing_is_encoded_while_nobody_subscribes(
     outlet: ZenohOutlet, endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(publisher, "SETTLES", 0.0)
     encoded: list[Any] = []
     real = publisher.encode_apart
     monkeypatch.setattr(publisher, "encode_apart", lambda block: encoded.append(block) or real(block))

@@ -70,6 +70,8 @@ def test_an_answer_is_right_where_all_is_named_and_nothing_else() -> None:
     truth = [Concealed("friction", "coulomb_friction", 1, {"now": (9.0, "N*m")}, "Joint 2 …")]
     named = finding("coulomb_friction", 2, 4.0, 0.1, was=5.0)
     assert compared(truth, {"findings": [named], "retuned": []}).right
+    assert compared(truth, {"findings": [named], "retuned": []}).exact
+    assert not compared(truth, {"findings": [finding("coulomb_friction", 2, 3.6, 0.1, was=5.0)], "retuned": []}).exact
     moved = {"parameter": "coulomb_friction", "joint": 2, "was": 5.0, "now": 9.0, "std": 0.1, "beyond": True}
     assert compared(truth, {"findings": [], "retuned": [moved]}).right
     assert not compared(truth, {"findings": [], "retuned": [{**moved, "beyond": False}]}).right

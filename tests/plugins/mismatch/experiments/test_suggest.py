@@ -218,7 +218,7 @@ class TestSuggestion:
     def test_suggested_motion_tells_what_the_program_could_not(self, folder, suggested, true, other, factor):
         """Both plants run the suggested motion, the program, and the program as often as fills the same time."""
         length = suggested.motion.time[-1]
-        again = program(round(length / program().time[-1]))
+        again = program(int(np.ceil(length / program().time[-1])))
         assert again.time[-1] > 0.9 * length
         motions = (suggested.motion, program(), again)
         told, once, repeated = (

@@ -60,6 +60,24 @@ def test_a_simulation_that_follows_the_description_is_the_description(described)
     assert base.arm == described
 
 
+@pytest.mark.parametrize("lead", [0.0, 0.0095])
+def test_friction_that_turns_over_early_is_found_in_the_simulation(silent, lead):
+    """As MuJoCo's soft friction does."""
+    _, qd, qdd = plant.moves(1, 24.0)(TIME)
+    early = np.array(plant.NOMINAL.coulomb) * (np.tanh((qd + lead * qdd) / 0.004) - np.tanh(qd / 0.004))
+    base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, early))], silent)
+    assert base.arm.description.friction_lead == pytest.approx(lead, abs=0.001)
+
+
+def test_an_arm_whose_friction_turns_with_its_velocity_has_no_lead(silent):
+    _, qd, qdd = plant.moves(1, 24.0)(TIME)
+    early = np.array(plant.NOMINAL.coulomb) * (np.tanh((qd + 0.0095 * qdd) / 0.004) - np.tanh(qd / 0.004))
+    simulated = run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, early))
+    arm = replace(simulated, torque=simulated.torque - early)
+    assert examine([simulated], silent)[0].lead is None
+    assert examine([arm], silent)[0].lead == 0.0
+
+
 def test_numbers_that_the_description_lacks_are_the_simulations(silent):
     runs = [run(says(plant.NOMINAL, plant.moves(seed, 24.0), TIME)) for seed in (1, 2)]
     base = baseline(runs, silent)

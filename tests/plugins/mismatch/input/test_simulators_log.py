@@ -65,6 +65,16 @@ def test_controls_of_servos_are_commands_and_their_law_is_the_torque(tmp_path):
     np.testing.assert_allclose(run.torque[5:-5], law[5:-5], atol=0.05)
 
 
+@pytest.mark.parametrize("servo", [False, True])
+def test_controls_without_their_simulator_are_torques_unless_positions_follow_them(tmp_path, servo):
+    _, q, qd, qdd = motion()
+    torque = LINKS.torque(q, qd, qdd)
+    simulator, log = logged(tmp_path, "", q + 0.01 if servo else torque)
+    (run,) = read_runs([log], [], arm_of(None, simulator, [log]).description)
+    assert (run.command is not None) == servo
+    np.testing.assert_allclose(run.torque, np.nan if servo else torque)
+
+
 def test_something_describes_the_arm(tmp_path):
     with pytest.raises(ConfigError, match=r"give --robot robot\.yaml, or a simulator's file"):
         arm_of(None, None, [tmp_path / "log.parquet"])

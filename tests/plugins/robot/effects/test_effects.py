@@ -230,12 +230,14 @@ FRICTION = {
     "coulomb_friction": ((), [3.0], lambda q, w, s: 3.0 * s),
     "viscous_friction": ((), [2.0], lambda q, w, s: 2.0 * w),
     "stribeck_friction": ((0.2,), [4.0], lambda q, w, s: 4.0 * np.exp(-((w / 0.2) ** 2)) * s),
+    "stribeck_friction falling slowly": ((0.1, 1.0), [4.0], lambda q, w, s: 4.0 / (1 + (w / 0.1) ** 2) * s),
     "nonlinear_viscous_friction": ((3.0,), [1.5], lambda q, w, s: 1.5 * w**3),
     "asymmetric_friction up": ((1.0,), [2.0], lambda q, w, s: np.where(w > 0, 2.0 * s, 0.0)),
     "asymmetric_friction down": ((-1.0,), [2.0], lambda q, w, s: np.where(w < 0, 2.0 * s, 0.0)),
     "asymmetric_friction both": ((0.0,), [2.0], lambda q, w, s: np.abs(s)),
     "spring_load": ((), [20.0, 6.0], lambda q, w, s: 20.0 * (q + 0.3)),
     "position_periodic_torque": ((9.0,), [3.0, 4.0], lambda q, w, s: 5.0 * np.sin(9 * q + np.arctan2(4, 3))),
+    "position_periodic_torque twice": ((9.0, 2.0), [3, 0, 0, 1], lambda q, w, s: 3 * np.sin(9 * q) + np.cos(18 * q)),
     "torque_offset": ((), [1.2], lambda q, w, s: np.full_like(q, 1.2)),
 }
 
@@ -245,6 +247,12 @@ def test_columns_are_what_the_contract_defines(full_runs, name):
     shape, coefficients, truth = FRICTION[name]
     run = full_runs[0]
     assert np.allclose(added(name.split()[0], run, shape, coefficients), truth(*shoulder(run)), atol=1e-6)
+
+
+def test_a_push_is_at_a_time_that_was_recorded(full_runs):
+    push, last = BY_NAME["external_contact"], full_runs[1].time[-1]
+    assert push.resolved(full_runs, JOINT, (1.0, last - 0.1, 0.3))
+    assert not push.resolved(full_runs, JOINT, (1.0, last + 0.1, 0.3))
 
 
 def test_friction_grows_with_what_the_links_need(full_runs):

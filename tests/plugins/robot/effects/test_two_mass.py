@@ -19,7 +19,7 @@ class Arm:
     def __init__(self, need, inertia=INERTIA, speed=0.0):
         self.need = need
         time = np.arange(1500) * STEP
-        self.rigid = need(time)[:, None]
+        self.rigid = self.load = need(time)[:, None]
         self.own_inertia = np.full((len(time), 1), inertia)
         self.qd = np.full((len(time), 1), speed)
         self.time = time

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellwatt_plugins.mismatch.fit.acceptance import (
+    held,
     physical,
     relieves_tension,
     required_gain,
@@ -108,12 +109,25 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
         if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
             why = "only one channel asks for it"
+        if why is None and _murky(state, rest, now, term):
+            why = "takes little off a channel of which much stays unexplained"
         if why is None and not stands_out(rest, now, term, state.thresholds):
             why = "is small beside what is left there"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest
     return now
+
+
+def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> bool:
+    """True if a term takes little off its joint beside what is in no library."""
+    asked = state.thresholds
+    if asked.murky == 0.0 or term.joint is None:
+        return False
+    if term.effect.form.intermittent or np.isfinite(term.effect.acceptance.by_evidence):
+        return False
+    left = now.problem.chi2(now.residual)[term.joint]
+    return bool(left > asked.much_left) and held(rest, now, term).share < asked.murky
 
 
 def shares_channel(term: Term, other: Term | None) -> bool:

@@ -38,6 +38,9 @@ def refine(state: SearchState, now: Solution, term: Term) -> Solution:
         return gain - term.effect.charge(problem.states, shape) if physical(term, mean, state.robot) else -np.inf
 
     shape = climb(evidence, term.shape, bounds)
+    best = max(term.effect.fuller(problem.states, term.joint, shape), key=evidence, default=shape)
+    if evidence(best) > evidence(shape):
+        shape = climb(evidence, best, term.effect.bounds(best))
     return now if shape == term.shape else _with_shape(state, now, term, shape)[0]
 
 

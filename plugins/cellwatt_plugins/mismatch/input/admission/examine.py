@@ -21,7 +21,7 @@ from cellwatt_plugins.mismatch.input.admission.motion import (
 )
 from cellwatt_plugins.mismatch.input.admission.pairing import check_pairing
 from cellwatt_plugins.mismatch.input.admission.power import check_power, check_simulated_power
-from cellwatt_plugins.mismatch.input.admission.remarks import remarks
+from cellwatt_plugins.mismatch.input.admission.remarks import remarks, rough
 from cellwatt_plugins.mismatch.input.admission.torque import check_simulated, check_torque
 from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
 from cellwatt_plugins.mismatch.input.factors import usable
@@ -78,7 +78,8 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
     base, states = _turning_over(runs, base, courses)
-    return Admitted(base, (*notes, *remarks(runs, arm.description), *told_otherwise(runs, arm, base)), tuple(states))
+    notes += [*remarks(runs, arm.description), *rough(states), *told_otherwise(runs, arm, base)]
+    return Admitted(base, tuple(notes), tuple(states))
 
 
 def _turning_over(

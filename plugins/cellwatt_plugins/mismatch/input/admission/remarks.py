@@ -12,6 +12,7 @@ from cellwatt_plugins.mismatch.input.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.input.unread import unread_remarks
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.stretches import stretches
 
@@ -27,6 +28,10 @@ OFTEN = 2
 """… where each was read so many times on average."""
 FROZEN = 1.0
 """s at exactly one value that noise does not leave."""
+ROUGH = 1.0
+"""Doubt of the torque that a motion needs, in units of how much that torque varies, from which it says little."""
+SHORT = 0.05
+"""s in all that are not worth a remark."""
 PERIOD = 4
 """Samples that a motion needs to be followed."""
 
@@ -50,6 +55,20 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
         notes += _coarse(run, robot)
         notes += _frozen(run, robot)
     return notes
+
+
+def rough(states: Sequence[States], least: float = ROUGH) -> Iterator[str]:
+    """One sentence for each run with stretches that follow no smooth motion; there its torque says little."""
+    for run in states:
+        doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
+        far = np.any(doubt > least * np.std(run.nominal, axis=0), axis=1)
+        inner = [(a, b) for a, b in stretches(far) if a > 0 and b < len(far)] if run.moved.planned else []
+        seconds = sum(b - a for a, b in inner) * run.step
+        if seconds > SHORT:
+            yield (
+                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and hardly count, first "
+                f"at {run.time[inner[0][0]]:.2f} s"
+            )
 
 
 def _slow(runs: Sequence[Run]) -> Iterator[str]:

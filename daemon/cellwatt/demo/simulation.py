@@ -1,0 +1,88 @@
+"""The demo's arm beside its simulation: what was recorded so far, given to ``cellwatt explain`` while the demo runs."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.child import ends_with_parent
+from cellwatt.demo.cells import shape_file
+from cellwatt.demo.processes import ended
+from cellwatt.emulation import ArmSignals
+from cellwatt.errors import CellwattError
+from cellwatt.record import Recording
+from cellwatt.tables import write_table
+
+ARM = "arm"
+JOINTS = 6
+REPORTS = "reports"
+"""Folder beside the recording that the page shows."""
+RECORDED = (("q", "position"), ("qd", "velocity"), ("current", "current"))
+SECONDS = "15"
+"""s of computing that ``explain`` may take."""
+
+
+async def compared(folder: Path, name: str, epoch: float, since: float, until: float) -> str:
+    """Explain the recording between two UTC times, s, and return what is found, in a sentence.
+
+    ``epoch`` is the UTC time at which the emulated arm started. Raises ``CellwattError`` where explain fails.
+    """
+    out = folder / REPORTS / name
+    recording, simulation = await asyncio.to_thread(write_run, folder, out, epoch, since, until)
+    command = [sys.executable, "-m", "cellwatt.commands", "explain", str(recording), "--simulation", str(simulation)]
+    command += ["--robot", str(shape_file().with_name("robot.yaml")), "--out", str(out), "--time", SECONDS, "--quiet"]
+    pipe = asyncio.subprocess.PIPE
+    process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe, preexec_fn=_humble())
+    async with ended(process):
+        _, errors = await process.communicate()
+    if process.returncode != 0:
+        raise CellwattError(f"explain failed: {errors.decode(errors='replace').strip()[-300:]}")
+    found = json.loads(await asyncio.to_thread((out / "findings.json").read_text))
+    statements = [finding["statement"] for finding in found["findings"]]
+    return " ".join(statements) or "recording and simulation agree within noise and tolerances."
+
+
+def write_run(folder: Path, out: Path, epoch: float, since: float, until: float) -> tuple[Path, Path]:
+    """Write the frames between two UTC times, and what the arm's simulation says of the same motion, as Parquet.
+
+    Raises ``RecordingError`` where there are none.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    logging.getLogger("cellwatt.record.reader").setLevel(logging.ERROR)  # a file that is being written is no news here
+    names = [f"{ARM}.joint_{joint}.{quantity}" for _, quantity in RECORDED for joint in range(1, JOINTS + 1)]
+    blocks = [
+        np.column_stack([block.time * 1e-9, block.values[:, [block.layout.index(name) for name in names]]])
+        for block in Recording.open(folder).frames()
+    ]
+    table = np.concatenate(blocks) if blocks else np.empty((0, 1 + len(names)))
+    table = table[(table[:, 0] >= since) & (table[:, 0] <= until)]
+    time = table[:, 0]
+    labels = [f"{short}_{joint}" for short, _ in RECORDED for joint in range(1, JOINTS + 1)]
+    recording, simulation = out / "recording.parquet", out / "simulation.parquet"
+    write_table(recording, {"t": time - since, **dict(zip(labels, table[:, 1:].T, strict=True))})
+    arm = ArmSignals()
+    planned = arm.motion(time - epoch)
+    torque, _ = arm.torque(time - epoch, *planned)
+    columns = {"t": time - since}
+    for short, values in zip(("q", "qd", "qdd", "tau"), (*planned, torque), strict=True):
+        columns |= {f"{short}_{joint + 1}": values[:, joint] for joint in range(JOINTS)}
+    write_table(simulation, columns)
+    return recording, simulation
+
+
+def _humble() -> Callable[[], None]:
+    """For a child that ends with this process, and gives way to all others."""
+    with_parent = ends_with_parent()
+
+    def prepare() -> None:
+        with_parent()
+        os.nice(10)
+
+    return prepare
