@@ -117,7 +117,7 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     """
     channels = channels_of(after, term)
     left = float(np.min(after.problem.chi2(after.residual)[channels]))
-    if term.effect.usual or term.effect.form.sample_by_sample or left < thresholds.near:
+    if term.effect.usual or term.effect.form.sample_by_sample or left < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
         added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))
