@@ -119,7 +119,7 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     channels = channels_of(after, term)
     left = float(np.min(after.problem.chi2(after.residual)[channels]))
     form = term.effect.form
-    if term.effect.usual or form.sample_by_sample or form.to_scale or left < thresholds.near:
+    if term.effect.usual or form.sample_by_sample or form.to_scale or left < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
         added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))

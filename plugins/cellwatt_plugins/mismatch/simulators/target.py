@@ -110,7 +110,7 @@ def expected(
     out = out + regressor @ links.ravel()
     if payload is not None:
         out += regressor[:, :, -10:] @ payload
-    out += (goal.friction - model.dof_frictionloss[dof]) * simulator.friction_sign(qd, qdd)
+    out += (goal.friction - model.dof_frictionloss[dof]) * simulator.turned(qd, qdd)
     powers = np.stack([qd, qd * np.abs(qd), qd**3], axis=2)
     out += np.einsum("njk,jk->nj", powers, goal.damping - damping_of(simulator))
     out += (goal.armature - model.dof_armature[dof]) * qdd
