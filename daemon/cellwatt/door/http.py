@@ -64,6 +64,9 @@ class HttpDoor:
         await self._port.close()
         await self._runner.cleanup()
 
+    def __len__(self) -> int:
+        return len(self._port)
+
     def _ours(self, record: logging.LogRecord) -> bool:
         """Keep what is no HTTP out of the log; it is counted."""
         error = record.exc_info[1] if record.exc_info else None

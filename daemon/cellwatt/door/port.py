@@ -46,6 +46,7 @@ class _Connection:
         self.since = time.monotonic()
         """When it was accepted, or its last request ended."""
         self.requests = self.busy = 0
+        self._ended = False
         self.protocol: asyncio.BaseProtocol | None = None
         self._transport: asyncio.Transport | None = None
 
@@ -54,13 +55,14 @@ class _Connection:
 
     @property
     def open(self) -> bool:
-        return self.sock.fileno() != -1
+        return not self._ended and self.sock.fileno() != -1
 
     def end(self) -> None:
-        """Hang up, whatever waits to be sent."""
+        """Hang up, whatever waits to be sent; the descriptor is free at the next turn of the loop."""
+        self._ended = True
         if self._transport is not None:
             self._transport.abort()
-        elif self.open:
+        elif self.sock.fileno() != -1:
             with contextlib.suppress(OSError):
                 self.sock.shutdown(socket.SHUT_RDWR)  # its handshake fails
 
@@ -158,6 +160,7 @@ class Port:
             else:
                 self.counts[_REFUSED] += 1
                 sock.close()
+            await asyncio.sleep(0)  # a burst is accepted no faster than those that it displaces are closed
 
     async def _join(self, connection: _Connection, context: ssl.SSLContext | None) -> None:
         try:

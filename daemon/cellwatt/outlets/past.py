@@ -21,8 +21,8 @@ from cellwatt.results import Alarm, Energy, Task
 ARCHIVED: Final = {"alarms": Alarm, "tasks": Task, "energies": Energy}
 """Results that are filled in, by table."""
 Archived = Alarm | Task | Energy
-LATE: Final = 3600.0
-"""s by which the clocks of a cell and of its disk may differ."""
+LATE: Final = 3600 * 10**9
+"""ns by which the clock of a cell may have been set back between two recordings."""
 BEYOND: Final = 2_000_000_000
 """ns after a span in which a frame tells that the span is in the record as far as it ever will be."""
 PATIENCE: Final = 30_000_000_000
@@ -54,7 +54,7 @@ def read(
     Raises ``OSError`` where the folder cannot be read, and ``RecordingError`` where that is so of the recording that is
     being written; what else is damaged in it, or gone, is left out.
     """
-    recordings = list(_recordings(folder, cell, after, until))
+    recordings = list(_recordings(folder, cell, after, until))[::-1]
     part = _rows(recordings, selection, after, until, most)
     for recording in recordings if results and part.until > after else ():
         for kind in ARCHIVED.values():
@@ -91,15 +91,17 @@ def _rows(recordings: list[Recording], selection: Selection, after: int, until: 
 
 
 def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Recording]:
-    """Recordings in which there may be something of the span, in order."""
-    first = after / 1e9 - LATE
-    for kept in listing(folder, cell):
-        if kept.modified >= first and kept.name.session <= until:
-            recording = opened(kept.path)
-            if recording is None and not kept.closed and time.time() - kept.modified < WRITTEN:
-                raise RecordingError(f"{kept.path} is being written, and cannot be read yet")
-            if recording is not None and recording.start <= until + BEYOND and recording.end > after:
-                yield recording
+    """Recordings in which there may be something of the span, the newest first."""
+    for kept in reversed(listing(folder, cell)):
+        if kept.name.session > until:
+            continue
+        recording = opened(kept.path)
+        if recording is None and not kept.closed and time.time() - kept.modified < WRITTEN:
+            raise RecordingError(f"{kept.path} is being written, and cannot be read yet")
+        if recording is not None and recording.start <= until + BEYOND and recording.end > after:
+            yield recording
+        if recording is not None and recording.start <= after - LATE:
+            return
 
 
 def files_of(folder: Path, cell: str) -> list[Kept]:

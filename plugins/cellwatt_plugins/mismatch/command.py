@@ -13,6 +13,7 @@ from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.errors import ConfigError
 from cellwatt.progress import stage
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
@@ -20,6 +21,7 @@ from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in
 from cellwatt_plugins.mismatch.input.sources import simulator_file
 from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.report.terminal import in_words
+from cellwatt_plugins.mismatch.simulators.drives import mend_driven
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 
@@ -98,15 +100,17 @@ def explain(
     content = found.as_json()
     (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
-    mended = None
-    try:
-        if user is not None:
-            with threadpool_limits(1), stage("mending the simulator's file"):
-                mended = mend(found, found.runs, user, out)
-    finally:
-        if not no_report:
-            with stage("writing the report"):
-                found.report(out / "report.html", None if mended is None else mended.path)
+    mended, unmended = None, None
+    if user is not None:
+        driven = any(run.drive is not None for run in found.runs)
+        with threadpool_limits(1), stage("mending the simulator's file"):
+            try:
+                mended = (mend_driven if driven else mend)(found, found.runs, user, out)
+            except ConfigError as error:
+                unmended = error  # the answer is told all the same
+    if not no_report:
+        with stage("writing the report"):
+            found.report(out / "report.html", None if mended is None else mended.path)
     if mended is not None:
         content["mended"] = mended.as_json()
         (out / "findings.json").write_text(json.dumps(content, indent=1))
@@ -119,6 +123,8 @@ def explain(
         if suggestion.motion is not None:
             write_suggestion(suggestion.motion, experiment)
         click.echo(suggestion_in_words(suggestion, experiment), err=as_json)
+    if unmended is not None:
+        raise unmended
 
 
 @click.command(short_help="Predict torque and power by the model of explain.")

@@ -43,10 +43,6 @@ SOFT = 0.4
 """Share of its lead within which friction that turns over early does so."""
 JERK = 0.5
 """Power of accelerations from one octave to the next: where friction jumps, so does the acceleration."""
-SHORTEST, PERIODS = 0.06, 2.0
-"""s, and periods of an octave, over which its power is averaged: a stop comes and goes within some ms."""
-SURE = 4.0
-"""Times its noise that an octave's power must exceed to be kept, and what exceeds it without being kept is doubt."""
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
@@ -55,6 +51,25 @@ HARDLY = 0.005
 """Noise as a share of what is there that needs no smoothing."""
 SURE_SIGN = 22.0
 """From here on tanh is 1 to the last bit."""
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """How an octave is told from encoder noise."""
+
+    shortest: float
+    """s over which its power is averaged at least."""
+    periods: float
+    """Periods of the octave over which it is averaged."""
+    sure: float
+    """Times its noise that the power must exceed to be kept at all."""
+    clear: float
+    """Times its noise from which an octave that is not kept is doubt."""
+
+
+BESIDE_PLAN = _Judge(shortest=0.06, periods=2.0, sure=4.0, clear=4.0)
+"""A tracking error comes and goes within some ms; without it the plan stands."""
+ALONE = _Judge(shortest=0.4, periods=1.0, sure=2.0, clear=1.0)
 
 
 @dataclass(frozen=True)
@@ -120,7 +135,7 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
     """
     error = position - plan.position
     noise = encoder_noise(position, plan.position)
-    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES))
+    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
     position, velocity = plan.position + kept.position, plan.velocity + kept.velocity
     acceleration = plan.acceleration + kept.acceleration
     sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
@@ -135,7 +150,7 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
     noise = encoder_noise(encoders)
     octaves = _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
-    kept = _in_octaves(encoders, noise, step, octaves, base)
+    kept = _in_octaves(encoders, noise, step, octaves, ALONE, base)
     speed, gain = differentiate(base, step)
     position, velocity, acceleration = base + kept.position, speed + kept.velocity, gain + kept.acceleration
     sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
@@ -255,7 +270,9 @@ class _Kept:
     acceleration_spread: Float
 
 
-def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[float], base: Float | None = None) -> _Kept:
+def _in_octaves(
+    values: Float, noise: Float, step: float, octaves: Sequence[float], judge: _Judge, base: Float | None = None
+) -> _Kept:
     """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
 
     Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
@@ -270,17 +287,17 @@ def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[floa
         upper = smooth(values, step, bandwidth)
         band = (upper - lower, *differentiate(upper - lower, step))
         gains = _band_gains(step, octaves[i - 1] if i else None, bandwidth)
-        width = _samples(max(SHORTEST, PERIODS / bandwidth), step)
+        width = _samples(max(judge.shortest, judge.periods / bandwidth), step)
         edge = _samples(1 / bandwidth, step) if bandwidth > HURRIED else 0
         inner = slice(edge, len(values) - edge)
         for order, (part, gain) in enumerate(zip(band, gains, strict=True)):
             own, power = np.square(gain * noise), _average(part**2, width)
             share = np.zeros_like(part)
             if i < len(octaves) - 1:
-                share[inner] = np.clip(1 - SURE * own / np.maximum(power[inner], 1e-300), 0.0, 1.0)
-            hidden = np.minimum(expected[order], (SURE - 1) * own)
+                share[inner] = np.clip(1 - judge.sure * own / np.maximum(power[inner], 1e-300), 0.0, 1.0)
+            hidden = np.minimum(expected[order], (judge.clear - 1) * own)
             parts[order] += share * part
-            squares[order] += share * own + np.square(1 - share) * np.maximum(power - SURE * own, hidden)
+            squares[order] += share * own + np.square(1 - share) * np.maximum(power - judge.clear * own, hidden)
             expected[order] = JERK * 4.0 ** (order - 2) * np.where(share > 0, power - own, expected[order])
         lower = upper
     return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))

@@ -72,9 +72,11 @@ async def serving(limits: Limits) -> AsyncIterator[tuple[HttpDoor, Peer]]:
 
 async def test_idle_connections_make_room_for_who_asks() -> None:
     async with serving(LONG) as (door, peer):
-        idle = [await peer.connect() for _ in range(20)]
+        idle = await asyncio.gather(*(peer.connect() for _ in range(20)))
+        await eventually(lambda: door.counts["connections displaced"] == 16)
         assert await peer.get() == "hello"
         assert door.counts["connections displaced"] == 17
+        assert len(door) <= LONG.peer
         ended = [reader for reader, _ in idle if reader.at_eof() or reader.exception() is not None]
         assert len(ended) == 17
 

@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Console
 
 from cellwatt.commands import EXIT_FAILED
-from cellwatt.errors import CellwattError, why
+from cellwatt.errors import CellwattError, ConfigError, why
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.mismatch.demo.arm import JOINTS, believed, draw, mjcf
 from cellwatt_plugins.mismatch.demo.physics import Concealed, by_chance, conceal, kinds
@@ -96,7 +96,10 @@ def _explained(folder: Path, concealed: Sequence[Concealed], as_json: bool) -> R
     simulation = str(folder / "arm.xml")
     words = [*files, "--simulation", simulation, "--mend", simulation, "--out", str(result)]
     with redirect_stdout(io.StringIO()) if as_json else nullcontext():
-        explain.main([*words, *(["--quiet"] if as_json else [])], standalone_mode=False)
+        try:
+            explain.main([*words, *(["--quiet"] if as_json else [])], standalone_mode=False)
+        except ConfigError as error:  # of --mend, after the answer
+            click.echo(str(error), err=True)
     findings = json.loads((result / "findings.json").read_text())
     revealed = compared(concealed, findings)
     (folder / "revealed.json").write_text(json.dumps(revealed.as_json(), indent=1))

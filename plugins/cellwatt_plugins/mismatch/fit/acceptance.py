@@ -113,11 +113,13 @@ def _seldom(solution: Solution, term: Term) -> bool:
 def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
     """False if a term of ``after`` could as well stand for what else is left at its channels beyond the noise.
 
-    What rings was asked for because that rings, and is never followed to the noise.
+    What rings was asked for because that rings, and is never followed to the noise. What is simulated to scale can
+    stand for nothing else.
     """
     channels = channels_of(after, term)
     left = float(np.min(after.problem.chi2(after.residual)[channels]))
-    if term.effect.usual or term.effect.form.sample_by_sample or left < thresholds.near:
+    form = term.effect.form
+    if term.effect.usual or form.sample_by_sample or form.to_scale or left < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
         added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))

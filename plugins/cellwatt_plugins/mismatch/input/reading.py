@@ -120,7 +120,8 @@ def _run_through(simulator: Simulator, run: Run) -> Run:
         plan = Plan(motion.position, motion.velocity, motion.acceleration)
     else:
         plan = run.plan
-    torque = simulator.torque(plan.position, plan.velocity, plan.acceleration)
+    # How friction turns over is told by motion alone: no simulator's way is taken for the arm's there.
+    torque = simulator.torque(plan.position, plan.velocity, plan.acceleration, leading=run.drive is None)
     notes = [note for note in simulator.notes if note not in run.notes]
     return replace(run, simulated=Simulated(run.time, plan, torque), notes=(*run.notes, *notes))
 

@@ -101,10 +101,6 @@ def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mend
     until the error on data left out rises at no joint. Raises ``ConfigError`` where the file cannot be changed, or
     would be worse whatever is written.
     """
-    if any(run.drive is not None for run in runs):
-        from cellwatt_plugins.mismatch.simulators.drives import mend_driven
-
-        return mend_driven(found, runs, user, out)
     simulator, frames = user.simulator, user.frames
     worse: list[str] = []
     for solution in _choices(found):

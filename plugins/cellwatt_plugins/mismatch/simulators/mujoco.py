@@ -39,11 +39,12 @@ class Simulator:
         found = [self.model.joint(name) for name in self.joints]
         return np.array([j.qposadr[0] for j in found], np.intp), np.array([j.dofadr[0] for j in found], np.intp)
 
-    def torque(self, position: Float, velocity: Float, acceleration: Float) -> Float:
+    def torque(self, position: Float, velocity: Float, acceleration: Float, *, leading: bool = True) -> Float:
         """Torque (N, n) Nm at the joint side that moves the arm so, (N, n) each; other joints rest at their reference.
 
         Inverse dynamics without contacts, limits and equality constraints. MuJoCo softens dry friction to be able to
-        step it in time: it brakes towards an acceleration of -b times the velocity, and so turns over 1/b before it.
+        step it in time: it brakes towards an acceleration of -b times the velocity, and so turns over 1/b before it;
+        with the velocity where it is not ``leading``.
         """
         import mujoco
 
@@ -54,10 +55,15 @@ class Simulator:
             data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
-        return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity + self.lead[dof] * acceleration))
+        turned = self.turned(velocity, acceleration) if leading else direction(velocity)
+        return np.asarray(out + self.model.dof_frictionloss[dof] * turned)
+
+    def turned(self, velocity: Float, acceleration: Float) -> Float:
+        """Direction (N, n) of dry friction."""
+        return direction(velocity + self._lead[self.places[1]] * acceleration)
 
     @property
-    def lead(self) -> Float:
+    def _lead(self) -> Float:
         """s of each degree of freedom by which dry friction turns over before its velocity does: 1/b of its solver."""
         time, damping = self.model.dof_solref.T
         most = self.model.dof_solimp[:, 1]

@@ -14,7 +14,6 @@ from cellwatt_plugins.mismatch.simulators.inertia import moved, nearest, physica
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.placing import Placing
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.servo.law import Servo
 
 Float = NDArray[np.float64]
@@ -111,7 +110,7 @@ def expected(
     out = out + regressor @ links.ravel()
     if payload is not None:
         out += regressor[:, :, -10:] @ payload
-    out += (goal.friction - model.dof_frictionloss[dof]) * direction(qd + simulator.lead[dof] * qdd)
+    out += (goal.friction - model.dof_frictionloss[dof]) * simulator.turned(qd, qdd)
     powers = np.stack([qd, qd * np.abs(qd), qd**3], axis=2)
     out += np.einsum("njk,jk->nj", powers, goal.damping - damping_of(simulator))
     out += (goal.armature - model.dof_armature[dof]) * qdd

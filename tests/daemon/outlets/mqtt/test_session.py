@@ -21,7 +21,7 @@ async def test_rebirths_that_are_asked_for_in_a_row_are_merged(monkeypatch: pyte
     outbox = SimpleNamespace(wake=asyncio.Event(), leave=lambda: None)
     parts = cast("Any", (SimpleNamespace(), SimpleNamespace(ready=False), outbox, None))
     monkeypatch.setattr(module, "Sending", lambda _: SimpleNamespace(end=_nothing))
-    session = Session(settings, parts, None, account)
+    session = Session(settings, parts, None, "weld-3", account)
     for _ in range(2):
         for _ in range(250):
             session._ask_birth()

@@ -88,8 +88,10 @@ def test_the_mended_file_moves_like_the_real_arm(cell, mended):
     time = np.arange(0, 30, 0.01)
     motion = plant.moves(77, 30.0)(time)
     real = offset(plant.motors(HEAVY, *motion) + stribeck(time, motion[0], motion[1], "run_09"))
+    # MuJoCo's own friction is soft, and turns over before the velocity.
+    clear = np.abs(motion[1]) > 0.05
     before, after = (
-        np.sqrt(np.mean((load_simulator(file, JOINTS).torque(*motion) - real) ** 2, axis=0))
+        np.sqrt(np.mean((load_simulator(file, JOINTS).torque(*motion) - real) ** 2, axis=0, where=clear))
         for file in (cell / "arm.xml", cell / "out" / "arm.mended.xml")
     )
     assert np.all(before > [0.4, 3.0, 0.8])

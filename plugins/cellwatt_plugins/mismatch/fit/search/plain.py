@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from cellwatt_plugins.mismatch.fit.acceptance import physical
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
@@ -17,11 +19,12 @@ SUPPLY = ("standby_power", "copper_loss")
 def plain_terms(state: SearchState, now: Solution) -> Solution:
     """The solution with what every arm has and the simulation knows nothing of, where it holds.
 
-    That is friction and an offset of each joint without known friction, or constant power and heat of the windings.
+    That is friction and an offset of each joint without known friction, or constant power and heat of the windings,
+    where no term is at that joint yet.
     All of it is fitted together. What is finer is asked for beside it, and only then whether all of it is needed: where
     nobody knows of a balancer yet, no friction shows.
     """
-    asked = _asked(state)
+    asked = _asked(state, {t.joint for t in now.terms})
     if not asked:
         return now
     now = reweigh(state, solve(state, [*now.terms, *asked]))
@@ -32,17 +35,19 @@ def plain_terms(state: SearchState, now: Solution) -> Solution:
     return reweigh(state, now)
 
 
-def _asked(state: SearchState) -> list[Term]:
+def _asked(state: SearchState, there: Collection[int | None]) -> list[Term]:
     effects = {effect.name: effect for effect in state.effects}
     if state.problem.side == "supply":
-        there = [effects[name] for name in SUPPLY if name in effects]
+        if there:
+            return []
         return [
             Term(effect, None, ())
-            for effect in there
+            for effect in (effects[name] for name in SUPPLY if name in effects)
             if not effect.described(state.robot, None) and effect.possible(state.robot, None)
         ]
     if not all(name in effects for name in ALWAYS):
         return []
-    there = [effects[name] for name in PLAIN if name in effects]
-    unknown = [j for j in state.moving if not any(effect.described(state.robot, j) for effect in there)]
-    return [Term(effect, joint, ()) for joint in unknown for effect in there]
+    own = [effects[name] for name in PLAIN if name in effects]
+    bare = [j for j in state.moving if j not in there]
+    unknown = [j for j in bare if not any(effect.described(state.robot, j) for effect in own)]
+    return [Term(effect, joint, ()) for joint in unknown for effect in own]

@@ -81,6 +81,13 @@ def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
     for term in steps(now.terms[:-1], "refining", said):
         if not state.spent():
             now = refine(state, now, term)
+    now = _checked(state, now)
+    # What has left may have stood for what every arm has.
+    again = plain_terms(state, now)
+    return now if again.terms == now.terms else _checked(state, again)
+
+
+def _checked(state: SearchState, now: Solution) -> Solution:
     now = drop_needless(state, now)
     for drop in steps(CHECKS, "test of what was found"):
         now = drop(state, now)

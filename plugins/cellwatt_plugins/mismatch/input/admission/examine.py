@@ -34,6 +34,8 @@ from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
 
+SOONER = 0.95
+"""Share to which friction that turns over early must bring the changes that are left."""
 LEAST_SECONDS = 3.0
 LEAST_SAMPLES = 75
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
@@ -85,16 +87,26 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
 def _turning_over(
     runs: Sequence[Run], base: Baseline, courses: Sequence[tuple[Moved, Float | None, Float | None]]
 ) -> tuple[Baseline, list[States]]:
-    """Friction that turns over early in a simulation need not do so in the arm: what the recordings follow better."""
+    """Friction that turns over early in a simulation need not do so in the arm: what the recordings follow better.
+
+    Friction jumps when it turns over: only how torques change from sample to sample is compared.
+    """
 
     def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
         law = replace(base, lead=lead)
         states = [law.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
-        off = [np.square((run.torque - s.nominal) / np.nanstd(run.torque)) for run, s in zip(runs, states, strict=True)]
-        return float(np.nansum(np.concatenate(off))), law, states
+        off = [np.diff((run.torque - s.nominal) / _spread(run), axis=0) for run, s in zip(runs, states, strict=True)]
+        return float(np.nansum(np.square(np.concatenate(off)))), law, states
 
     first = made(None)
-    return min(first, made(0.0), key=lambda each: each[0])[1:] if base.arm.description.friction_lead else first[1:]
+    if not base.arm.description.friction_lead:
+        return first[1:]
+    plain = made(0.0)
+    return first[1:] if first[0] < SOONER * plain[0] else plain[1:]
+
+
+def _spread(run: Run) -> float:
+    return float(np.nanstd(run.torque))
 
 
 def check_run(run: Run, arm: Arm) -> Moved:
