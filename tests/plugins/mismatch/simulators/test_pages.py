@@ -14,15 +14,15 @@ PAGES = Path(__file__).resolve().parents[4] / "docs" / "simulators"
 
 
 def run(page, folder, monkeypatch):
-    """Runs the page's first block of Python in a folder with a plan; the torque that it writes, (N, 2) Nm."""
+    """Runs the page's block of Python that reads a plan, in a folder with one; the torque that it writes, (N, 2) Nm."""
     monkeypatch.chdir(folder)
     columns = {"t": 0.01 * np.arange(200)}
     for name, values in zip(("q", "qd", "qdd"), moves(), strict=True):
         columns |= {f"{name}_{j + 1}": values[:, j] for j in range(2)}
     pq.write_table(pa.table(columns), "run_01.plan.parquet")
-    code = re.search(r"```python\n(.*?)```", (PAGES / page).read_text(), re.DOTALL)
-    assert code is not None
-    exec(compile(code.group(1), page, "exec"), {})
+    blocks = re.findall(r"```python\n(.*?)```", (PAGES / page).read_text(), re.DOTALL)
+    (code,) = (block for block in blocks if "plan.parquet" in block)
+    exec(compile(code, page, "exec"), {})
     table = pq.read_table("run_01.simulation.parquet")
     assert table.column_names[:2] == ["t", "q_1"]
     return np.column_stack([table["tau_1"], table["tau_2"]])
