@@ -58,8 +58,9 @@ def drop_ill_formed(state: SearchState, now: Solution) -> Solution:
         joint = [term.joint or 0]
         bare, own, both = (held.errors(t) for t in (rest.terms, now.terms, [*now.terms, curve]))
         law, beyond = float(np.sum((bare - own)[:, joint])), float(np.sum((own - both)[:, joint]))
-        if beyond > BESIDE * law and compared(own, both, joint).sure > SURE:
-            share = 100 * beyond / max(law + beyond, 1e-300)
+        # Where loosened links can stand for a law, what it takes off tells nothing of its form.
+        if law > 0 and beyond > BESIDE * law and compared(own, both, joint).sure > SURE:
+            share = 100 * beyond / (law + beyond)
             why = f"has not this form: {share:.0f} % of it is another curve of the {term.effect.relations.along}"
             state.refuse(term, 0.0, why)
             now = rest
