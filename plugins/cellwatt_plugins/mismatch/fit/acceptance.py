@@ -124,6 +124,9 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     if _seldom(after, term):
         added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))
         return bool(np.any(np.max(np.abs(added), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
+    # What a joint lacks may hide in links that are stretched for it: those are what it must take off, then.
+    if term.joint is not None and relieves_tension(before, after, thresholds):
+        return True
     found = held(before, after, term)
     return found.sure > thresholds.certain or found.share * left > (1 - found.share) * (left - 1)
 
