@@ -29,8 +29,8 @@ OFTEN = 2
 FROZEN = 1.0
 """s at exactly one value that noise does not leave."""
 ROUGH = 1.0
-"""Doubt of the torque that a motion needs, in units of how much that torque varies, from which it says little."""
-SHORT = 0.05
+"""Doubt of the torque that a motion needs, in units of that torque, from which it says little."""
+SHORT = 0.15
 """s in all that are not worth a remark."""
 PERIOD = 4
 """Samples that a motion needs to be followed."""
@@ -61,7 +61,8 @@ def rough(states: Sequence[States], least: float = ROUGH) -> Iterator[str]:
     """One sentence for each run with stretches that follow no smooth motion; there its torque says little."""
     for run in states:
         doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
-        far = np.any(doubt > least * np.std(run.nominal, axis=0), axis=1)
+        moves = np.ptp(run.q, axis=0) > MOVES
+        far = np.any(moves & (doubt > least * np.sqrt(np.mean(np.square(run.nominal), axis=0))), axis=1)
         inner = [(a, b) for a, b in stretches(far) if a > 0 and b < len(far)] if run.moved.planned else []
         seconds = sum(b - a for a, b in inner) * run.step
         if seconds > SHORT:
