@@ -44,7 +44,7 @@ class HttpDoor:
             max_field_size=_LONGEST,
             max_headers=_MOST,
         )
-        app.middlewares.insert(0, self._bounded())
+        app.middlewares.append(self._bounded())  # within those that word errors
         self._port = Port(lambda: self._protocol(), limits)
         self.counts = self._port.counts
 
