@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.effects.time_delay import SHARE, shifted
@@ -26,6 +26,8 @@ class ClockDrift(Effect):
     depends_on = "fitted torque"
     whole_arm = True
     form = Form(to_scale=True)
+    # Both together follow whatever comes early in one half of a run and late in the other.
+    relations = Relations(family="lateness")
     acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
 

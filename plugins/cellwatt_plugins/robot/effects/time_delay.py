@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
@@ -30,6 +30,7 @@ class TimeDelay(Effect):
     depends_on = "fitted torque"
     whole_arm = True
     form = Form(to_scale=True)
+    relations = Relations(family="lateness")
     acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (
         Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
