@@ -46,13 +46,17 @@ class Pool:
         calls, kept = parcels(function, items), self._shared(shared)
         answers: list[Answer | None] = [self._submit(parcel, kept) for parcel in calls]
         results: list[Any] = []
+        alone = 0  # items before this one may have been with a worker when the last one died
         try:
             for i, parcel in enumerate(calls):
-                answer = answers[i]
-                if answer is None or _is_lost(answer):
-                    if answer is not None:
-                        self._end()
-                        answers[i + 1 :] = self._again(answers[i + 1 :], calls[i + 1 :], kept)
+                if answers[i] is None and i >= alone:
+                    rest = zip(answers[i:], calls[i:], strict=True)
+                    answers[i:] = [there or self._submit(one, kept) for there, one in rest]
+                if (answer := answers[i]) is not None and _is_lost(answer):
+                    self._end()
+                    answers = [None if there is None or _is_lost(there) else there for there in answers]
+                    alone, answer = i + self._count, None
+                if answer is None:
                     answer = self._submit(parcel, kept)
                     if _is_lost(answer):
                         name = f"{told.name}: item {i + 1} of {len(items)} ({shortened(items[i])})"
@@ -67,26 +71,16 @@ class Pool:
                 kept.unlink()
         return results
 
-    def _again(
-        self, answers: Sequence[Answer | None], calls: Sequence[bytes], kept: Path | None
-    ) -> list[Answer | None]:
-        """Answers that are there; None for what may have killed the worker; the others are submitted anew."""
-        suspects, out = self._count, list[Answer | None]()
-        for answer, parcel in zip(answers, calls, strict=True):
-            if answer is None or (answer.done() and not _is_lost(answer)):
-                out.append(answer)
-            elif suspects:
-                suspects -= 1
-                out.append(None)
-            else:
-                out.append(self._submit(parcel, kept))
-        return out
-
     def _submit(self, parcel: bytes, shared: Path | None) -> Answer:
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self._count, context, initializer=_begin, initargs=(os.getpid(),))
-        return self._pool.submit(call, parcel, str(Path.cwd()), shared)
+        try:
+            return self._pool.submit(call, parcel, str(Path.cwd()), shared)
+        except BrokenProcessPool as error:  # a worker has died since the item before
+            lost = Answer()
+            lost.set_exception(error)
+            return lost
 
     def _shared(self, value: Any) -> Path | None:
         if value is None:

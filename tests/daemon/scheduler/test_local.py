@@ -86,6 +86,11 @@ class TestOnWorkers:
         assert str(told.value).startswith(f"numbers: item 4 of 8 ({Item(3, tmp_path)!r}"[:60])
         assert spread(abs, [-1, -2], "after it") == [1, 2]
 
+    def test_it_is_named_wherever_it_stands(self, tmp_path: Path) -> None:
+        items = sorted(_items(tmp_path), key=lambda item: item.number == 3)
+        with pytest.raises(CellwattError, match=r"^numbers: item 8 of 8 \(Item\(number=3"):
+            spread(parts.dies, items, "numbers")
+
 
 def _items(folder: Path) -> list[Item]:
     return [Item(number, folder) for number in range(8)]
