@@ -87,7 +87,7 @@ class Listening(OutletSettings):
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
         ways = (f"listen: {self.listen}: {self.opening} (open: true)",) if self.opening else ()
-        return (*ways, *self._unreadable(), *self._expiring())
+        return (*ways, *self._unreadable(), *validity.warnings(self.certificate, self.key))
 
     def _unreadable(self) -> Iterator[str]:
         for option, path in {"certificate": self.certificate, "key": self.key}.items():
@@ -96,9 +96,6 @@ class Listening(OutletSettings):
                     open_file(path, WRITTEN).close()
                 except OSError as error:
                     yield f"{option}: {path} cannot be read: {error.strerror}"
-
-    def _expiring(self) -> Iterator[str]:
-        yield from validity.warnings(self.certificate, self.key)
 
 
 def tls_context(settings: Listening) -> ssl.SSLContext | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from abc import abstractmethod
 from collections import deque
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -324,17 +325,17 @@ class ForwardOutlet(Outlet[F], Generic[F, M]):
         """The peer's address: to another one nothing that this one has is owed."""
         return ""
 
+    @abstractmethod
     def row(self, row: Row, units: Mapping[str, str]) -> M | None:
         """See ``Peer.row``."""
-        raise NotImplementedError
 
     def result(self, result: Archived) -> M | None:
         """See ``Peer.result``."""
         return None
 
+    @abstractmethod
     async def send(self, messages: Sequence[M]) -> Mapping[str, int]:
         """See ``Peer.send``."""
-        raise NotImplementedError
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:
