@@ -1,9 +1,10 @@
-"""Fails a test that leaves a task, a thread, a process, a socket or a temporary folder behind."""
+"""Fails a test that leaves a task, a thread, a process, a socket, a temporary folder or a quieted log behind."""
 
 from __future__ import annotations
 
 import asyncio
 import gc
+import logging
 import os
 import tempfile
 import threading
@@ -72,8 +73,8 @@ def _nothing_is_left_behind(_of_the_session: None, request: pytest.FixtureReques
 
 
 def present() -> Left:
-    """Threads, children, sockets and temporary files of this process."""
-    return threads() | children() | sockets() | temporary()
+    """Threads, children, sockets, temporary files and quieted logs of this process."""
+    return threads() | children() | sockets() | temporary() | levels()
 
 
 def threads() -> Left:
@@ -115,3 +116,12 @@ def sockets() -> Left:
 def temporary() -> Left:
     paths = Path(tempfile.gettempdir()).iterdir()
     return {path: f"temporary {path}" for path in paths if path.name != ".ses"}  # of onnxruntime, one for all runs
+
+
+def levels() -> Left:
+    """Our loggers that have a level of their own: the tests after it would not see what is logged."""
+    return {
+        f"{name} at {logger.level}": f"level {logger.level} of the log {name}"
+        for name, logger in logging.root.manager.loggerDict.copy().items()
+        if name.startswith("cellwatt") and isinstance(logger, logging.Logger) and logger.level
+    }

@@ -7,7 +7,8 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +56,12 @@ def write_run(folder: Path, out: Path, epoch: float, since: float, until: float)
     Raises ``RecordingError`` where there are none.
     """
     out.mkdir(parents=True, exist_ok=True)
-    logging.getLogger("cellwatt.record.reader").setLevel(logging.ERROR)  # a file that is being written is no news here
     names = [f"{ARM}.joint_{joint}.{quantity}" for _, quantity in RECORDED for joint in range(1, JOINTS + 1)]
-    blocks = [
-        np.column_stack([block.time * 1e-9, block.values[:, [block.layout.index(name) for name in names]]])
-        for block in Recording.open(folder).frames()
-    ]
+    with _quiet():
+        blocks = [
+            np.column_stack([block.time * 1e-9, block.values[:, [block.layout.index(name) for name in names]]])
+            for block in Recording.open(folder).frames()
+        ]
     table = np.concatenate(blocks) if blocks else np.empty((0, 1 + len(names)))
     table = table[(table[:, 0] >= since) & (table[:, 0] <= until)]
     time = table[:, 0]
@@ -75,6 +76,18 @@ def write_run(folder: Path, out: Path, epoch: float, since: float, until: float)
         columns |= {f"{short}_{joint + 1}": values[:, joint] for joint in range(JOINTS)}
     write_table(simulation, columns)
     return recording, simulation
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """The reader's warnings off: a file that is still being written is no news here."""
+    log = logging.getLogger("cellwatt.record.reader")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _humble() -> Callable[[], None]:
