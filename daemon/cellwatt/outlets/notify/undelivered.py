@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Final
 
-from cellwatt.outlets.notify.ledger import append
 from cellwatt.outlets.notify.texts import About, payload
 from cellwatt.outlets.notify.told import Message
 
@@ -27,5 +27,13 @@ def keep(path: Path, content: bytes, largest: int = LARGEST) -> bool:
         old = path.with_name(f"{path.name}.1")
         thrown = old.exists()
         path.replace(old)
-    append(path, content)
+    with open(path, "ab", opener=_private) as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
     return thrown
+
+
+def _private(name: str, flags: int) -> int:
+    """Open a file that only its owner may read."""
+    return os.open(name, flags | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
