@@ -57,6 +57,8 @@ class Export:
     def _all(self, table: str, following: Callable[[], Piece | None]) -> Iterator[Done]:
         while (piece := following()) is not None:
             yield self._commit(table, piece)
+            if piece.last:  # what comes meanwhile is for the next run: it would never end, in files of a few rows
+                return
 
     def _frames(self, until: Position | None = None) -> Piece | None:
         place = self._record, self._site, self._cell

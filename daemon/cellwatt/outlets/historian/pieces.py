@@ -27,7 +27,8 @@ _DAY: Final = 86_400 * 10**9  # ns
 class Piece:
     """A file to be: its path in the lake and its table, ``None`` where nothing is to be written.
 
-    ``end`` is the position that it leads to, ``lost`` the frames up to there that the record does not have.
+    ``end`` is the position that it leads to, ``lost`` the frames up to there that the record does not have. ``last``:
+    it has all that was recorded by now.
     """
 
     path: str
@@ -35,6 +36,7 @@ class Piece:
     table: Any
     end: Position | Place
     lost: int = 0
+    last: bool = False
 
 
 def root(table: str, site: str, cell: str) -> str:
@@ -116,7 +118,7 @@ def _framed(rows: _Rows, site: str, cell: str, after: Position | None, over: boo
     table = frame_table(rows.rows, rows.picker.units, rows.session)
     name = f"{rows.session}_{rows.first}_{last.sequence}.parquet"
     path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
-    return Piece(path, len(rows.rows), table, end, rows.lost(end, after))
+    return Piece(path, len(rows.rows), table, end, rows.lost(end, after), last=not (over or rows.full))
 
 
 def next_results(
