@@ -15,13 +15,14 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
+from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.exposure import Opening, openings
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
-from cellwatt.outlets.zenoh.link import LinkSettings, unreadable
+from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health, topic_of
 from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
@@ -74,7 +75,7 @@ class ZenohSettings(LinkSettings):
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
         ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
         told = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
-        return (*ways, *unreadable(self), *unusable(self.sign), *(f"tls.{text}" for text in told))
+        return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in told))
 
 
 def _refusal(opening: Opening) -> InitErrorDetails:
