@@ -14,18 +14,23 @@ from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.errors import why
-from cellwatt.outlets.notify import rules, undelivered
-from cellwatt.outlets.notify.answer import Answer, Channel, FailedError, RefusedError, cleaned
+from cellwatt.outlets.aside import put_aside
+from cellwatt.outlets.notify import rules
+from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
 from cellwatt.outlets.notify.rules import Rules
 from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
-from cellwatt.outlets.notify.texts import About
+from cellwatt.outlets.notify.texts import About, undelivered
 from cellwatt.outlets.notify.told import Item, Message
 from cellwatt.results import Alarm
 
 log = logging.getLogger(__name__)
 
+UNDELIVERED: Final = "notify-undelivered.jsonl"
+"""File of the messages that nobody got, with the reasons, beside the recordings."""
+LARGEST: Final = 1_000_000
+"""Bytes of it."""
 LONGEST_PAUSE: Final = 600.0
 """s between two attempts."""
 GRACE: Final = 3.0
@@ -241,10 +246,10 @@ class Courier:
     async def _keep(self, message: Message, reason: str) -> None:
         """Put a message among the undelivered."""
         if self._folder is not None:
-            path, now = self._folder / undelivered.FILE, datetime.now(UTC).isoformat(timespec="seconds")
-            content = undelivered.line(self._about, self.name, message, reason, now)
+            path, now = self._folder / UNDELIVERED, datetime.now(UTC).isoformat(timespec="seconds")
+            content = undelivered(self._about, self.name, message, reason, now)
             try:
-                if await asyncio.to_thread(undelivered.keep, path, content):
+                if await asyncio.to_thread(put_aside, path, content, LARGEST):
                     self._account.count("undelivered: older files thrown away")
             except OSError as error:
                 self._account.count("undelivered: not written")

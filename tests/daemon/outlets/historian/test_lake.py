@@ -18,8 +18,7 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.outlets.historian import exporting
-from cellwatt.outlets.historian.exporting import Export
-from cellwatt.outlets.historian.progress import FILE, Progress
+from cellwatt.outlets.historian.exporting import FILE, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import FolderStore
 from cellwatt.outlets.historian.worker import LOCK

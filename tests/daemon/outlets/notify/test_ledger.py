@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from cellwatt.outlets.aside import put_aside
 from cellwatt.outlets.notify import ledger as module
-from cellwatt.outlets.notify import undelivered
+from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.ledger import Ledger
+from cellwatt.outlets.notify.texts import undelivered
 from cellwatt.outlets.notify.told import Item, Message, Told
 from tests.daemon.outlets.notify.cell import ABOUT, EPOCH, alarm
 
@@ -93,12 +95,12 @@ async def test_former_recipients_are_forgotten(tmp_path: Path) -> None:
 
 
 def test_undelivered_files_are_bounded(tmp_path: Path) -> None:
-    path = tmp_path / undelivered.FILE
-    line = undelivered.line(ABOUT, "shift", Message("1f", EPOCH, (ITEM,)), "550 no", "2026-11-24T10:00:00+00:00")
-    thrown = [undelivered.keep(path, line, 3 * len(line)) for _ in range(10)]
+    path = tmp_path / UNDELIVERED
+    line = undelivered(ABOUT, "shift", Message("1f", EPOCH, (ITEM,)), "550 no", "2026-11-24T10:00:00+00:00")
+    thrown = [put_aside(path, line, 3 * len(line)) for _ in range(10)]
     assert thrown == [False] * 6 + [True] + [False] * 2 + [True]
     files = sorted(tmp_path.iterdir())
-    assert [file.name for file in files] == [undelivered.FILE, f"{undelivered.FILE}.1"]
+    assert [file.name for file in files] == [UNDELIVERED, f"{UNDELIVERED}.1"]
     assert all(file.stat().st_mode & 0o777 == 0o600 for file in files)
     assert files[0].read_bytes() == line
     assert files[1].read_bytes() == 3 * line
