@@ -22,10 +22,10 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
 from cellwatt.runtime.processes.shared import TELL, TELLS, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
-from cellwatt.runtime.processes.starved import starved
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
+from cellwatt.starved import starved
 from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)
