@@ -13,7 +13,7 @@ BACKLOG: Final = 30.0
 UNDECLARED: Final = 1000.0
 """Hz that a stream without a declared rate counts as declaring."""
 SHARE, BURST, USUAL = 1.1, 2.0, 100.0
-"""The same where the ring to the other processes is crowded: what it has room for; without a declared rate, ``USUAL`` Hz."""
+"""The same while the ring to the other processes is crowded: what it has room for. No rate declared is ``USUAL``."""
 
 MINUTE: Final = 60 * SECOND
 MOST: Final = 100

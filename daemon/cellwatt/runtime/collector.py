@@ -39,8 +39,8 @@ def load_libraries(config: CellConfig) -> None:
 class Collector:
     """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop.
 
-    ``awaited`` says whether somebody waits for samples, which then gather for less long; ``crowded`` whether sources may
-    bring no more than they declare.
+    ``awaited`` says whether somebody waits for samples, which then gather for less long; ``crowded`` whether sources
+    may bring no more than they declare.
     """
 
     def __init__(

@@ -194,8 +194,8 @@ class Source:
         self.account.drop(n, "beyond its rate")
         self.event(
             "beyond_rate",
-            f"{self.name}: {stream.name} brings more than {MULTIPLE:g} times the {stream.rate:g} Hz that it declares, or more "
-            "than these while this PC is too busy to record it: what is beyond is dropped; is the rate right?",
+            f"{self.name}: {stream.name} brings more than {MULTIPLE:g} times the {stream.rate:g} Hz it declares, or "
+            "more than that while this PC is too busy to record it: what is beyond is dropped; is the rate right?",
         )
 
     def _look(self, streams: Iterable[Stream]) -> None:

@@ -34,6 +34,8 @@ ALIGN = OTHERS
 """Reader of the raw ring who makes frames; chain number n reads the frames as ``OTHERS + n``."""
 ALIGNS, TELLS = 0.0015, 0.003
 """s by which who makes frames, and who records and publishes, wake after who collects: in the order of the data."""
+SAID: Final = 1.0
+"""s between figures of a process that has something to do."""
 ALARMS: Final = 2 << 20
 """Bytes of alarms and events that are kept for who tells next; of other results as much as ``RESULTS``."""
 
