@@ -49,6 +49,8 @@ from cellwatt.subscriber import Health, Subscriber
 ATTACKS = ("idle", "slow", "garbage", "guesses", "flood", "opc_ua", "zenoh", "reloads")
 IDLE = 300
 TOKEN = "right-token-of-the-bench"
+UP = 300.0
+"""s for all that is to be up, on a PC that does much else."""
 SETTLE = 5.0
 """s without attacks, before the figures are taken and after."""
 
@@ -285,7 +287,7 @@ async def health_of(cell: Cell, up: Callable[[dict[str, Any]], bool]) -> dict[st
     link = LinkSettings(mode="client", connect=(f"tcp/{cell.doors['zenoh']}",))
     status: dict[str, Any] = {}
     try:
-        async with asyncio.timeout(60), Subscriber("bench", "doors", link, want=("health",)) as subscriber:
+        async with asyncio.timeout(UP), Subscriber("bench", "doors", link, want=("health",)) as subscriber:
             async for message in subscriber:
                 if isinstance(message.content, Health) and up(status := dict(message.content.status)):
                     return status
