@@ -1,8 +1,9 @@
-"""Attacks on running daemons as processes: one daemon with all doors, and one with few descriptors."""
+"""Attacks on running daemons as processes: one daemon with all doors, and one with few rights."""
 
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 import shutil
 import zipfile
@@ -12,6 +13,7 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import aiohttp
+import numpy as np
 import psutil
 import pytest
 from asyncua import Client, ua
@@ -223,15 +225,30 @@ async def the_folder_is_removed(folder: Path, audience: Audience) -> None:
     assert audience.status["recorder"]["drops"]
 
 
-async def test_a_daemon_with_64_descriptors_records(tmp_path: Path) -> None:
+UNDER = ("prlimit", "--nofile=64", "setpriv", "--bounding-set=-dac_override,-dac_read_search")
+"""Few descriptors; and rights count for root as for anybody."""
+
+
+async def test_a_daemon_with_64_descriptors_whose_folder_loses_its_rights(tmp_path: Path) -> None:
+    """What the disk does not take waits in memory, and is written once it may be."""
+    folder = tmp_path / "record"
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        daemon = Daemon(tmp_path, f"sources:\n{ur('arm', device.address)}")
-        await daemon.start(descriptors=64)
+        daemon = Daemon(tmp_path, f"sources:\n{ur('arm', device.address)}", record="file_age: 1 s")
+        await daemon.start(*(UNDER if os.geteuid() == 0 else UNDER[:2]))
         try:
-            await eventually(lambda: list((tmp_path / "record").glob("*.mcap*")), "a recording")
+            await eventually(lambda: list(folder.glob("*.mcap")), "a whole file")
             assert "only 64 files and connections may be open (ulimit -n)" in daemon.log
-            await asyncio.sleep(3)  # some samples
+            folder.chmod(0o500)
+            await eventually(lambda: f"{folder} cannot be written: Permission denied" in daemon.log, "the alarm")
+            folder.chmod(0o700)
+            await eventually(lambda: "recording works again" in daemon.log, "the end of the alarm")
             assert await daemon.stop() == 0
         finally:
             await daemon.kill()
-    assert len(Recording.open(tmp_path / "record").batches("arm", "rtde")) > 100
+    kept = Recording.open(folder)
+    assert not kept.damage
+    assert (np.diff(kept.batches("arm", "rtde").sequence) == 1).all()
+    assert [(a.kind, a.active) for a in kept.alarms() if a.kind == "recorder"] == [
+        ("recorder", True),
+        ("recorder", False),
+    ]
