@@ -50,6 +50,8 @@ class Index:
                     pages.append(Listed(path, found[0], thumbnail(found[1])))
             except BrokenPageError as error:
                 broken.append(str(error))
+            except ValueError as error:
+                broken.append(f"{path}: {error}")
         return cls(folder, sorted(pages, key=lambda page: page.facts.made, reverse=True), broken)
 
     @property

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import base64
-import gzip
 import json
 import re
+import zlib
 from html import escape
 from typing import Any, Final
 
@@ -19,15 +19,26 @@ from cellwatt.report.theme import BAD, MEASURED
 Float = NDArray[np.float64]
 Json = dict[str, Any]
 
+LARGEST: Final = 1 << 26
+"""Bytes of a figure, unpacked."""
 WIDTH, HEIGHT, MARGIN = 200, 90, 4
 MOST_POINTS, MOST_DOTS = 240, 150
 _FIRST: Final = re.compile(r"<figure [^>]*><script type=text/plain>(.*?)</script>", re.DOTALL)
 
 
 def thumbnail(page: str) -> Html:
-    """The drawing for the text of a page; empty where it has no figure of curves, dots, bars or cells."""
+    """The drawing for the text of a page; empty where it has no figure of curves, dots, bars or cells.
+
+    Raises ``ValueError`` where the figure is not what cellwatt draws: a page may be anybody's.
+    """
     found = _FIRST.search(page)
-    return drawn(json.loads(gzip.decompress(base64.b64decode(found[1])))) if found else Html("")
+    if found is None:
+        return Html("")
+    try:
+        unpacking = zlib.decompressobj(zlib.MAX_WBITS | 16)
+        return drawn(json.loads(unpacking.decompress(base64.b64decode(found[1]), LARGEST)))
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, zlib.error) as error:
+        raise ValueError("its first figure cannot be read") from error
 
 
 def drawn(figure: Json) -> Html:

@@ -39,6 +39,8 @@ MOST_NAMED: Final = 5
 """Channels that an alarm names."""
 RESETS: Final = 3
 """Resets of a device's clock within ``SPAN`` that are one clock which cannot be followed."""
+APART: Final = 1.0
+"""s by which the cell's time may differ from the PC's clock: that one was set, and the cell's time follows slowly."""
 UNSURE: Final = 0.05
 """s by which samples of a device with a clock may be off in time, at most: frames come every 20 ms."""
 
@@ -58,6 +60,7 @@ KINDS: Final = {
     "process_down": "process {part} is back",
     "process_slow": "process {part} keeps up again",
     "pc_slow": "all processes run again",
+    "pc_clock": "the cell's time is the PC's again",
     "recorder": "recording works again",
     "record_displaced": "recording goes on in a new file",
     "record_short": "no recordings had to go before their time in the last hour",
@@ -124,6 +127,12 @@ def troubles(
             found.append(Trouble("process_down", "error", name, text, {"restarts": process["restarts"]}))
         found += _behind(name, process, before.get("processes", {}).get(name, {}))
     found = _by_cause(found, waited)
+    if abs(apart := 1e-3 * status.get("utc_error_ms", 0.0)) > APART:
+        text = (
+            f"The cell's time is {abs(apart):.1f} s {'ahead of' if apart > 0 else 'behind'} this PC's clock, which was "
+            "set: it follows by 1.8 s an hour. Restart the daemon if the clock is right now."
+        )
+        found.append(Trouble("pc_clock", "warning", "cell", text, {"apart_s": round(apart, 3)}))
     recorder = status.get("recorder")
     return found if recorder is None else [*found, *_recording(recorder, before.get("recorder") or {})]
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
+import os
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from html.parser import HTMLParser
@@ -18,7 +22,7 @@ from cellwatt.commands.reports import command
 from cellwatt.errors import CellwattError
 from cellwatt.report.drawing import bars, cells, curve, dots, line
 from cellwatt.report.facts import facts_in
-from cellwatt.report.thumbnail import HEIGHT, WIDTH, drawn
+from cellwatt.report.thumbnail import HEIGHT, LARGEST, WIDTH, drawn
 from cellwatt.version import __version__
 from tests.daemon.report.reading import Page, check, read
 
@@ -78,6 +82,10 @@ def folder(tmp_path: Path) -> Path:
     (kept / "other.html").write_text("<!doctype html><title>Somebody else's</title>")
     whole = write(kept / "torn.html", "recording", "No alarms.", 5).read_text()
     (kept / "torn.html").write_text(whole[: len(whole) // 2])
+    os.mkfifo(kept / "pipe.html")
+    bomb = write(kept / "bomb.html", "recording", "No alarms.", 5, "good", CURVES)
+    packed = base64.b64encode(gzip.compress(bytes(LARGEST + 1), 1)).decode()
+    bomb.write_text(re.sub("(type=text/plain>)[^<]*", rf"\g<1>{packed}", bomb.read_text()))
     strange = write(kept / "strange.html", "recording", "No alarms.", 5)
     strange.write_text(strange.read_text().replace('"finding":', '"finds":'))
     return kept
@@ -116,6 +124,8 @@ def test_newest_first_by_kind_with_finding_and_picture(folder: Path) -> None:
 def test_broken_pages_are_named_and_others_passed_over(folder: Path) -> None:
     broken = json.loads(run(folder, "--json").stdout)["broken"]
     assert broken == [
+        f"{folder / 'bomb.html'}: its first figure cannot be read",
+        f"{folder / 'pipe.html'}: cannot be read: a FIFO, expected a file",
         f"{folder / 'strange.html'}: its facts cannot be read: make the page anew",
         f"{folder / 'torn.html'}: the page ends too early: make it anew",
     ]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 from cellwatt.results import Alarm
 from cellwatt.runtime.watch import PATIENCE, Watch
 
@@ -162,6 +164,15 @@ def test_a_clock_that_is_reset_again_and_again_is_one_alarm() -> None:
     alarms = looked_at(Watch(), 40, clock)
     assert [(a.kind, a.source) for a in alarms] == [("clock_unsteady", "arm")]
     assert alarms[0].statement.endswith("the device's time went back.")
+
+
+@pytest.mark.parametrize(("error", "says"), [(3_600_000.0, "3600.0 s ahead of this PC's"), (-1500.0, "1.5 s behind")])
+def test_a_clock_of_the_pc_that_was_set_is_told_until_the_cell_follows(error: float, says: str) -> None:
+    watch = Watch()
+    looks = [status() | {"utc_error_ms": error if second < 5 else 0.5} for second in range(20)]
+    alarms = [alarm for second, look in enumerate(looks) for alarm in watch.look(look, second * 10**9)]
+    assert [(a.kind, a.source, a.active) for a in alarms] == [("pc_clock", None, True), ("pc_clock", None, False)]
+    assert says in alarms[0].statement
 
 
 def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
