@@ -174,17 +174,25 @@ class ApartOutlet(Apart[S]):
         if isinstance(item, Batch):
             return
         if isinstance(item, Frames):
-            self.account.expect(len(item))
+            self._wait(len(item))
             self._blocks.append(item)
             if len(self._blocks) > BLOCKS:
-                self.account.drop(len(self._blocks.popleft()), "queue: frames")
+                self._drop(len(self._blocks.popleft()), "queue: frames")
         elif self.takes(item):
-            self.account.expect()
+            self._wait(1)
             self._results.append(item)
             if len(self._results) > RESULTS:
                 self._results.popleft()
-                self.account.drop(1, "queue: results")
+                self._drop(1, "queue: results")
         self._fresh.set()
+
+    def _wait(self, count: int) -> None:
+        self.account.expect(count)
+        self.account.owed += count
+
+    def _drop(self, count: int, where: str) -> None:
+        self.account.owed -= count
+        self.account.drop(count, where)
 
     def health(self, status: Mapping[str, Any]) -> None:
         """Pass on the cell's health; the newest alone waits."""
@@ -228,9 +236,10 @@ class ApartOutlet(Apart[S]):
         try:
             writer.write(encode())
         except (TypeError, ValueError, AttributeError):
-            self.account.drop(count, "not encodable")
+            self._drop(count, "not encodable")
             log.exception("an item cannot be told: %s", self.name)
         else:
+            self.account.owed -= count
             self.account.receive(count)
 
     def answer(self, question: Mapping[str, Any]) -> None:
