@@ -30,7 +30,7 @@ bench *arguments:
 
 # The pictures of the live cell, by the demo's cell with a spring on the elbow; needs Chromium.
 picture:
-    {{ python }} bench/watch.py
+    {{ python }} bench/screens.py
 
 # The bill of materials of this environment (CycloneDX).
 sbom:

@@ -18,8 +18,6 @@ from cellwatt.subscriber import Gap, Health, Message
 
 CLEARED: Final = 500
 """Alarms that are remembered after they were cleared."""
-REPETITIONS: Final = 100
-"""Repetitions of a task whose energies are remembered."""
 SILENT: Final = 5.0
 """s without a message after which the cell counts as silent; health comes each second."""
 
@@ -44,7 +42,7 @@ class LiveCell:
     forgotten: int = 0
     intervals: deque[Body] = field(default_factory=lambda: deque(maxlen=32))
     task: Body | None = None
-    energies: dict[str, deque[Body]] = field(default_factory=dict)
+    energy: Body | None = None
     frames: History = field(default_factory=History)
     predicted: dict[str, History] = field(default_factory=dict)
     lost: int = 0
@@ -79,7 +77,7 @@ class LiveCell:
         elif kind == "task":
             self.task = body
         elif kind == "energy":
-            self.energies.setdefault(body["task"], deque(maxlen=REPETITIONS)).append(body)
+            self.energy = body
         elif kind == "prediction":
             self._prediction(body)
 
