@@ -32,10 +32,6 @@ bench *arguments:
 picture:
     {{ python }} bench/screens.py
 
-# The bill of materials of this environment (CycloneDX).
-sbom:
-    {{ python }} -m cellwatt.sbom > cellwatt.cdx.json
-
 # Which lines and branches of the three packages the tests run.
 coverage *arguments:
     {{ python }} -m pytest -n auto --cov --cov-report=term:skip-covered {{ arguments }}
