@@ -18,6 +18,8 @@ from cellwatt.subscriber import Gap, Health, Message
 
 CLEARED: Final = 500
 """Alarms that are remembered after they were cleared."""
+REPETITIONS: Final = 100
+"""Repetitions of a task whose energies are remembered."""
 SILENT: Final = 5.0
 """s without a message after which the cell counts as silent; health comes each second."""
 
@@ -42,7 +44,7 @@ class LiveCell:
     forgotten: int = 0
     intervals: deque[Body] = field(default_factory=lambda: deque(maxlen=32))
     task: Body | None = None
-    energy: Body | None = None
+    energies: dict[str, deque[Body]] = field(default_factory=dict)
     frames: History = field(default_factory=History)
     predicted: dict[str, History] = field(default_factory=dict)
     lost: int = 0
@@ -77,7 +79,7 @@ class LiveCell:
         elif kind == "task":
             self.task = body
         elif kind == "energy":
-            self.energy = body
+            self.energies.setdefault(body["task"], deque(maxlen=REPETITIONS)).append(body)
         elif kind == "prediction":
             self._prediction(body)
 

@@ -143,9 +143,9 @@ def motion(cell: LiveCell, look: Look) -> list[Text]:
 
 def energy(cell: LiveCell) -> list[Text]:
     """Energy of the last task that ended, by consumer."""
-    last = cell.energy
-    if last is None:
+    if not cell.energies:
         return []
+    last = max((done[-1] for done in cell.energies.values()), key=lambda e: int(e["end"]))
     text = Text("energy  ", style="bold")
     text.append(f" {last['task']} × {last['repetition']}  {last['total']:.0f} J ", style="bold")
     text.append(f"± {last['uncertainty']:.1f} J  ", style="dim")
