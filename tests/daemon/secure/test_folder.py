@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from cellwatt import ConfigError, certificates
-from cellwatt.certificates import MEMBER_DAYS, read
+from cellwatt.certificates import MEMBER_DAYS
 from cellwatt.commands.secure import command
 from cellwatt.secure.folder import Folder, Member
 
@@ -155,9 +155,3 @@ def test_who_must_get_a_new_folder_is_told(folder: Folder) -> None:
     with pytest.raises(ConfigError, match="anna may see weld-3 alone: remove it first"):
         folder.remove("weld-3")
     assert folder.remove("anna") == ["plant-router"]
-
-
-def test_authorities_have_names_of_their_own(folder: Folder) -> None:
-    folder.renew_authority()
-    names = [c.subject for c in read((folder.path / "anna" / "ca.pem").read_bytes())]
-    assert len(names) == len(set(names)) == 2
