@@ -1,4 +1,4 @@
-"""Facts that a page carries in its head for programs, and that the index of a folder is made from."""
+"""Facts that a page carries in its head for programs."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class BrokenPageError(CellwattError):
 _FACTS: TypeAdapter[Facts] = TypeAdapter(Facts)
 
 
-def facts_in(path: Path) -> tuple[Facts, str] | None:
-    """Facts of a page and its text; None where the file is no page of cellwatt.
+def facts_in(path: Path) -> Facts | None:
+    """Facts of a page; None where the file is no page of cellwatt.
 
     Raises ``BrokenPageError`` where it is one, but not whole, and where the file cannot be read.
     """
@@ -70,6 +70,6 @@ def facts_in(path: Path) -> tuple[Facts, str] | None:
     if found is None or not text.rstrip().endswith(_END):
         raise BrokenPageError(f"{path}: the page ends too early: make it anew")
     try:
-        return _FACTS.validate_json(found[1]), text
+        return _FACTS.validate_json(found[1])
     except ValidationError:
         raise BrokenPageError(f"{path}: its facts cannot be read: make the page anew") from None
