@@ -167,7 +167,7 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     for term in torque.terms:
         if term.effect.mechanical:
             continue
-        coefficients = torque.fit.coefficients[torque.block(term)[1]]
+        coefficients = torque.coefficients(term)
         for part, columns in zip(out, problem.columns(term), strict=True):
             more = columns @ coefficients
             if more.ndim == 2:

@@ -122,8 +122,7 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     if term.effect.usual or form.sample_by_sample or form.to_scale or left < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
-        added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))
-        return bool(np.any(np.max(np.abs(added), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
+        return bool(np.any(np.max(np.abs(after.added(term)), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
     # What a joint lacks may hide in links that are stretched for it: those are what it must take off, then.
     if term.joint is not None and relieves_tension(before, after, thresholds):
         return True
@@ -146,7 +145,7 @@ def channels_of(solution: Solution, term: Term) -> list[int]:
 
 def _spread(solution: Solution, term: Term) -> float:
     """Standard deviation of what a term adds to the supply, in units of its noise; infinite for a constant."""
-    added = solution.block(term)[0].times(solution.coefficients(term), 1)[:, 0]
+    added = solution.added(term)[:, 0]
     spread = float(np.std(added))
     return spread / float(solution.problem.floor[0]) if spread > 1e-9 * float(np.max(np.abs(added))) else np.inf
 

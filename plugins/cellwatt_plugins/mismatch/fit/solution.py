@@ -132,3 +132,7 @@ class Solution:
     def coefficients(self, term: Term) -> Float:
         """The coefficients (m,) of a term in the fit."""
         return np.asarray(self.fit.coefficients[self.block(term)[1]])
+
+    def added(self, term: Term) -> Float:
+        """What a term of the fit adds to the channels, (N, C)."""
+        return self.block(term)[0].times(self.coefficients(term), len(self.problem.floor))

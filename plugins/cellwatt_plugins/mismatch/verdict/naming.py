@@ -189,9 +189,7 @@ def _who(joint: int | None) -> str:
 
 def _channels(solution: Solution, term: Term) -> list[int]:
     """Channels in which a term adds at least half of its noise floor, or the greatest one."""
-    problem = solution.problem
-    block, place = solution.block(term)
-    size = rms(block.times(solution.fit.coefficients[place], len(problem.floor))) / problem.floor
+    size = rms(solution.added(term)) / solution.problem.floor
     felt = [int(c) for c in np.flatnonzero(size > 0.5)]
     return felt or [int(np.argmax(size))]
 
@@ -212,8 +210,7 @@ def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
     if term.joint is None:
         return Where(names, times=_spans(solution, term))
     course = solution.problem.columns(term)
-    coefficients = solution.fit.coefficients[solution.block(term)[1]]
-    size = np.concatenate([_size(c @ coefficients, term.joint) for c in course])
+    size = np.concatenate([_size(c @ solution.coefficients(term), term.joint) for c in course])
     strong = size > 0.5 * np.max(size)
     speed = np.concatenate([s.qd[:, term.joint] for s in solution.problem.states])
     place = np.concatenate([s.q[:, term.joint] for s in solution.problem.states])

@@ -164,6 +164,13 @@ def test_a_delay_of_about_half_a_sample_is_how_torque_was_sampled(arm):
         assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
 
 
+def test_a_delay_within_a_row_of_a_log_without_a_plan_is_how_its_channels_were_read(arm):
+    run = plant.record("run_01", 1, plant.NOTHING, plan=False)
+    states = [States(run.name, 0, run.time, moved(run), arm)]
+    for share, resolved in ((0.95, False), (-0.95, False), (1.05, True), (-1.05, True)):
+        assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
+
+
 def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
     """Loss by hysteresis and eddy currents, which one power of speed does not follow in full."""
 
