@@ -79,6 +79,9 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     upon = any(t.joint == term.joint and term.effect.name in t.effect.relations.upon for t in after.terms)
     if enough and upon and found.share > -thresholds.rise:
         return None
+    felt = thresholds.felt if term.joint is None else thresholds.share
+    if not term.effect.usual and after.problem.side == "torque" and found.most < felt:
+        return f"takes {100 * max(found.most, 0.0):.1f} % off the mean square error where it does most"
     channels = channels_of(after, term)
     chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)

@@ -54,11 +54,6 @@ class Falling:
         return added[-1].after if added else self.simulation
 
     @property
-    def of(self) -> Mapping[Place, Added]:
-        """The findings by their place."""
-        return {added.term.place: added for added in self.findings}
-
-    @property
     def channels(self) -> list[int]:
         """Channels (0-based) of which anything was measured."""
         return self.problem.told if self.problem.side == "torque" else [0]
