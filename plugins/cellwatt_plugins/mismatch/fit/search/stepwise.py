@@ -55,9 +55,10 @@ def search(
     state = start(make, channels, thresholds, effects, until, powered)
     now = _found(state, ())
     if effects and not state.spent():
-        # Links that are far off hide the friction of their joints, and that they are off shows beside it alone.
+        # Links that are far off hide the friction of their joints, and that they are off shows beside it alone. What
+        # they leave is no noise, which would count against them.
         plain = plain_terms(state, now)
-        if (loose := looseness(plain.problem, plain.terms, plain.factor)) > 1:
+        if (loose := looseness(plain.problem, plain.terms, plain.problem.factor(plain.residual))) > 1:
             state.loosen(loose)
             now = _found(state, plain.terms)
         else:
