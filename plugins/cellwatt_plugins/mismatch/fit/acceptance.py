@@ -79,6 +79,9 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     upon = any(t.joint == term.joint and term.effect.name in t.effect.relations.upon for t in after.terms)
     if enough and upon and found.share > -thresholds.rise:
         return None
+    felt = thresholds.felt if term.joint is None else thresholds.share
+    if not term.effect.usual and after.problem.side == "torque" and found.most < felt:
+        return f"takes {100 * max(found.most, 0.0):.1f} % off the mean square error where it does most"
     channels = channels_of(after, term)
     chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)
@@ -122,8 +125,7 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     if term.effect.usual or form.sample_by_sample or form.to_scale or left < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
-        added = after.block(term)[0].times(after.coefficients(term), len(after.problem.floor))
-        return bool(np.any(np.max(np.abs(added), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
+        return bool(np.any(np.max(np.abs(after.added(term)), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
     # What a joint lacks may hide in links that are stretched for it: those are what it must take off, then.
     if term.joint is not None and relieves_tension(before, after, thresholds):
         return True
@@ -146,7 +148,7 @@ def channels_of(solution: Solution, term: Term) -> list[int]:
 
 def _spread(solution: Solution, term: Term) -> float:
     """Standard deviation of what a term adds to the supply, in units of its noise; infinite for a constant."""
-    added = solution.block(term)[0].times(solution.coefficients(term), 1)[:, 0]
+    added = solution.added(term)[:, 0]
     spread = float(np.std(added))
     return spread / float(solution.problem.floor[0]) if spread > 1e-9 * float(np.max(np.abs(added))) else np.inf
 

@@ -23,17 +23,12 @@ LATE = 0.1
 """Share of a row by which commands act earlier or later than half of it."""
 
 
-def torque_nuisance(states: Sequence[States], looseness: float = 1.0) -> tuple[Block, ...]:
-    """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0.
-
-    ``looseness`` is a factor on the tolerances of the links.
-    """
+def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
+    """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0."""
     robot, body = states[0].robot, states[0].arm.body
     regressor = np.concatenate([s.regressor for s in states])
     blocks = [
-        Block(
-            regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, looseness * robot.tolerances.link)
-        )
+        Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, robot.tolerances.link))
         for i, own in enumerate(body.parameters().reshape(-1, PER_LINK))
     ]
     courses = (

@@ -221,10 +221,8 @@ class Problem:
         return cast("K", self.of_design[name])
 
 
-def torque_problem(
-    runs: Sequence[Run], states: Sequence[States], turning: Float | None = None, looseness: float = 1.0
-) -> Problem:
-    """The joints' torques of all runs; ``looseness`` is a factor on the tolerances of the links.
+def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float | None = None) -> Problem:
+    """The joints' torques of all runs.
 
     ``turning`` (n,) Nm is friction beyond the nominal that turns over with the sign of the velocity: the less is known
     of that sign, the less a sample counts.
@@ -266,7 +264,7 @@ def torque_problem(
         variance=tuple(r.variance(part) for r, part in zip(rows, variance, strict=True)),
         floor=noise,
         size=size,
-        nuisance=torque_nuisance(states, looseness),
+        nuisance=torque_nuisance(states),
         measured=spread,
     )
 

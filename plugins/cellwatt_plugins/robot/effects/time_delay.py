@@ -16,8 +16,8 @@ from cellwatt_plugins.robot.motion import FAST
 DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
 """s, so near to each other that one of them is within the scale that is accepted."""
 
-SHARE = 0.5
-"""Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""
+UNPLANNED = 1.0
+"""Of a sample: within a row that long, channels of logs without a plan are read one after the other."""
 LEAST = 0.6
 """Of a sample: a delay as short as that is how torque was sampled, as simulators log a step's torque after it."""
 
@@ -41,7 +41,7 @@ class TimeDelay(Effect):
         return [(d,) for d in DELAYS]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        least = SHARE if any(run.unplanned for run in runs) else LEAST
+        least = UNPLANNED if any(run.unplanned for run in runs) else LEAST
         return abs(shape[0]) > least * runs[0].step
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:

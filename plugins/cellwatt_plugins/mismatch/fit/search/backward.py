@@ -106,6 +106,8 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         rest = without(state, now, term)
         gain = rest.fit.gain(rest.problem.block(term))[0]
         why = unconfirmed(rest, now, term, state.thresholds, gain)
+        if not physical(term, now.coefficients(term), state.robot):
+            why = "is not possible as it is"
         several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
         if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
             why = "only one channel asks for it"
@@ -142,5 +144,4 @@ def _weakest_first(now: Solution) -> list[Term]:
 
 def _size(now: Solution, term: Term) -> float:
     """Size of what a term adds, in units of the noise."""
-    added = now.block(term)[0].times(now.coefficients(term), len(now.problem.floor)) / now.problem.floor
-    return float(np.sqrt(np.mean(np.square(added))))
+    return float(np.sqrt(np.mean(np.square(now.added(term) / now.problem.floor))))
