@@ -19,7 +19,6 @@ from cellwatt.outlets.metrics.meter import Meter, Sample
 from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.results import Energy
 
-
 if find_spec("aiohttp") is None:  # only the process that serves imports it, but what is missing is told at once
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
 
