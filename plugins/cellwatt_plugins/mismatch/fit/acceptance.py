@@ -26,7 +26,7 @@ BARELY = 0.97
 AGAINST = 0.3
 """Share of their evidence that other channels may give for the contrary of what concerns the whole recording."""
 SMALLEST = 0.2
-"""Of the supply's noise that a term must change its power by."""
+"""Of the supply's noise by which a term must change what retuned numbers leave of its power."""
 RELIEVED = 0.25
 """Share of the greatest stretch of any group that may be left where it comes back."""
 MOST = 0.8
@@ -58,8 +58,8 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
         return "is too small to be told from how the motion was sampled"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel asks for it"
-    if after.problem.side == "supply" and _spread(after, term) < SMALLEST:
-        return "is too small to be of use"
+    if after.problem.side == "supply" and _taken(before, after) < SMALLEST**2:
+        return None if relieves_tension(before, after, thresholds) else "is too small to be of use"
     return unconfirmed(before, after, term, thresholds, gain)
 
 
@@ -144,11 +144,9 @@ def channels_of(solution: Solution, term: Term) -> list[int]:
     return list(range(len(solution.problem.floor))) if term.joint is None else [term.joint]
 
 
-def _spread(solution: Solution, term: Term) -> float:
-    """Standard deviation of what a term adds to the supply, in units of its noise; infinite for a constant."""
-    added = solution.block(term)[0].times(solution.coefficients(term), 1)[:, 0]
-    spread = float(np.std(added))
-    return spread / float(solution.problem.floor[0]) if spread > 1e-9 * float(np.max(np.abs(added))) else np.inf
+def _taken(before: Solution, after: Solution) -> float:
+    """What the supply's mean square residual falls by, in units of its noise."""
+    return float((before.problem.chi2(before.residual) - after.problem.chi2(after.residual))[0])
 
 
 def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
