@@ -162,6 +162,10 @@ def test_a_delay_of_about_half_a_sample_is_how_torque_was_sampled(arm):
     states = [States(run.name, 0, run.time, moved(run), arm)]
     for share, resolved in ((0.55, False), (-0.55, False), (0.65, True), (-0.65, True)):
         assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
+    # What is recorded every 40 ms was picked from steps of 10 ms or less.
+    seldom = [replace(states[0], time=0.04 * np.arange(len(run.time)))]
+    assert BY_NAME["time_delay"].resolved(seldom, None, (0.02,))
+    assert not BY_NAME["time_delay"].resolved(seldom, None, (0.0055,))
 
 
 def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
