@@ -14,7 +14,7 @@ from cellwatt.errors import why
 from cellwatt.outlet import CellView, Item
 from cellwatt.outlets.aside import put_aside
 from cellwatt.outlets.cursor import Cursor
-from cellwatt.outlets.forward import Forwarder, NotNowError
+from cellwatt.outlets.forward import Forwarder, NotNowError, Peer
 from cellwatt.outlets.historian.client import Client
 from cellwatt.outlets.historian.line_protocol import result_line, row_line
 from cellwatt.outlets.historian.settings import InfluxSettings
@@ -32,7 +32,7 @@ TRIES: Final = 64
 """Requests by which the bad lines of a batch are looked for; then what is left of it is refused as a whole."""
 
 
-class Lines:
+class Lines(Peer[str]):
     """Lines of one database or bucket; those that it refuses are kept in ``folder``."""
 
     def __init__(self, client: Client, measurement: str, tags: Mapping[str, str], folder: Path | None) -> None:
