@@ -218,6 +218,7 @@ def _zeros(kind: pa.DataType, n: int) -> Any:
 def _schema(of: _Declared, source: str) -> pa.Schema:
     import pyarrow as pa
 
+    kind: type[Batch | Frames]
     about: dict[str, Any]
     if isinstance(of, Stream):
         kind, names = Batch, _CHANNEL
