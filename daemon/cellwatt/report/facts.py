@@ -12,6 +12,7 @@ from typing import Final
 from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.errors import CellwattError, why
+from cellwatt.files import COMPUTED, read_bytes
 from cellwatt.report.blocks import Html
 
 _OPEN: Final = '<script type="application/json" id="cellwatt">'
@@ -60,7 +61,7 @@ def facts_in(path: Path) -> Facts | None:
     Raises ``BrokenPageError`` where it is one, but not whole, and where the file cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_bytes(path, COMPUTED).decode("utf-8", "replace")
     except OSError as error:
         raise BrokenPageError(f"{path}: cannot be read: {why(error)}") from error
     if _OPEN not in text:
