@@ -41,7 +41,6 @@ METER = "Power (t, power) that a meter logged on its own clock, one a table."
 @click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
-@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
 @with_scheduler
@@ -52,7 +51,6 @@ def reference(
     meters: tuple[Path, ...],
     arm: str | None,
     power: str,
-    page: Path | None,
     as_json: bool,
 ) -> None:
     """Learn the healthy reference from RECORDINGs of healthy running.
@@ -64,10 +62,6 @@ def reference(
     if learned.note:
         click.echo(learned.note, err=True)
     learned.save(out)
-    if page is not None:
-        with stage("writing the report"):
-            learned.report(page)
-        click.echo(f"written to {page}", err=True)
     report = {"file": str(out), **learned.as_json()}
     click.echo(json.dumps(report) if as_json else _in_words(report))
 
