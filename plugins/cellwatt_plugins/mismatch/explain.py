@@ -18,7 +18,7 @@ from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
-from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
+from cellwatt_plugins.mismatch.fit.sides import Torques
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds, by_law
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.baseline import Baseline
@@ -132,7 +132,7 @@ def explain(
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
-        supply = None if supplied is None else search(Supply(supplied), 1, thresholds, until=until)
+        supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until)
     with stage("judging by data left out"):
         findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, nominal, tuple(runs))
@@ -167,7 +167,7 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     for term in torque.terms:
         if term.effect.mechanical:
             continue
-        coefficients = torque.fit.coefficients[torque.block(term)[1]]
+        coefficients = torque.coefficients(term)
         for part, columns in zip(out, problem.columns(term), strict=True):
             more = columns @ coefficients
             if more.ndim == 2:

@@ -44,6 +44,8 @@ class Held:
     """Greatest share by which the mean square error of any channel rises."""
     again: bool
     """True if it takes something off without the fold in which it does most, too."""
+    most: float
+    """Share of the mean square error that it takes off the one of the channels asked where it does most."""
 
 
 def compared(before: Float, after: Float, channels: Sequence[int] | None = None) -> Held:
@@ -57,7 +59,9 @@ def compared(before: Float, after: Float, channels: Sequence[int] | None = None)
     # What acts here and there shows in the ratio of a fold's errors, also where one fold outweighs all others.
     ratio = np.sum(np.log((before / scale + LITTLE) / (after / scale + LITTLE))[:, asked], axis=1)
     again = bool(np.sum(own) - np.max(own) > 0)
-    return Held(float(np.mean(own)), max(_sure(own), _sure(ratio)), float(np.max(-np.mean(saved, axis=0))), again)
+    of_each = np.mean(saved, axis=0)
+    sure, rise, most = max(_sure(own), _sure(ratio)), float(np.max(-of_each)), float(np.max(of_each[asked]))
+    return Held(float(np.mean(own)), sure, rise, again, most)
 
 
 def _sure(values: Float) -> float:

@@ -1,4 +1,4 @@
-"""The problem of each side of the arm."""
+"""The problem of the joints' torques, made for what is known of their friction."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.problem import Problem, torque_problem
-from cellwatt_plugins.mismatch.fit.retuning import loose
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.effects.states import States
 
@@ -22,24 +21,10 @@ class Torques:
         self._runs, self._states = tuple(runs), tuple(states)
         self._plain: Problem | None = None
 
-    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
-        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign.
-
-        ``looseness`` is a factor on the tolerances of the links.
-        """
-        if turning.any() or looseness != 1.0:
-            return torque_problem(self._runs, self._states, turning, looseness)
+    def __call__(self, turning: Float) -> Problem:
+        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign."""
+        if turning.any():
+            return torque_problem(self._runs, self._states, turning)
         if self._plain is None:
             self._plain = torque_problem(self._runs, self._states)
         return self._plain
-
-
-class Supply:
-    """The problem of the supply: friction has no part in it."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-
-    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
-        """The problem; ``looseness`` is a factor on the tolerances of standby power and windings."""
-        return self._problem if looseness == 1.0 else loose(self._problem, looseness)

@@ -22,8 +22,11 @@ class Thresholds:
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
     share: float = 0.1
     """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors."""
+    felt: float = 0.2
+    """The same where it does most, of what is of the whole arm: a tenth of the error of one joint at least."""
     near: float = 1.3
-    """Mean square residual, in units of the noise, up to which a channel is near it: any share will do, if ``sure``."""
+    """Mean square residual, in units of the noise, up to which a channel is near it: of what most arms
+    have, any share will do, if ``sure``."""
     steady: float = 1.5
     sure: float = 2.5
     much: float = 0.15
@@ -35,7 +38,7 @@ class Thresholds:
     """Mean square residual, in units of the noise."""
     better: float = 0.4
     """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
-    certain: float = 8.0
+    certain: float = 10.0
     """Standard errors from which an unusual term stays that takes less off than it leaves beyond the noise."""
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""
@@ -132,3 +135,7 @@ class Solution:
     def coefficients(self, term: Term) -> Float:
         """The coefficients (m,) of a term in the fit."""
         return np.asarray(self.fit.coefficients[self.block(term)[1]])
+
+    def added(self, term: Term) -> Float:
+        """What a term of the fit adds to the channels, (N, C)."""
+        return self.block(term)[0].times(self.coefficients(term), len(self.problem.floor))

@@ -19,13 +19,8 @@ FEW = 0.02
 
 def swinging_torque(solution: Solution) -> Float:
     """Sum (N, C) of the effects that are simulated sample by sample; 0 where there is none."""
-    channels = len(solution.problem.floor)
-    out = np.zeros_like(solution.residual)
-    for term in solution.terms:
-        if term.effect.form.sample_by_sample:
-            block, place = solution.block(term)
-            out += block.times(solution.fit.coefficients[place], channels)
-    return out
+    swinging = (solution.added(term) for term in solution.terms if term.effect.form.sample_by_sample)
+    return sum(swinging, start=np.zeros_like(solution.residual))
 
 
 def swinging_channels(solution: Solution) -> set[int]:

@@ -54,11 +54,6 @@ class Falling:
         return added[-1].after if added else self.simulation
 
     @property
-    def of(self) -> Mapping[Place, Added]:
-        """The findings by their place."""
-        return {added.term.place: added for added in self.findings}
-
-    @property
     def channels(self) -> list[int]:
         """Channels (0-based) of which anything was measured."""
         return self.problem.told if self.problem.side == "torque" else [0]
@@ -69,7 +64,7 @@ def falling(solution: Solution) -> Falling:
     best = solution.best
     steady = [t for t in best.terms if not t.effect.form.intermittent]
     # Of what is there at one time only, no data can be left out: it counts as fitted.
-    once = {t.place: best.block(t)[0].times(best.coefficients(t), len(best.problem.floor)) for t in _once(best)}
+    once = {t.place: best.added(t) for t in _once(best)}
     fixed = LeaveOut(all_fixed(best.problem).of(best.problem), best.factor)
     free = LeaveOut(best.problem, best.factor)
     floor = best.problem.floor

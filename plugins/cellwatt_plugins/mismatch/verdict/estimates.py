@@ -24,7 +24,7 @@ def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model
     """The model that both solutions make, added to ``base``."""
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
-        terms += [FittedTerm(term, supply.fit.coefficients[supply.block(term)[1]]) for term in supply.terms]
+        terms += [FittedTerm(term, supply.coefficients(term)) for term in supply.terms]
     body = base.arm.body
     gravity = (
         None
@@ -38,7 +38,7 @@ def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model
 
 def _foreseen(solution: Solution, term: Term) -> Float:
     """Coefficients of a term; of one whose course is sensitive as much as other runs confirm."""
-    own = np.asarray(solution.fit.coefficients[solution.block(term)[1]])
+    own = solution.coefficients(term)
     if not term.effect.form.sample_by_sample:
         return own
     return np.asarray(own * confirmed_share(solution.problem, term, own, solution.residual))
@@ -101,8 +101,7 @@ def _estimate(solution: Solution, term: Term, covariance: Float, refined: Sequen
     full = np.zeros((count + len(term.shape), count + len(term.shape)))
     places = [*range(count), *(count + i for i in refined)]
     full[np.ix_(places, places)] = covariance
-    coefficients = solution.fit.coefficients[solution.block(term)[1]]
-    return Estimate(coefficients, np.array(term.shape), full)
+    return Estimate(solution.coefficients(term), np.array(term.shape), full)
 
 
 def _refined(term: Term) -> list[int]:

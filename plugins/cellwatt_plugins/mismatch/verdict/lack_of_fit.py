@@ -94,8 +94,12 @@ def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: 
                     positions.append(states.q[part, channel])
                     speeds.append(states.qd[part, channel])
         at += len(windows)
-    position = _range(positions, np.concatenate([s.q[:, channel] for s in problem.states])) if positions else None
-    velocity = _range(speeds, np.concatenate([s.qd[:, channel] for s in problem.states])) if speeds else None
+    position, velocity = (
+        mostly(np.concatenate(parts), np.concatenate([getattr(s, name)[:, channel] for s in problem.states]))
+        if parts
+        else None
+        for name, parts in (("q", positions), ("qd", speeds))
+    )
     return LackOfFit(
         channel,
         float(np.sqrt(np.mean(squared))),
@@ -106,12 +110,10 @@ def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: 
     )
 
 
-def _range(parts: list[Float], everywhere: Float) -> tuple[float, float] | None:
-    """Range that holds most of what is unexplained; None where that is nearly the whole range."""
-    low, high = np.quantile(np.concatenate(parts), [0.05, 0.95])
-    if high - low > 0.7 * np.ptp(everywhere):
-        return None
-    return float(low), float(high)
+def mostly(values: Float, everywhere: Float) -> tuple[float, float] | None:
+    """Range that holds most of some values; None where that is nearly the whole range."""
+    low, high = np.quantile(values, [0.05, 0.95])
+    return None if high - low > 0.7 * np.ptp(everywhere) else (float(low), float(high))
 
 
 def _joined(spans: list[Span]) -> list[Span]:

@@ -16,7 +16,7 @@ from cellwatt_plugins.mismatch.verdict.cascade import Added, Falling
 from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
-from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, mostly
 from cellwatt_plugins.robot.curves import Curve
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
@@ -150,9 +150,8 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
 
 def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveOut) -> list[Finding]:
     """Findings of channels where something real is left that is none of the known effects."""
-    if solution.problem.side == "supply":
-        return [_unknown(solution, u, held, None) for u in left]
-    return [_unknown(solution, u, held, u.channel) for u in left]
+    supply = solution.problem.side == "supply"
+    return [_unknown(solution, u, held, None if supply else u.channel) for u in left]
 
 
 def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
@@ -189,9 +188,7 @@ def _who(joint: int | None) -> str:
 
 def _channels(solution: Solution, term: Term) -> list[int]:
     """Channels in which a term adds at least half of its noise floor, or the greatest one."""
-    problem = solution.problem
-    block, place = solution.block(term)
-    size = rms(block.times(solution.fit.coefficients[place], len(problem.floor))) / problem.floor
+    size = rms(solution.added(term)) / solution.problem.floor
     felt = [int(c) for c in np.flatnonzero(size > 0.5)]
     return felt or [int(np.argmax(size))]
 
@@ -208,26 +205,19 @@ def _share(solution: Solution, channel: int, before: Float, after: Float) -> flo
 
 
 def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
-    names = tuple("power" if solution.problem.side == "supply" else f"tau_{c + 1}" for c in channels)
+    names = tuple(channel_name(solution.problem, c) for c in channels)
     if term.joint is None:
         return Where(names, times=_spans(solution, term))
     course = solution.problem.columns(term)
-    coefficients = solution.fit.coefficients[solution.block(term)[1]]
-    size = np.concatenate([_size(c @ coefficients, term.joint) for c in course])
+    size = np.concatenate([_size(c @ solution.coefficients(term), term.joint) for c in course])
     strong = size > 0.5 * np.max(size)
     speed = np.concatenate([s.qd[:, term.joint] for s in solution.problem.states])
     place = np.concatenate([s.q[:, term.joint] for s in solution.problem.states])
-    return Where(names, _narrow(place, strong), _narrow(speed, strong), _spans(solution, term))
+    return Where(names, mostly(place[strong], place), mostly(speed[strong], speed), _spans(solution, term))
 
 
 def _size(course: Float, joint: int) -> Float:
     return np.abs(course[:, joint] if course.ndim == 2 else course)
-
-
-def _narrow(values: Float, strong: NDArray[np.bool_]) -> tuple[float, float] | None:
-    """Range that holds most of a term; None where it is nearly everywhere."""
-    low, high = np.quantile(values[strong], [0.02, 0.98])
-    return None if high - low > 0.7 * np.ptp(values) else (float(low), float(high))
 
 
 def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,12 @@ def test_a_small_real_term_holds_near_the_noise(problem):
 @pytest.mark.parametrize("ripple", RIPPLES, ids=lambda t: f"joint {t.joint + 1}, {t.shape[0]} a turn")
 def test_a_ripple_that_is_not_there_does_not(problem, ripple):
     assert judged(problem, OFFSET, ripple) is not None
+
+
+def test_samples_that_tell_little_do_not_hide_what_is_left(problem):
+    """Half of the samples near stops, where friction may pull either way and 100 times the noise would be none."""
+    unsure = tuple(np.where(np.arange(len(v))[:, None] % 2, 1e4, 1.0) * problem.floor**2 for v in problem.variance)
+    doubtful = replace(problem, variance=unsure)
+    left = 3.0 * np.random.default_rng(1).normal(size=problem.design.target.shape) * problem.floor
+    assert doubtful.chi2(left) == pytest.approx(9.0, rel=0.1)
+    assert doubtful.fast_chi2(left) == pytest.approx(9.0, rel=0.15)

@@ -8,7 +8,6 @@ from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.rows import Thinned
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.fit.sides import Supply
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
@@ -33,7 +32,7 @@ def searched(arm, missing, names, seed=1, thresholds=None, thin=1):
     runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     return search(
-        lambda turning, looseness=1.0: thinner(torque_problem(runs, states, turning, looseness), thin),
+        lambda turning: thinner(torque_problem(runs, states, turning), thin),
         plant.JOINTS,
         thresholds or Thresholds(),
         [BY_NAME[name] for name in names],
@@ -162,6 +161,17 @@ def test_a_delay_of_about_half_a_sample_is_how_torque_was_sampled(arm):
     states = [States(run.name, 0, run.time, moved(run), arm)]
     for share, resolved in ((0.55, False), (-0.55, False), (0.65, True), (-0.65, True)):
         assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
+    # What is recorded every 40 ms was picked from steps of 10 ms or less.
+    seldom = [replace(states[0], time=0.04 * np.arange(len(run.time)))]
+    assert BY_NAME["time_delay"].resolved(seldom, None, (0.02,))
+    assert not BY_NAME["time_delay"].resolved(seldom, None, (0.0055,))
+
+
+def test_a_delay_within_a_row_of_a_log_without_a_plan_is_how_its_channels_were_read(arm):
+    run = plant.record("run_01", 1, plant.NOTHING, plan=False)
+    states = [States(run.name, 0, run.time, moved(run), arm)]
+    for share, resolved in ((0.95, False), (-0.95, False), (1.05, True), (-1.05, True)):
+        assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
 
 
 def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
@@ -180,7 +190,7 @@ def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
         states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
         problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
         effects = [BY_NAME["iron_loss"], BY_NAME["brake_power"]]
-        return {t.effect.name for t in search(Supply(problem), 1, effects=effects).terms}
+        return {t.effect.name for t in search(lambda _: problem, 1, effects=effects).terms}
 
     assert found(0.0) == {"iron_loss"}
     assert found(15.0) == {"iron_loss", "brake_power"}
@@ -196,7 +206,8 @@ def short_moves(arm, seconds, real, rest=0.0):
         motion = course(runs[i].time - plant.LAG)
         there = States(f"run_0{i}", i, runs[i].time, exact(*motion), arm)
         states.append(there.with_torque(plant.motors(real, *motion)))
-    return Supply(supply_problem(runs, states, [np.zeros_like(s.torque) for s in states]))
+    problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
+    return lambda _: problem
 
 
 def test_a_few_short_moves_tell_standby_power_and_the_windings_heat(tmp_path):

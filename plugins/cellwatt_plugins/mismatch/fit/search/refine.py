@@ -47,7 +47,7 @@ def refine(state: SearchState, now: Solution, term: Term) -> Solution:
 def _reshaped(state: SearchState, now: Solution, term: Term) -> tuple[Solution, Term] | None:
     """The solution with the shape anew that a term's own coefficients ask for; None where it is no better."""
     own, states = now.coefficients(term), now.problem.states
-    course = now.residual + now.block(term)[0].times(own, len(now.problem.floor))
+    course = now.residual + now.added(term)
     shape = term.effect.reshaped(states, term.joint, now.problem.every_sample(course), own)
     if shape is None or shape == term.shape:
         return None

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.problem import MOVES, Problem, Term
+from cellwatt_plugins.mismatch.fit.retuning import loose
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Thresholds, Trial
 from cellwatt_plugins.robot.blocks import Block
@@ -20,16 +20,8 @@ from cellwatt_plugins.robot.effects.effect import Effect
 Float = NDArray[np.float64]
 Place = tuple[str, int | None]
 """Name of an effect and its joint (0-based), as ``Term.place``."""
-
-
-class Make(Protocol):
-    """Makes the problem."""
-
-    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
-        """The problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
-
-        ``looseness`` is a factor on the tolerances of the links.
-        """
+Make = Callable[[Float], Problem]
+"""Makes the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign."""
 
 
 @dataclass
@@ -58,7 +50,7 @@ class SearchState:
     left: tuple[tuple[Term, ...], list[Float]] | None = None
     """What some terms leave at all samples of each run."""
     looseness: float = 1.0
-    """Factor on the tolerances of the links."""
+    """See ``loose``."""
     known: dict[tuple[str, int | None, frozenset[Term]], Candidate | None] = field(default_factory=dict)
     """What an effect would add at a joint (0-based) beside the terms that act there."""
     powered: bool = False
@@ -81,14 +73,14 @@ class SearchState:
             self._anew()
 
     def loosen(self, looseness: float) -> None:
-        """Begin anew with the links' tolerances times ``looseness``."""
+        """Begin anew with other tolerances; see ``loose``."""
         self.looseness, self.turning = looseness, np.zeros_like(self.turning)
         self._anew()
 
     def _anew(self) -> None:
         # What motion and priors alone determine stays; the weight of each sample does not.
         old = self.problem
-        self.problem = replace(self.make(self.turning, self.looseness), simulated=old.simulated, made=old.made)
+        self.problem = replace(loose(self.make(self.turning), self.looseness), simulated=old.simulated, made=old.made)
         self.solved.clear()
         self.known.clear()
         self.left = None
