@@ -30,11 +30,7 @@ bench *arguments:
 
 # The pictures of the live cell, by the demo's cell with a spring on the elbow; needs Chromium.
 picture:
-    {{ python }} bench/watch.py
-
-# The bill of materials of this environment (CycloneDX).
-sbom:
-    {{ python }} -m cellwatt.sbom > cellwatt.cdx.json
+    {{ python }} bench/screens.py
 
 # Which lines and branches of the three packages the tests run.
 coverage *arguments:

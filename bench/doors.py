@@ -24,6 +24,7 @@ import argparse
 import asyncio
 import contextlib
 import json
+import logging
 import random
 import signal
 import sys
@@ -48,6 +49,8 @@ from cellwatt.subscriber import Health, Subscriber
 ATTACKS = ("idle", "slow", "garbage", "guesses", "flood", "opc_ua", "zenoh", "reloads")
 IDLE = 300
 TOKEN = "right-token-of-the-bench"
+UP = 300.0
+"""s for all that is to be up, on a PC that does much else."""
 SETTLE = 5.0
 """s without attacks, before the figures are taken and after."""
 
@@ -284,7 +287,7 @@ async def health_of(cell: Cell, up: Callable[[dict[str, Any]], bool]) -> dict[st
     link = LinkSettings(mode="client", connect=(f"tcp/{cell.doors['zenoh']}",))
     status: dict[str, Any] = {}
     try:
-        async with asyncio.timeout(60), Subscriber("bench", "doors", link, want=("health",)) as subscriber:
+        async with asyncio.timeout(UP), Subscriber("bench", "doors", link, want=("health",)) as subscriber:
             async for message in subscriber:
                 if isinstance(message.content, Health) and up(status := dict(message.content.status)):
                     return status
@@ -329,9 +332,11 @@ async def run(seconds: float, chosen: tuple[str, ...], keep: Path | None = None)
             await asyncio.sleep(1.0)
             most["descriptors"] = max(most["descriptors"], tells.num_fds())
             most["mb"] = max(most["mb"], round(tells.memory_info().rss / 1e6))
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        left = set(tasks)
+        while left:  # a client library may swallow the first
+            for task in left:
+                task.cancel()
+            _, left = await asyncio.wait(left, timeout=1.0)
         await asyncio.sleep(SETTLE)
         after = await health_of(cell, lambda _: True)
         log, recorded = await asyncio.to_thread(_kept, cell, folder, keep)
@@ -388,6 +393,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", choices=ATTACKS, default=ATTACKS)
     parser.add_argument("--log", type=Path, help="keep the daemon's log here")
     asked = parser.parse_args()
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     print(json.dumps(asyncio.run(run(asked.seconds, tuple(asked.only), asked.log)), indent=2))
 
 

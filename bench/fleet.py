@@ -20,9 +20,7 @@ from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from fleet.emulated import START, TOOL, Arm, Life, fleet, write_arm, write_kinds
-from fleet.plant import COULOMB, VISCOUS
+from fleet.emulated import START, Arm, fleet, write_arm, write_kinds
 
 from cellwatt_plugins.fleet.api import compared
 from cellwatt_plugins.fleet.findings import Finding, Fleet
@@ -81,8 +79,6 @@ def scored(found: Fleet, truth: dict[str, Arm]) -> dict[str, Any]:
     gears = {(n, j) for n, arm in truth.items() for j, (w, _) in arm.replaced.items() if _dropped(found, n, j, w)}
     loads = {arm.name for arm in truth.values() if arm.payload_from is not None}
     new_load = {f.cell for f in found.findings if f.quantity == "load" and _explained(f, truth[f.cell])}
-    shared = {(s.kind, s.joint, s.quantity): s for s in found.shared if s.what == "description"}
-    friction, load = shared.get(("presser", 3, "friction")), shared.get(("presser", None, "load"))
     return {
         "worn": len(worn),
         "hits": len(hits),
@@ -91,19 +87,9 @@ def scored(found: Fleet, truth: dict[str, Arm]) -> dict[str, Any]:
         "weeks_until_sure": [_weeks(f.sure_since) for f in hits.values()],
         "new_gears": [len(gears), sum(len(arm.replaced) for arm in truth.values())],
         "new_loads": [len(new_load), len(loads)],
-        "press_joint_3_percent": [_true_friction(truth, 3), friction.percent if friction else None],
-        "press_load_kg": [TOOL + 1.5, load.percent if load else None],
-        "other_shared": [s.statement for key, s in shared.items() if key[2] == "friction" and s is not friction],
         "smallest": dict(found.smallest),
         "courses": found.tests,
     }
-
-
-def _true_friction(truth: dict[str, Arm], joint: int) -> float:
-    """Friction of the median press beyond its description at 0.5 rad/s, per cent."""
-    stated = COULOMB + VISCOUS * 0.5
-    lives = [Life(arm, 26) for arm in truth.values() if arm.kind == "press"]
-    return 100 * float(np.median([life.usual_friction(0.5)[joint - 1] / stated[joint - 1] for life in lives]) - 1)
 
 
 def _weeks(monday: str | None) -> int | None:

@@ -1,6 +1,6 @@
 """Cases for ``explain`` from motion alone: arms, servos and effects of its own, integrated by a program of its own.
 
-    python bench/motion_alone.py OUT [--seeds 3] [--only NAME,...]
+    python bench/motion_alone.py OUT [--cases 12] [--seed 1] [--only NAME,...]
 
 Writes OUT/dev/CASE (arm.xml, three runs) and OUT/keys/CASE (key.json, two runs that nothing is fitted to). The plant
 takes mass matrix and gravity from MuJoCo, and nothing from cellwatt; friction, servos and what is wrong are its own.
@@ -304,6 +304,17 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
                 torque.append(lambda q, v, load, t, e=e, k=k: e * k * (q - 0.3))
             case "position_periodic_torque":
                 torque.append(lambda q, v, load, t, e=e, f=friction: e * 0.9 * f * np.sin(9 * q + 1))
+            case "asymmetric_friction":
+                torque.append(
+                    lambda q, v, load, t, e=e, f=friction: e * 0.7 * f * np.where(v > 0, 1, 0) * np.tanh(v / CREEP)
+                )
+            case "nonlinear_viscous_friction":
+                c = 1.5 * friction / user.speed**3
+                torque.append(lambda q, v, load, t, e=e, c=c: e * c * v**3)
+            case "payload_change":
+                mass, at = 0.12 * sum(r[2] for r in user.rows), None
+                lifted = _lifted(mjcf(name, user), mass, 0.03 if name == "tiny5" else 0.06)
+                torque.append(lambda q, v, load, t, lifted=lifted: lifted(q) if 9 < t < 21 else np.zeros(n))
             case "external_contact":
                 torque.append(lambda q, v, load, t, e=e, s=size: e * 0.25 * s * np.exp(-0.5 * ((t - 31.0) / 0.2) ** 2))
             case "unknown":
@@ -328,11 +339,24 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
     for r in required:
         if r["effect"] == "torque_saturation":
             plant.force[r["joint"] - 1] = _limit(plant, user, r["joint"] - 1, seed)
-    facts = {
-        "required": required,
-        "level": "null" if not what else "unknown" if "unknown" in what else "single" if len(what) == 1 else "pair",
-    }
-    return user, plant, facts, mjcf(name, replace(user, rows=tuple(map(tuple, stated))))
+    return user, plant, {"required": required}, mjcf(name, replace(user, rows=tuple(map(tuple, stated))))
+
+
+def _lifted(xml: str, mass: float, beside: float) -> Callable[[Float], Float]:
+    """Torque (n,) of the weight of a small mass that the last link holds ``beside`` m of its frame."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data, jacobian = mujoco.MjData(model), np.zeros((3, model.nv))
+
+    def torque(q: Float) -> Float:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        last = model.nbody - 1
+        point = data.xpos[last] + data.xmat[last].reshape(3, 3) @ [beside, 0.0, 0.5 * beside]
+        mujoco.mj_jac(model, data, jacobian, None, point, last)
+        return np.asarray(jacobian.T @ [0.0, 0.0, 9.81 * mass])
+
+    return torque
 
 
 def _limit(plant: Plant, arm: Table, joint: int, seed: int) -> float:
@@ -343,39 +367,41 @@ def _limit(plant: Plant, arm: Table, joint: int, seed: int) -> float:
     return float(np.quantile(np.abs(plant.kp * (told - q) - plant.kv * v)[:, joint], 0.93))
 
 
-CASES = [
-    *[[]] * 2,
-    *[[e] for e in ("payload", "coulomb_friction", "drive_gain", "stribeck_friction", "drive_dead_band", "time_delay")],
-    *[
-        [e]
-        for e in ("torque_saturation", "gravity_tilt", "spring_load", "viscous_friction", "rotor_inertia", "unknown")
-    ],
-    *[[e] for e in ("position_periodic_torque", "load_dependent_friction", "external_contact")],
-    ["payload", "drive_gain"],
-    ["coulomb_friction", "time_delay"],
-    ["gravity_tilt", "stribeck_friction"],
-    ["drive_dead_band", "payload", "coulomb_friction"],
-    ["backlash"],
-    ["position_periodic_torque", "payload"],
-    ["torque_saturation", "drive_gain"],
-]
+LEVELS = ("null", "single", "pair", "triple", "unknown", "pair", "single", "triple", "beside unknown", "pair")
+"""In turn, for each arm."""
+EFFECTS = (
+    *("payload", "coulomb_friction", "drive_gain", "stribeck_friction", "drive_dead_band", "time_delay"),
+    *("torque_saturation", "gravity_tilt", "spring_load", "viscous_friction", "rotor_inertia", "backlash"),
+    *("position_periodic_torque", "load_dependent_friction", "external_contact", "asymmetric_friction"),
+    *("nonlinear_viscous_friction", "payload_change"),
+)
+
+
+def drawn(level: str, seed: int) -> list[str]:
+    """What is wrong with an arm."""
+    rng, count = np.random.default_rng([seed, 99]), {"single": 1, "pair": 2, "triple": 3, "beside unknown": 1}
+    several = rng.choice(EFFECTS, count.get(level, 0), replace=False).tolist()
+    return [*several, "unknown"] if "unknown" in level else several
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--arms", default=",".join(ARMS))
+    parser.add_argument("--cases", type=int, default=len(LEVELS))
     parser.add_argument("--only", default="")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--blind", action="store_true", help="leave out the runs that nothing is fitted to")
     given = parser.parse_args()
     for a, name in enumerate(given.arms.split(",")):
-        for i, what in enumerate(CASES):
+        for i in range(given.cases):
             label = f"{name}-{i:02d}"
             if given.only and label not in given.only.split(","):
                 continue
             seed = given.seed * 1000 + 100 * a + i
-            arm, plant, facts, xml = case(name, what, seed)
+            level = LEVELS[i % len(LEVELS)]
+            arm, plant, facts, xml = case(name, drawn(level, seed), seed)
+            facts["level"] = "unknown" if "unknown" in level else level
             folder = given.out / "dev" / label
             write(folder, given.out / "keys" / label, name, arm, plant, facts, seed, given.blind)
             (folder / "arm.xml").write_text(xml)

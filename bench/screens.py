@@ -1,4 +1,4 @@
-"""Draw docs/pictures/view-*.png: the page of the demo's cell with a spring on the arm's elbow, and a plant of 24 cells.
+"""Draw docs/pictures/view-*.png and watch.svg: the demo's cell with a spring on an elbow, and a plant of 24 cells.
 
 Devices are emulated, and so are the cells of the plant. It needs Chromium, and takes three minutes.
 """
@@ -6,42 +6,110 @@ Devices are emulated, and so are the cells of the plant. It needs Chromium, and 
 from __future__ import annotations
 
 import asyncio
+import io
 import multiprocessing
+import os
+import re
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from bench.view import SITE, status
 from playwright.async_api import Page, expect
+from rich.console import Console
 from tests.browser import WAIT, chromium
 
-from bench import watch
-from cellwatt.demo.cells import free_endpoint
+from cellwatt.demo.cells import free_endpoint, shape_file
+from cellwatt.live.state import LiveCell
+from cellwatt.live.view import Look, whole
 from cellwatt.outlets.zenoh.encode import JSON
+from cellwatt.outlets.zenoh.heard import await_cell
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health
+from cellwatt.subscriber import Subscriber
 
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / "docs/pictures"
 SIZE = {"width": 1440, "height": 900}
+HOOKED = 50
+"""s after the start of the emulators at which the spring is hooked on."""
+PATIENCE = 240.0
 CELLS = 24
 MINUTE = 62.0
 """s until the chart of a minute is full."""
 
 
+@contextmanager
+def process(arguments: list[str], environment: Mapping[str, str], log: Path) -> Iterator[None]:
+    """Run a command of cellwatt; end it afterwards."""
+    command = [sys.executable, "-m", "cellwatt.commands", *arguments]
+    with log.open("w") as out, subprocess.Popen(command, env=environment, stdout=out, stderr=out) as running:
+        try:
+            yield
+        finally:
+            running.terminate()
+
+
+@contextmanager
+def demo_cell(folder: Path, fault: str, page: str = "") -> Iterator[LinkSettings]:
+    """The demo's cell, with a fault; ``page`` is the address of its page, any where it is empty."""
+    endpoint = f"tcp/{free_endpoint()}"
+    for name in ("demo.yaml", "demo-reference.yaml"):
+        shutil.copy(ROOT / "examples" / name, folder)
+    told = {
+        "ENDPOINT": endpoint,
+        "FOLDER": folder / "rec",
+        "MODEL": ROOT / "daemon/cellwatt/demo/power.onnx",
+    }
+    told |= {"PAGE": page or free_endpoint(), "SHAPE": shape_file()}
+    environment = {**os.environ, **{f"CELLWATT_DEMO_{name}": str(value) for name, value in told.items()}}
+    live = folder / "live.yaml"
+    emulate = ["emulate", "--cell", str(folder / "demo.yaml"), "--write", str(live), "--fault", fault]
+    with process(emulate, environment, folder / "emulate.log"):
+        while not live.exists():
+            time.sleep(0.1)
+        link = LinkSettings(mode="client", connect=(endpoint,))
+        with process(["run", str(live)], environment, folder / "run.log"):
+            await_cell(link, "demo", "demo", PATIENCE)
+            yield link
+
+
+def watched(link: LinkSettings) -> str:
+    """What ``watch`` shows of the demo's cell as SVG, six seconds after an alarm names a joint."""
+    cell, until = LiveCell(), time.monotonic() + PATIENCE
+    named = False
+    with Subscriber("demo", "demo", link, want=("interval", "task", "prediction", "alarm", "health", "frame")) as heard:
+        while time.monotonic() < until:
+            with suppress(TimeoutError):
+                cell.take(heard.receive(1.0))
+            if not named and any(alarm["joint"] for alarm in cell.alarms.values()):
+                named, until = True, time.monotonic() + 6.0
+    assert named, "no alarm named a joint"
+    console = Console(record=True, width=100, file=io.StringIO())
+    console.print(whole(cell, Look(100, power="board.supply.power"), height=31))
+    svg = console.export_svg(title="cellwatt watch cell.yaml")
+    svg = re.sub(r"@font-face \{.*?\}|<!--.*?-->", "", svg, flags=re.DOTALL)  # fonts and links from elsewhere
+    return re.sub(r"^\s+\n", "", svg.replace("Fira Code", "DejaVu Sans Mono"), flags=re.MULTILINE)
+
+
 async def cell(folder: Path) -> None:
     address = free_endpoint()
-    with watch.demo_cell(folder, f"spring:joint=3,at={watch.HOOKED:.0f}s", address):
+    with demo_cell(folder, f"spring:joint=3,at={HOOKED:.0f}s", address):
         async with chromium() as browser:
             context = await browser.new_context(viewport=SIZE, color_scheme="light")
             page = await context.new_page()
             await _loaded(page, f"http://{address}/")
             await expect(page.locator("canvas.arm[data-suspect]")).to_be_visible(timeout=3 * WAIT)
-            await asyncio.sleep(MINUTE - watch.HOOKED)
+            await asyncio.sleep(MINUTE - HOOKED)
             await _shoot(page, "view-cell")
             await page.emulate_media(color_scheme="dark")
             await asyncio.sleep(1)
@@ -114,10 +182,12 @@ async def _loaded(page: Page, url: str) -> None:
 
 
 async def _shoot(page: Page, name: str) -> None:
-    await page.screenshot(path=watch.PICTURES / f"{name}.png")
+    await page.screenshot(path=PICTURES / f"{name}.png")
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
         asyncio.run(cell(Path(place)))
+    with tempfile.TemporaryDirectory() as place, demo_cell(Path(place), f"spring:joint=3,at={HOOKED}s") as link:
+        (PICTURES / "watch.svg").write_text(watched(link))
     asyncio.run(plant())

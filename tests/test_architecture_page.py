@@ -1,10 +1,8 @@
-"""docs/architecture.md and docs/decisions: paths exist, each process and plugin is shown, pictures are up to date."""
+"""docs/architecture.md and docs/decisions: paths exist, each process and plugin is named."""
 
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,7 +10,6 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
 PATHS = sorted(set(re.findall(r"`((?:daemon|drivers|plugins|tests|bench)/[\w./]+)`", PAGE.read_text())))
-PICTURES = sorted((ROOT / "docs" / "pictures").glob("architecture-*.svg"))
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -50,9 +47,3 @@ def test_decisions_are_numbered_and_listed() -> None:
         ]
         missing = [p for p in re.findall(r"`((?:daemon|drivers|plugins)/[\w./]+)`", text) if not (ROOT / p).exists()]
         assert missing == []
-
-
-def test_the_pictures_are_those_that_the_script_draws(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, ROOT / "bench" / "architecture.py", tmp_path], check=True, timeout=60)
-    assert {p.name: p.read_text() for p in PICTURES} == {p.name: p.read_text() for p in sorted(tmp_path.iterdir())}
-    assert all(f"pictures/{p.name}" in PAGE.read_text() for p in PICTURES)

@@ -63,10 +63,8 @@ def main() -> None:
     parse.add_argument("--cases", type=int, default=10, help="cells of an arm and three tasks each")
     parse.add_argument("--cycles", type=int, default=50, help="cycles to judge in each")
     parse.add_argument("--first-seed", type=int, default=0)
-    parse.add_argument("--real", action="store_true", help="judge the real recordings instead")
     parse.add_argument("--healthy", action="store_true", help="count false alarms in calm cycles instead")
     parse.add_argument("--edited", action="store_true", help="count false alarms in edited tasks instead")
-    parse.add_argument("--networks", action="store_true", help="thresholds and the paper's network")
     parse.add_argument("--scheduler", metavar="PLACE", help="whose workers do the cells, as of cellwatt's commands")
     given = parse.parse_args()
     with show_progress(), scheduled(given.scheduler):
@@ -75,15 +73,7 @@ def main() -> None:
 
 def asked_for(given: argparse.Namespace) -> dict[str, Any]:
     """The figures that the command line asks for."""
-    if given.real:
-        from faults.real import real_figures
-
-        return real_figures()
     wanted = cells(given.first_seed, given.cases, given.cycles)
-    if given.networks:
-        from faults.networks import network_figures
-
-        return network_figures(wanted)
     if given.edited:
         return edited_figures(wanted)
     if given.healthy:

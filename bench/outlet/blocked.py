@@ -23,17 +23,14 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from capacity.bus import SITE, free_port
-from capacity.cells import CELL, KINDS, Kind, daemon, emulated, status
-from capacity.children import Child, child
-from capacity.figures import Figures, computed
-from capacity.wire import historian as saying_204
 
+from outlet.cell import CELL, SITE, daemon, emulated, status
+from outlet.children import Child, child, free_port
+from outlet.figures import Figures, computed
 from outlet.loop import off_loop
-from outlet.servers import DATABASE, INFLUXD, MOSQUITTO, influxd, mosquitto, silent
+from outlet.servers import DATABASE, INFLUXD, MOSQUITTO, influxd, mosquitto, saying_204, silent
 from outlet.turns import in_turn
 
-KIND = KINDS["arm, 50 Hz"]
 WAYS = ("alone", "blocked", "answering")
 DELIVERED = {"mqtt": "rows sent", "historian": "received", "notify": "people: sent"}
 """What the health of each outlet counts when its server has taken something."""
@@ -62,12 +59,11 @@ async def run(way: str, seconds: float) -> dict[str, float]:
         if way != "alone":
             servers = hanging() if way == "blocked" else answering(folder)
             settings = outlets(*await stack.enter_async_context(servers))
-        devices = await stack.enter_async_context(emulated(KIND))
+        devices = await stack.enter_async_context(emulated())
         absent = {"driver": "scpi_analyzer", "host": "127.0.0.1", "port": free_port()}
-        cell = Kind(KIND.about, {}, KIND.frames)  # its devices are there already
-        settings = {"sources": {**devices, "absent": absent}, **settings}
         place = f"tcp/127.0.0.1:{free_port()}"
-        await stack.enter_async_context(daemon(cell, folder, {"listen": [place]}, settings))
+        settings = {"sources": {**devices, "absent": absent}, "zenoh": {"listen": [place]}, **settings}
+        await stack.enter_async_context(daemon(folder, settings))
         return await asyncio.to_thread(_window, place, list(devices), seconds)
 
 
@@ -84,7 +80,7 @@ async def answering(folder: Path) -> AsyncIterator[tuple[int, str, str]]:
     async with AsyncExitStack() as stack:
         broker = await stack.enter_async_context(off_loop(mosquitto(folder)))
         web = await stack.enter_async_context(saying_204())
-        called = f"http://127.0.0.1:{web.port}"
+        called = f"http://127.0.0.1:{web}"
         influx = await stack.enter_async_context(off_loop(influxd(folder / "influx"))) if INFLUXD else called
         yield broker.port, influx, f"{called}/alarms"
 
@@ -103,8 +99,7 @@ def outlets(broker: int, influx: str, web: str) -> Settings:
 
 
 def _window(place: str, devices: list[str], seconds: float) -> dict[str, float]:
-    keys = [f"cellwatt/{SITE}/{CELL}/frame"]
-    with child("read", link={"connect": [place]}, keys=keys, sessions=1) as reader:
+    with child("zenoh_reader", place, f"cellwatt/{SITE}/{CELL}/frame") as reader:
         reader.ready()
         time.sleep(SETTLED)
         first = status(place)
@@ -142,7 +137,7 @@ def lost(first: Settings, last: Settings, devices: list[str]) -> dict[str, float
 
 
 def _heard(reader: Child) -> dict[str, float]:
-    told = reader.ask("tell")[0]
+    told = reader.ask("tell")
     return {"frames_lost": float(told["lost"]), "p50_ms": told["p50_ms"], "p99_ms": told["p99_ms"]}
 
 

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from capacity.figures import Figures, Numbers, repeated
-
 from cellwatt.outlets.historian.exporting import Export
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import FolderStore
@@ -19,6 +17,7 @@ from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
 from outlet import influx
+from outlet.figures import Figures, Numbers, repeated
 from outlet.rows import CELL, RATE, SITE, START, frames
 from outlet.servers import INFLUXD, influxd
 from outlet.turns import in_turn

@@ -9,13 +9,12 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import aiohttp
-from capacity.figures import Figures, repeated
 from prometheus_client import CollectorRegistry, Counter, start_http_server
 
-from cellwatt.outlets.metrics.exposition import CellCollector, exposed
-from cellwatt.outlets.metrics.outlet import MetricsOutlet
+from cellwatt.outlets.metrics.outlet import CellCollector, MetricsOutlet, exposed
 from cellwatt.outlets.metrics.serving import FRESH
 from cellwatt.outlets.metrics.settings import MetricsSettings
+from outlet.figures import Figures, repeated
 from outlet.loop import served, until
 from outlet.rows import View, frames
 

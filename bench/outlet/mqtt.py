@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import aiomqtt
-from capacity.figures import Figures
 
 from cellwatt import Frames
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from outlet.children import child
+from outlet.figures import Figures
 from outlet.loop import served, ticks, until
 from outlet.mqtt_plain import Give, payloads, plain
 from outlet.mqtt_reader import END

@@ -7,8 +7,8 @@ import sys
 import time
 
 import aiomqtt
-from capacity.children import say
 
+from outlet.children import say
 from outlet.rows import CELL, SITE
 
 ROOT = f"cellwatt/{SITE}/{CELL}"

@@ -16,12 +16,11 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import psutil
-from capacity.children import Child
-from capacity.figures import Figures, computed, spread
 
 from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet
 from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
-from outlet.children import child
+from outlet.children import Child, child
+from outlet.figures import Figures, computed, spread
 from outlet.loop import off_loop, served, until
 from outlet.opc_ua_plain import due
 from outlet.rows import BLOCK, CHANNELS, RATE, View, frames

@@ -14,10 +14,9 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from asyncua import Server, ua
-from capacity.bus import free_port
-from capacity.children import say
 
 from cellwatt.ticker import Ticker
+from outlet.children import free_port, say
 from outlet.opc_ua_reader import SPACE
 from outlet.rows import CELL, LAYOUT, START, frames
 

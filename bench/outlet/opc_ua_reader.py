@@ -13,8 +13,8 @@ import time
 from typing import Any
 
 from asyncua import Client, ua
-from capacity.children import say
 
+from outlet.children import say
 from outlet.rows import CELL, LAYOUT, SITE
 
 SPACE = f"urn:cellwatt:{SITE}:{CELL}"

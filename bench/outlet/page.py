@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from capacity.figures import Figures, Spread
-from capacity.page import said, table
+from outlet.figures import Figures, Spread
 
 HEAD = ("outlet", "way", "a second", "lost, %", "process that serves, % of a core")
 WAYS = {
@@ -17,6 +16,24 @@ PACES = {"at_50_hz": "50 rows/s", "as_fast": "as fast as they are taken", "at_50
 NOTHING = "–"
 
 Row = tuple[str, ...]
+
+
+def said(spread: Spread, factor: float = 1.0) -> str:
+    """A figure with its spread."""
+    median, least, most = (_number(spread[key] * factor) for key in ("median", "least", "most"))
+    return median if least == most else f"{median} ({least} … {most})"
+
+
+def _number(value: float) -> str:
+    if value and abs(value) < 1:
+        return f"{value:.2g}"
+    return f"{value:.1f}" if abs(value) < 10 else f"{value:,.0f}"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def markdown(found: Mapping[str, Figures]) -> str:

@@ -11,12 +11,14 @@ import subprocess
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from capacity.bus import free_port
+from aiohttp import web
+
+from outlet.children import free_port
 
 MOSQUITTO: Final = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 INFLUXD: Final = shutil.which("influxd")
@@ -133,3 +135,20 @@ def silent() -> Iterator[Silent]:
         yield port
     finally:
         port.end()
+
+
+@asynccontextmanager
+async def saying_204() -> AsyncIterator[int]:
+    """A web server that takes everything and keeps nothing; gives its port."""
+
+    async def take(request: web.BaseRequest) -> web.Response:
+        await request.read()
+        return web.Response(status=204)
+
+    runner = web.ServerRunner(web.Server(take))
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        yield runner.addresses[0][1]
+    finally:
+        await runner.cleanup()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from capacity.figures import Figures, Numbers, spread
+from outlet.figures import Figures, Numbers, spread
 
 
 def in_turn(ways: Mapping[str, Callable[[], Numbers]], repeats: int) -> Figures:

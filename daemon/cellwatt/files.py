@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from io import FileIO
 from pathlib import Path
 from typing import Final
@@ -85,6 +85,16 @@ def read_bytes(path: Path, limit: int = WRITTEN) -> bytes:
 def read_text(path: Path, limit: int = WRITTEN) -> str:
     """Like ``read_bytes``, as UTF-8. Raises ``UnicodeDecodeError`` as well."""
     return read_bytes(path, limit).decode("utf-8")
+
+
+def unreadable(named: Mapping[str, Path | None]) -> Iterator[str]:
+    """One line for each file, by the option that names it, that a person wrote and that cannot be read."""
+    for option, path in named.items():
+        if path is not None:
+            try:
+                open_file(path, WRITTEN).close()
+            except OSError as error:
+                yield f"{option}: {path} cannot be read: {error.strerror}"
 
 
 def replace_text(path: Path, text: str) -> None:

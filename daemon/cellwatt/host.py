@@ -42,14 +42,15 @@ def stays_here(host: str) -> bool:
 def _mistake(host: str) -> str:
     if len(host) > LONGEST:
         return f"a host name has at most {LONGEST} characters, this one has {len(host):,}"
-    if _is_address(host):
+    if is_address(host):
         return ""
     if _NUMBERS.fullmatch(host):
         return "expected an IP address of four numbers from 0 to 255, like 192.0.2.10"
     return "" if _NAME.fullmatch(host) else "expected a host name or an IP address, like 192.0.2.10 or arm-3.plant"
 
 
-def _is_address(host: str) -> bool:
+def is_address(host: str) -> bool:
+    """True for an IP address."""
     try:
         ipaddress.ip_address(host)
     except ValueError:

@@ -18,7 +18,6 @@ from cellwatt_plugins.mismatch.input.signals import read_signals
 from cellwatt_plugins.models import Input
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.predict import inputs_of
-from cellwatt_plugins.models.static.live import read_plan
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.robot.meter.file import _read as read_meter
 from tests.plugins.models.making import metadata
@@ -99,12 +98,11 @@ def test_every_command_reads_the_same(path: Path, command: Callable[[Path], list
         np.testing.assert_allclose(found, truth, atol=1e-6)
 
 
-def test_train_static_and_collect_read_the_same(path: Path) -> None:
+def test_train_static_reads_the_same(path: Path) -> None:
     poses = read_poses([path], ROBOT)
     first = Q.reshape(20, 100, 2).mean(axis=1)
     np.testing.assert_allclose(poses.q, first)
     np.testing.assert_allclose(poses.torque, TAU.reshape(20, 100, 2).mean(axis=1))
-    np.testing.assert_allclose(read_plan(path), Q, atol=1e-9)
 
 
 def test_emulate_takes_the_columns_by_their_own_names(path: Path) -> None:

@@ -30,7 +30,6 @@ from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.mismatch.model import load_model
 from cellwatt_plugins.mismatch.simulators.files import Files
 from cellwatt_plugins.models.network import check_intact
-from cellwatt_plugins.models.static.live import read_plan
 from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.description import load_robot
 
@@ -54,7 +53,6 @@ READERS: dict[str, tuple[str, Read]] = {
     "campaign's Parquet": ("run.parquet", read_reading),
     "table": ("poses.csv", read_table),
     "Parquet": ("poses.parquet", read_table),
-    "plan": ("plan.csv", read_plan),
     "signals": ("signals.csv", load_signals),
     "signals' Parquet": ("signals.parquet", load_signals),
 }

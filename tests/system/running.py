@@ -57,11 +57,9 @@ class Daemon:
     def link(self) -> LinkSettings:
         return LinkSettings(mode="client", connect=(self.endpoint,))
 
-    async def start(self, descriptors: int | None = None, **environment: str) -> None:
-        """Begin, with so many descriptors at most."""
-        command = [sys.executable, "-m", "cellwatt.commands", "run", str(self.file)]
-        if descriptors is not None:
-            command = ["prlimit", f"--nofile={descriptors}", *command]
+    async def start(self, *under: str, **environment: str) -> None:
+        """Begin, ``under`` a program that takes rights away."""
+        command = [*under, sys.executable, "-m", "cellwatt.commands", "run", str(self.file)]
         with (self.folder / "daemon.log").open("ab") as log:
             self.process = await asyncio.create_subprocess_exec(
                 *command, stderr=log, env={**os.environ, **environment}, start_new_session=True

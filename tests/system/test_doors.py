@@ -1,57 +1,219 @@
-"""Attacks on a running daemon as a process: doors filled, few descriptors, a record folder that is taken away."""
+"""Attacks on running daemons as processes: one daemon with all doors, and one with few rights."""
 
 from __future__ import annotations
 
 import asyncio
+import os
+import re
 import shutil
-from contextlib import suppress
+import zipfile
+from collections import Counter
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
+import aiohttp
+import numpy as np
+import psutil
 import pytest
+from asyncua import Client, ua
 
 from cellwatt.emulation import EmulatorProcess
+from cellwatt.outlets.page.passwords import hash_of
 from cellwatt.record import Recording
+from tests.daemon.outlets.mqtt.broker import Broker, ears, needs_mosquitto
+from tests.daemon.outlets.mqtt.wire import command
 from tests.patience import eventually
 from tests.system.running import Audience, Daemon, free_port, running
 from tests.system.test_daemon import ur
+from tests.system.test_one_daemon_a_folder import cellwatt
 from tests.system.test_processes import RAW
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(300)]
 
+TOKEN, SECRET = "t0p-t0p-t0p-t0p0", "hunter2-night-shift"
+NODE = "spBv1.0/test/{}/test"
 
-async def test_a_filled_door_and_a_record_folder_that_is_removed(tmp_path: Path) -> None:
-    """Both at one daemon, as a daemon takes seconds to start."""
-    port = free_port()
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        text = (
-            f"sources:\n{ur('arm', device.address)}metrics: {{listen: '127.0.0.1:{port}', token: t0p-t0p-t0p-t0p0}}\n"
-        )
-        async with running(tmp_path, text) as (daemon, audience):
-            await audience.until(lambda a: a.received[RAW] > 100 and a.status["sinks"]["metrics"].get("url"))
-            await strangers_fill_a_door(port, audience)
-            await the_folder_is_removed(tmp_path, audience)
-            lost = audience.status["recorder"]["displaced"]["messages"]
-            assert await daemon.stop() == 0
-        assert len(daemon.log) < 100_000
+
+class Doors:
+    """A cell's doors by name, and its settings."""
+
+    def __init__(self, folder: Path, arm: str, broker: Broker) -> None:
+        self.ports = {name: free_port() for name in ("page", "metrics", "opc_ua")}
+        at = {name: f"127.0.0.1:{port}" for name, port in self.ports.items()}
+        self.urls = {name: f"http://{address}" for name, address in at.items()}
+        self.lake = folder / "lake"
+        self.text = f"""
+sources:
+{ur("arm", arm)}metrics: {{listen: "{at["metrics"]}", token: {TOKEN}}}
+page: {{listen: "{at["page"]}", users: {{ada: {{password: "{hash_of("right", 2**14)}"}}}}}}
+opc_ua: {{listen: "{at["opc_ua"]}", users: {{ada: right}}}}
+mqtt: {{broker: "{broker.url}", format: sparkplug}}
+historian: {{lake: {{folder: {self.lake}, every: 1 s}}}}
+"""
+
+    @asynccontextmanager
+    async def open_opc_ua(self) -> AsyncIterator[Client]:
+        client = Client(f"opc.tcp://127.0.0.1:{self.ports['opc_ua']}/cellwatt")
+        client.set_user("ada")
+        client.set_password("right")
+        async with client:
+            yield client
+
+
+@needs_mosquitto
+async def test_all_doors_of_a_daemon(tmp_path: Path) -> None:
+    """One daemon for all attacks, as it takes seconds to start."""
+    broker = Broker(tmp_path)
+    await asyncio.to_thread(broker.start)
+    try:
+        async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm:
+            doors = Doors(tmp_path, arm.address, broker)
+            async with running(tmp_path, doors.text) as (daemon, audience):
+                await audience.until(all_open)
+                before = audience.source("arm")["received"]
+                await strangers_fill_each_door(doors, audience)
+                await fifty_thousand_nodes_are_refused(doors, daemon)
+                await guesses_wait_and_are_told(doors, audience)
+                await headers_are_bytes(doors)
+                await rebirths_are_merged(broker, audience)
+                await no_secret_is_told(doors, daemon, audience)
+                await the_lake_is_removed(doors, audience)
+                assert audience.source("arm")["received"] > before
+                assert not audience.source("arm")["dropped"]
+                assert audience.status["recorder"]["state"] == "ok"
+                await the_folder_is_removed(tmp_path, audience)
+                lost = audience.status["recorder"]["displaced"]["messages"]
+                assert await daemon.stop() == 0
+            assert len(daemon.log) < 100_000
+            assert "Traceback" not in daemon.log
+    finally:
+        broker.kill()
     kept = Recording.open(tmp_path / "record")
     assert len(kept.batches("arm", "rtde")) + lost > 500
     assert "record_displaced" in {alarm.kind for alarm in kept.alarms()}, "what was lost is in the record that follows"
 
 
-async def strangers_fill_a_door(port: int, audience: Audience) -> None:
-    before = audience.source("arm")["received"]
-    idle = [await asyncio.open_connection("127.0.0.1", port) for _ in range(900)]
+def all_open(audience: Audience) -> bool:
+    outlets = audience.status.get("sinks", {}).values()
+    return audience.received[RAW] > 100 and len(outlets) == 6 and all(o["state"] == "ok" for o in outlets)
+
+
+async def strangers_fill_each_door(doors: Doors, audience: Audience) -> None:
+    idle = [await asyncio.open_connection("127.0.0.1", port) for port in doors.ports.values() for _ in range(500)]
     try:
-        await audience.until(lambda a: any(alarm.kind == "door_flooded" for alarm in a.alarms))
+        await audience.until(lambda a: flooded(a) == set(doors.ports))
+        async with aiohttp.ClientSession(headers={"Authorization": f"Bearer {TOKEN}"}) as session:
+            for url in (f"{doors.urls['metrics']}/metrics", f"{doors.urls['page']}/api/site"):
+                async with session.get(url) as answer:
+                    assert answer.status == 200
+        async with doors.open_opc_ua() as client:
+            assert await client.get_namespace_array()
     finally:
         for _, writer in idle:
             writer.close()
             with suppress(OSError):
                 await writer.wait_closed()
-    assert audience.status["recorder"]["state"] == "ok"
-    assert audience.source("arm")["received"] > before
-    assert not audience.source("arm")["dropped"]
-    assert audience.status["sinks"]["metrics"]["state"] == "ok"
+    assert all_open(audience)
+
+
+def flooded(audience: Audience) -> set[str]:
+    return {alarm.id.partition(":")[2] for alarm in audience.alarms if alarm.kind == "door_flooded"}
+
+
+async def fifty_thousand_nodes_are_refused(doors: Doors, daemon: Daemon) -> None:
+    assert daemon.process is not None
+    all_of_them = psutil.Process(daemon.process.pid).children(recursive=True)
+    (server,) = (process for process in all_of_them if "cellwatt.outlets.opc_ua.serving" in process.cmdline())
+    before = server.memory_info().rss
+    names = [ua.ReadValueId(ua.NodeId(ua.ObjectIds.Server), ua.AttributeIds.DisplayName)]
+    async with doors.open_opc_ua() as client:
+        with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
+            await asyncio.wait_for(client.uaclient.read(ua.ReadParameters(NodesToRead=names * 50_000)), 10)
+    async with doors.open_opc_ua() as client:
+        assert await client.get_namespace_array()
+    assert server.memory_info().rss - before < 50e6
+
+
+async def guesses_wait_and_are_told(doors: Doors, audience: Audience) -> None:
+    statuses: dict[str, list[int]] = {"metrics": [], "page": []}
+    jar = aiohttp.CookieJar(unsafe=True)
+    async with aiohttp.ClientSession(cookie_jar=jar) as session:
+        async with session.get(f"{doors.urls['page']}/api/site") as answer:
+            proof = {"X-CSRF-Token": (await answer.json())["csrf"]}
+        for _ in range(20):
+            wrong = {"Authorization": "Bearer guess"}
+            async with session.get(f"{doors.urls['metrics']}/metrics", headers=wrong) as answer:
+                statuses["metrics"].append(answer.status)
+            body = {"name": "ada", "password": "guess"}
+            async with session.post(f"{doors.urls['page']}/api/login", json=body, headers=proof) as answer:
+                statuses["page"].append(answer.status)
+        right = {"Authorization": f"Bearer {TOKEN}"}
+        async with session.get(f"{doors.urls['metrics']}/metrics", headers=right) as answer:
+            assert answer.status == 200, "nobody locks Prometheus out"
+    for found in statuses.values():
+        assert found[:5] == [401] * 5
+        assert 429 in found
+    for _ in range(8):
+        stranger = Client(f"opc.tcp://127.0.0.1:{doors.ports['opc_ua']}/cellwatt")
+        stranger.set_user("eve")
+        stranger.set_password("guess")
+        with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+            await stranger.connect()
+    await audience.until(lambda a: {x.id for x in a.alarms} >= {f"door_tried:{name}" for name in doors.ports})
+
+
+async def headers_are_bytes(doors: Doors) -> None:
+    heads = {
+        b"Host: 127.0.0.1\r\nAuthorization: Bearer \xff\xc3\xa4": b"401",
+        b"Host: 127.0.0.1:1@evil": b"421",
+        b"Host: 127.0.0.1\r\nX: " + b"a" * 100_000: b"400",
+    }
+    for name, head in [("metrics", head) for head in heads] + [("page", head) for head in heads]:
+        reader, writer = await asyncio.open_connection("127.0.0.1", doors.ports[name])
+        path = b"/metrics" if name == "metrics" else b"/api/cell"
+        writer.write(b"GET " + path + b" HTTP/1.1\r\nConnection: close\r\n" + head + b"\r\n\r\n")
+        told = await reader.read(100)
+        if b"@evil" not in head or name == "page":  # the metrics go by no name
+            assert told.split()[1] in (heads[head], b"429"), (name, head[:50], told)
+        writer.close()
+        with suppress(OSError):
+            await writer.wait_closed()
+
+
+async def rebirths_are_merged(broker: Broker, audience: Audience) -> None:
+    async with ears(broker, NODE.format("NBIRTH")) as host:
+        for _ in range(500):
+            await host.say(NODE.format("NCMD"), command("Node Control/Rebirth", True))
+        await audience.until(lambda a: a.status["sinks"]["mqtt"]["counters"].get("rebirths merged", 0) >= 400)
+        assert len(host.topics()) < 50
+
+
+async def no_secret_is_told(doors: Doors, daemon: Daemon, audience: Audience) -> None:
+    """A password in an address that no setting declares, at SIGHUP and in the bundle for a bug report."""
+    right = daemon.file.read_text()
+    reloads = Counter(event.kind for event in audience.events)["reloaded"]
+    daemon.file.write_text(re.sub(r'broker: "[^"]*"', f'broker: "mqtt://u:{SECRET}@127.0.0.1:1/x"', right))
+    daemon.hang_up()
+    await eventually(lambda: "not reloaded" in daemon.log, "the refusal of the reload")
+    bundle = daemon.folder / "bundle.zip"
+    code, said = await cellwatt(
+        "diagnose", str(daemon.file), "--log", str(daemon.folder / "daemon.log"), "--out", str(bundle)
+    )
+    assert code == 0, said
+    with zipfile.ZipFile(bundle) as archive:
+        told = [archive.read(name).decode() for name in archive.namelist()]
+    assert any("mqtt://***@127.0.0.1:1" in text for text in told)
+    for text in (daemon.log, said, *told):
+        assert SECRET not in text
+    daemon.file.write_text(right)
+    assert Counter(event.kind for event in audience.events)["reloaded"] == reloads
+
+
+async def the_lake_is_removed(doors: Doors, audience: Audience) -> None:
+    await eventually(lambda: list(doors.lake.rglob("*.parquet")), "a file of the lake")
+    shutil.rmtree(doors.lake)
+    await eventually(lambda: list(doors.lake.rglob("*.parquet")), "a new file of the lake")
 
 
 async def the_folder_is_removed(folder: Path, audience: Audience) -> None:
@@ -63,15 +225,30 @@ async def the_folder_is_removed(folder: Path, audience: Audience) -> None:
     assert audience.status["recorder"]["drops"]
 
 
-async def test_a_daemon_with_64_descriptors_records(tmp_path: Path) -> None:
+UNDER = ("prlimit", "--nofile=64", "setpriv", "--bounding-set=-dac_override,-dac_read_search")
+"""Few descriptors; and rights count for root as for anybody."""
+
+
+async def test_a_daemon_with_64_descriptors_whose_folder_loses_its_rights(tmp_path: Path) -> None:
+    """What the disk does not take waits in memory, and is written once it may be."""
+    folder = tmp_path / "record"
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        daemon = Daemon(tmp_path, f"sources:\n{ur('arm', device.address)}")
-        await daemon.start(descriptors=64)
+        daemon = Daemon(tmp_path, f"sources:\n{ur('arm', device.address)}", record="file_age: 1 s")
+        await daemon.start(*(UNDER if os.geteuid() == 0 else UNDER[:2]))
         try:
-            await eventually(lambda: list((tmp_path / "record").glob("*.mcap*")), "a recording")
+            await eventually(lambda: list(folder.glob("*.mcap")), "a whole file")
             assert "only 64 files and connections may be open (ulimit -n)" in daemon.log
-            await asyncio.sleep(3)  # some samples
+            folder.chmod(0o500)
+            await eventually(lambda: f"{folder} cannot be written: Permission denied" in daemon.log, "the alarm")
+            folder.chmod(0o700)
+            await eventually(lambda: "recording works again" in daemon.log, "the end of the alarm")
             assert await daemon.stop() == 0
         finally:
             await daemon.kill()
-    assert len(Recording.open(tmp_path / "record").batches("arm", "rtde")) > 100
+    kept = Recording.open(folder)
+    assert not kept.damage
+    assert (np.diff(kept.batches("arm", "rtde").sequence) == 1).all()
+    assert [(a.kind, a.active) for a in kept.alarms() if a.kind == "recorder"] == [
+        ("recorder", True),
+        ("recorder", False),
+    ]

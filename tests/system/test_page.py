@@ -26,6 +26,7 @@ pytestmark = [
 ]
 
 REFERENCE = Path(__file__).resolve().parents[2] / "examples" / "demo-reference.yaml"
+NOTE = "gear is ordered <img src=x onerror='window.strange = 1'><script>window.strange = 1</script>"
 HEALTHY = 4500
 """Samples at 500 Hz until the elbow is watched."""
 
@@ -91,11 +92,11 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
 
         assert await barriers(page) == []
 
-        await acknowledge(page, "Ines", "gear is ordered")
+        await acknowledge(page, "Ines", NOTE)
         await audience.until(lambda a: any(e.kind == "acknowledged" for e in a.events))
         said = next(e for e in audience.events if e.kind == "acknowledged")
         await eventually((tmp_path / "record" / FILE).exists, "the word to be on disk")
-        assert said.data["name"] == "Ines" and said.data["note"] == "gear is ordered"
+        assert said.data["name"] == "Ines" and said.data["note"] == NOTE
 
         await page.reload()
         card = page.locator("li[data-alarm*=_fault]").first
@@ -103,6 +104,8 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
         assert await barriers(page) == []
         history = page.get_by_role("group", name="History").get_by_role("table")
         await expect(history).to_contain_text("acknowledged by Ines", timeout=WAIT)
+        await expect(page.get_by_text(NOTE).first).to_be_visible(timeout=WAIT)
+        assert not await page.evaluate("window.strange")
 
         # The daemon is killed: the page says so, and goes on by itself when it is back. The spring is still there.
         await daemon.kill()

@@ -31,7 +31,7 @@ TRACEBACK: Final = "CELLWATT_TRACEBACK"
 GROUPS: Final = {
     "Start": ("demo", "init", "check", "doctor", "drivers", "emulate"),
     "Run": ("run", "record", "health", "secure", "notify", "diagnose"),
-    "Look": ("watch", "view", "plot", "export", "replay", "reports"),
+    "Look": ("watch", "view", "plot", "export", "replay"),
     "Simulation": ("explain", "simulate"),
     "Energy and faults": ("disaggregate", "energy-campaign", "reference", "faults", "train", "predict"),
     "Fleet": ("fleet",),

@@ -11,10 +11,10 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -22,16 +22,12 @@ from rich.text import Text
 from cellwatt.commands import EXIT_FAILED, Commands
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.demo.power import MEASURED
-from cellwatt.errors import CellwattError, ConfigError, Problem, why
+from cellwatt.errors import CellwattError, why
 from cellwatt.live.as_json import take_line
 from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.sparkline import bars
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
-from cellwatt.registry import outlet
-
-if TYPE_CHECKING:
-    from cellwatt.demo.outlets.outlets import Outlets
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
@@ -58,11 +54,10 @@ class _Demos(Commands):
 )
 @click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Which devices.")
 @click.option("--seconds", default=60.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
-@click.option("--outlets", is_flag=True, help="Show the small cell in Prometheus, MQTT and OPC UA as well.")
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
 @click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Keep recording and log in this folder.")
 @click.pass_context
-def command(context: click.Context, cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path | None) -> None:
+def command(context: click.Context, cell: str, seconds: float, as_json: bool, keep: Path | None) -> None:
     """Run emulated devices, the daemon and a subscriber; `demo explain` shows what explain finds.
 
     The small cell has four devices; after 20 s, or halfway, a spring is hooked on an elbow. Exit code 0 only if nothing
@@ -70,14 +65,9 @@ def command(context: click.Context, cell: str, seconds: float, outlets: bool, as
     exit code 0 only if nothing was lost.
 
     Where the output is no terminal, the address of the page and what happens are lines.
-
-    With --outlets the small cell is also served to Prometheus, MQTT and OPC UA, and read back with a client of each;
-    exit code 0 only if they said the same and showed the alarm. Mosquitto and Prometheus run where they are installed.
     """
     if context.invoked_subcommand is not None:
         return
-    if outlets and cell != "small":
-        raise click.BadParameter("the outlets are shown with the small cell alone")
     if cell == "small" and seconds < HEALTHY:
         raise click.BadParameter(f"at least {HEALTHY:.0f} s are needed to see healthy cycles before the fault")
     if seconds < 1:
@@ -88,9 +78,8 @@ def command(context: click.Context, cell: str, seconds: float, outlets: bool, as
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
-        beside = _outlets(folder) if outlets else None
         show = _quiet if as_json else _live if Console().is_terminal else _lines
-        summary = show(cell, folder, seconds, beside)
+        summary = show(cell, folder, seconds)
     if as_json:
         click.echo(json.dumps(summary))
     else:
@@ -101,27 +90,12 @@ def command(context: click.Context, cell: str, seconds: float, outlets: bool, as
         sys.exit(EXIT_FAILED)
 
 
-def _outlets(folder: Path) -> Outlets:
-    """The outlets of a demo in this folder. Raises ``ConfigError`` with every extra that they need and is missing."""
-    lacking: list[Problem] = []
-    for name in ("metrics", "mqtt", "opc_ua"):
-        try:
-            outlet(name)
-        except ConfigError as error:
-            lacking += error.problems
-    if lacking:
-        raise ConfigError(lacking)
-    from cellwatt.demo.outlets.outlets import Outlets  # the packages of the extras take a while to load
-
-    return Outlets(folder)
-
-
-def _quiet(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> dict[str, Any]:
-    run = Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True), outlets)
+def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
+    run = Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True))
     return asyncio.run(_run(cell, run))
 
 
-def _lines(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> dict[str, Any]:
+def _lines(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
     """Print a line for each step, task, alarm and change of a source, and every 10 s how the cell stands."""
     bulletin = Bulletin()
 
@@ -138,20 +112,20 @@ def _lines(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> 
         except BrokenPipeError:
             run.stop("nobody reads its output any more")
 
-    run = Demonstration(folder, seconds, show, say, outlets)
+    run = Demonstration(folder, seconds, show, say)
     if cell != "small":  # that one begins with the address of its page
         say(STARTING)
     return asyncio.run(_run(cell, run))
 
 
-def _live(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> dict[str, Any]:
+def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
     view, title, drawn = LiveCell(), STARTING, 0.0
     with Live(auto_refresh=False) as live:
 
         def draw() -> None:
             nonlocal drawn
             drawn = time.monotonic()
-            live.update(_picture(view, outlets, title, live.console.width), refresh=True)
+            live.update(whole(view, Look(live.console.width, power=MEASURED), f"[{title}]  "), refresh=True)
 
         def show(line: Mapping[str, Any]) -> None:
             take_line(view, line)
@@ -164,17 +138,9 @@ def _live(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> d
             draw()
 
         draw()
-        summary = asyncio.run(_run(cell, Demonstration(folder, seconds, show, say, outlets)))
+        summary = asyncio.run(_run(cell, Demonstration(folder, seconds, show, say)))
         draw()
     return summary
-
-
-def _picture(view: LiveCell, outlets: Outlets | None, title: str, width: int) -> RenderableType:
-    if outlets is None:
-        return whole(view, Look(width, power=MEASURED), f"[{title}]  ")
-    from cellwatt.demo.outlets.table import whole as table
-
-    return table(outlets, title)
 
 
 async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:
@@ -195,9 +161,7 @@ def _show(summary: Mapping[str, Any]) -> None:
             console.print(_power(summary["power"]))
         if summary["meter"]:
             console.print(summary["meter"]["statement"])
-    if "outlets" in summary:
-        console.print(_told(summary["outlets"]))
-    for name, reason in (summary.get("left_out", {}) | summary.get("outlets", {}).get("left_out", {})).items():
+    for name, reason in summary.get("left_out", {}).items():
         console.print(f"{name} is left out: {reason}", style="bold yellow")
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
@@ -208,16 +172,6 @@ def _show(summary: Mapping[str, Any]) -> None:
     if summary["ok"]:
         named = ", and the alarm named the right joint in time" if "fault" in summary else ""
         console.print(f"nothing was lost{named}", style="bold green")
-
-
-def _told(outlets: Mapping[str, Any]) -> str:
-    """When each outlet showed the alarm, and how much was the same in all."""
-    late = {name: told["alarm_after_s"] for name, told in outlets["told"].items()}
-    seen = ", ".join(f"{name} {'never' if s is None else f'after {s} s'}" for name, s in late.items())
-    if len(late) == 1:
-        return f"the alarm was seen in {seen}"
-    alike = f"{outlets['alike']['frames']} frames and {outlets['alike']['health']} health messages"
-    return f"the alarm was seen in {seen}\n{alike} were the same in {', '.join(late)}"
 
 
 def _power(power: Mapping[str, Any]) -> Text:

@@ -15,9 +15,7 @@ from cellwatt.commands import EXIT_FAILED
 from cellwatt.commands.check import warn
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.commands.ranges import summary
-from cellwatt.commands.units import with_units
 from cellwatt.config import load
-from cellwatt.report.page import PAGE
 from cellwatt.runtime.examine import Examination, examine
 from cellwatt.runtime.examine_meters import examine_meters
 from cellwatt.terminal import show_table
@@ -31,12 +29,8 @@ COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 @click.option(
     "--patience", type=SECONDS, default=5.0, show_default=True, help="How long a device may take to answer, s."
 )
-@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
-@with_units
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(
-    file: Path, seconds: float, patience: float, page: Path | None, units: tuple[str, ...], as_json: bool
-) -> None:
+def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
     """Connect to every device of FILE, read-only, and compare what comes with what is declared.
 
     A device with a clock of its own is read up to 15 s longer, until the clock is known.
@@ -56,12 +50,6 @@ def command(
 
     found = asyncio.run(all_sources())
     examine_meters(config, found, read)
-    if page is not None:
-        from cellwatt.report import Provenance
-        from cellwatt.runtime.examine_report import report
-
-        shown = report(f"{config.site}/{config.cell}", found, read, config.units.but(units), Provenance.here([file]))
-        shown.write(page)
     if as_json:
         click.echo(json.dumps({e.name: asdict(e) for e in found}))
     else:

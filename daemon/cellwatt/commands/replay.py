@@ -23,7 +23,6 @@ from cellwatt.frames import Frames
 from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import aside
 from cellwatt.record import Recording
-from cellwatt.report.page import PAGE
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames, run_stages
@@ -44,15 +43,10 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
     help="1: as recorded, 10: ten times as fast, 0 (default): as fast as it goes.",
 )
 @click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
-@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
 @with_progress
-def command(
-    recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, page: Path | None, as_json: bool
-) -> None:
+def command(recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, as_json: bool) -> None:
     """Run RECORDING (files or folders of one session) through frames and stages again."""
-    if page is not None and not verify:
-        raise click.UsageError("--report is about what --verify compares: add --verify")
     opened = open_recording(recording)
     config = load(settings) if settings is not None else None
     if not opened.has_samples:
@@ -60,18 +54,12 @@ def command(
     _check_sources(opened)
     frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
     kept: list[Frames] = []
-    results: list[Result] = []
     items = run_stages(_keeping(frames, kept), _chains(opened, config))
-    summary: dict[str, Any] = {"frames": 0, "results": _show(items, results, as_json)}
+    summary: dict[str, Any] = {"frames": 0, "results": _show(items, as_json)}
     summary["frames"] = sum(len(block) for block in kept)
     if verify:
         summary["verified"] = asdict(held := compare(opened.frames(), kept))
         summary["identical"] = held.identical
-        if page is not None:
-            from cellwatt.report import Provenance
-            from cellwatt.runtime.replaying_report import report
-
-            report(opened, held, kept, results, Provenance.here(recording)).write(page)
         if not as_json:
             click.echo(_verdict(held))
     if as_json:
@@ -115,13 +103,12 @@ def _keeping(frames: Iterable[Frames], kept: list[Frames]) -> Iterator[Frames]:
         yield block
 
 
-def _show(items: Iterable[Frames | Result], results: list[Result], as_json: bool) -> dict[str, int]:
-    """Print results and append them to ``results``; how many of each kind."""
+def _show(items: Iterable[Frames | Result], as_json: bool) -> dict[str, int]:
+    """Print results; how many of each kind."""
     counts: Counter[str] = Counter()
     for item in items:
         if isinstance(item, Frames):
             continue
-        results.append(item)
         kind = type(item).__name__.lower()
         counts[kind] += 1
         if as_json:

@@ -22,11 +22,6 @@ except ImportError as error:
 
 SOON = timedelta(days=60)
 """Certificates that end sooner are renewed unless others are named."""
-_STEPS = {
-    "trust": "A new authority is trusted beside the old one. When all have their folders, run this again to use it.",
-    "use": "All certificates are of the new authority. When all have their folders, run this again to forget the old.",
-    "forget": "The old authority is trusted no more. Give out the folders; nothing is left to do.",
-}
 
 _folder = click.option(
     "--in",
@@ -103,24 +98,19 @@ def remove(name: str, path: Path) -> None:
 
 @command.command()
 @click.argument("names", metavar="[NAME]...", nargs=-1)
-@click.option("--authority", is_flag=True, help="One step, of three, to a new authority.")
 @_folder
-def renew(names: tuple[str, ...], authority: bool, path: Path) -> None:
+def renew(names: tuple[str, ...], path: Path) -> None:
     """Make new certificates for NAMEs, or for all that end within 60 days.
 
     The old ones hold until they end: give the new ones out any time before.
     """
     folder = Folder.open(path)
-    if authority:
-        step, changed = folder.renew_authority()
-        click.echo(_STEPS[step])
-    else:
-        changed = folder.renew(names, SOON)
-        if not changed:
-            click.echo(f"no certificate ends within {SOON.days} days")
+    changed = folder.renew(names, SOON)
+    if not changed:
+        click.echo(f"no certificate ends within {SOON.days} days")
     _give_out(folder, changed)
-    if not authority and folder.authority_due():
-        click.echo(f"The authority ends on {folder.authority_ends():%Y-%m-%d}: cellwatt secure renew --authority")
+    if folder.authority_due():
+        click.echo(f"The authority ends on {folder.authority_ends():%Y-%m-%d}: begin anew with cellwatt secure init")
 
 
 @command.command("list")

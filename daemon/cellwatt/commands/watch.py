@@ -8,6 +8,7 @@ import math
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -22,7 +23,8 @@ from cellwatt.live.as_json import line_of
 from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.site import site as table_of
 from cellwatt.live.site import summary
-from cellwatt.live.view import Look
+from cellwatt.live.state import LiveCell
+from cellwatt.live.view import Look, whole
 from cellwatt.outlets.zenoh.heard import await_cell, site_health
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
@@ -36,7 +38,9 @@ SHOWN = (*QUIET, "frame")
 """Topics that the view takes: what was measured is in the frames."""
 PULSE = 1.0
 """Longest time, s, without a look at the clock."""
-REDRAW = 2.0
+REDRAW = 0.25
+"""s between two drawings of a cell."""
+SITE = 2.0
 """s between two tables of a site."""
 
 
@@ -76,7 +80,7 @@ def command(
 ) -> None:
     """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
 
-    In a terminal it is a dashboard; keys stand in its last line. Elsewhere, and with --topic, it prints a line for each
+    In a terminal it is one page, drawn anew until Ctrl-C. Elsewhere, and with --topic, it prints a line for each
     alarm, interval, task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not
     heard.
     """
@@ -133,7 +137,7 @@ def _show_site(session: zenoh.Session, site: str, seconds: float | None) -> None
         while time.monotonic() < end:
             look = Look(live.console.width, ascii=plain)
             live.update(look.page(table_of(site_health(session, site), look)), refresh=True)
-            time.sleep(REDRAW)
+            time.sleep(SITE)
 
 
 def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: bool) -> None:
@@ -176,10 +180,18 @@ def _print_lines(messages: Iterable[Message | None], *, standing: bool) -> None:
 
 
 def _show(messages: Iterable[Message | None], look: Look) -> None:
-    """Show the dashboard. Raises the error that ended the messages."""
-    from cellwatt.live.app import LiveApp  # Textual takes a while to load
+    """Draw the cell anew four times a second at most; what was drawn last stays on the screen."""
+    cell, drawn = LiveCell(), -math.inf
+    with Live(auto_refresh=False, vertical_overflow="crop") as live:
 
-    app = LiveApp(messages, look)
-    app.run()
-    if app.problem is not None:
-        raise app.problem
+        def draw() -> None:
+            width, height = live.console.size
+            live.update(whole(cell, replace(look, width=width), height=height), refresh=True)
+
+        for message in messages:
+            if message is not None:
+                cell.take(message)
+            if time.monotonic() - drawn >= REDRAW:
+                draw()
+                drawn = time.monotonic()
+        draw()

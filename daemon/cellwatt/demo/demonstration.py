@@ -7,10 +7,10 @@ import contextlib
 import json
 import signal
 import time
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cellwatt.config import load
 from cellwatt.demo import cells, fault, processes, simulation
@@ -20,9 +20,6 @@ from cellwatt.demo.summary import delivery_problems, sources_of, summary, summar
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
-
-if TYPE_CHECKING:
-    from cellwatt.demo.outlets.outlets import Outlets  # it needs packages that the demo itself can do without
 
 HEALTHY = 20.0
 """s at most before the spring."""
@@ -42,8 +39,6 @@ class Demonstration:
     seconds: float
     show: Callable[[Mapping[str, Any]], None]
     say: Callable[[str], None]
-    outlets: Outlets | None = None
-    """Outlets that the small cell has besides its page."""
     seen: Seen = field(default_factory=Seen)
     epoch: float = field(default_factory=time.time)
     """UTC s at which the emulated arms start."""
@@ -60,24 +55,21 @@ class Demonstration:
 
         Raises ``CellwattError`` when a process does not start.
         """
-        endpoint, page, outlets = cells.free_endpoint(), cells.free_endpoint(), self.outlets
+        endpoint, page = cells.free_endpoint(), cells.free_endpoint()
         self.say(f"the daemon and four emulated devices are starting; then in a browser: http://{page}")
-        file = cells.packaged() if outlets is None else outlets.settings()
+        file = cells.packaged()
         config = load(file, cells.environment(self.folder, endpoint, page, {}))
         devices = devices_of(config, free=True, speeds=cells.SPEEDS)
         hooked: float | None = None
-        beside = contextlib.nullcontext() if outlets is None else outlets.running()
-        async with running(devices, self.epoch) as emulators, beside:
+        async with running(devices, self.epoch) as emulators:
             told = cells.environment(self.folder, endpoint, page, places(devices, emulators))
 
             async def play() -> None:
                 nonlocal hooked
-                async with self._read_outlets():
-                    hooked = await self._hook(emulators, page)
+                hooked = await self._hook(emulators, page)
 
             code = await self._follow(processes.daemon(file, self.folder, told), endpoint, play)
-        found = summary(self.seen, hooked, code, power_of(self.folder, self.epoch, hooked))
-        return self._with_end(found if outlets is None else outlets.added_to(found, hooked))
+        return self._with_end(summary(self.seen, hooked, code, power_of(self.folder, self.epoch, hooked)))
 
     async def every_driver(self) -> dict[str, Any]:
         """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.
@@ -105,16 +97,6 @@ class Demonstration:
         if not self._stopped:
             return found
         return {**found, "ok": False, "problems": [f"the demo was ended early: {self._stopped}", *found["problems"]]}
-
-    @contextlib.asynccontextmanager
-    async def _read_outlets(self) -> AsyncIterator[None]:
-        """Read the outlets, where there are any, during the block."""
-        if self.outlets is None:
-            yield
-            return
-        self.say("waiting for the outlets' first values")
-        async with self.outlets.reading(self._stopping):
-            yield
 
     async def _pause(self, seconds: float) -> None:
         """Sleep, but for no longer than the demo is to run."""

@@ -6,6 +6,7 @@ import platform
 import subprocess
 import sys
 from datetime import UTC, datetime
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +21,6 @@ from cellwatt.record.cut import cut
 from cellwatt.record.header import DAMAGED
 from cellwatt.record.opening import survey
 from cellwatt.record.retention import Kept, listing
-from cellwatt.sbom import sbom
 from cellwatt.version import __version__
 
 LINES: Final = 2000
@@ -38,8 +38,7 @@ def gather(file: Path | None, log: Path | None, record: float, folder: Path) -> 
     ``log`` replaces the journal. The last ``record`` s of the record are cut into ``folder``; 0 leaves them out.
     """
     bundle = Bundle()
-    bundle.add("versions.json", "versions of cellwatt, Python and the system", _versions)
-    bundle.add("packages.cdx.json", "all Python packages (CycloneDX)", sbom)
+    bundle.add("versions.json", "versions of cellwatt, Python, its packages and the system", _versions)
     config = None
     if file is not None:
         found = examine(file)
@@ -80,6 +79,7 @@ def _versions() -> dict[str, Any]:
         "executable": sys.executable,
         "system": platform.platform(),
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
+        "packages": dict(sorted((d.name, d.version) for d in distributions())),
     }
 
 

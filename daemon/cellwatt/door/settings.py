@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import ssl
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +13,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.door import validity
 from cellwatt.errors import OutletError
-from cellwatt.files import WRITTEN, open_file
+from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
 from cellwatt.outlet import OutletSettings
 
@@ -87,15 +86,8 @@ class Listening(OutletSettings):
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
         ways = (f"listen: {self.listen}: {self.opening} (open: true)",) if self.opening else ()
-        return (*ways, *self._unreadable(), *validity.warnings(self.certificate, self.key))
-
-    def _unreadable(self) -> Iterator[str]:
-        for option, path in {"certificate": self.certificate, "key": self.key}.items():
-            if path is not None:
-                try:
-                    open_file(path, WRITTEN).close()
-                except OSError as error:
-                    yield f"{option}: {path} cannot be read: {error.strerror}"
+        files = unreadable({"certificate": self.certificate, "key": self.key})
+        return (*ways, *files, *validity.warnings(self.certificate, self.key))
 
 
 def tls_context(settings: Listening) -> ssl.SSLContext | None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import textwrap
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
-from statistics import fmean
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from rich.text import Text
@@ -43,20 +42,13 @@ class Look:
 
     width: int = 80
     span: float = 10.0
-    utc: bool = True
     ascii: bool = False
     channels: tuple[str, ...] = ()
     power: str | None = None
 
     def clock(self, ns: int) -> str:
-        """Time of day, ``12:00:03``."""
-        at = datetime.fromtimestamp(ns * 1e-9, UTC)
-        return (at if self.utc else at.astimezone()).strftime("%H:%M:%S")
-
-    @property
-    def zone(self) -> str:
-        """Zone of ``clock``."""
-        return "UTC" if self.utc else time.strftime("%Z")
+        """UTC time of day, ``12:00:03``."""
+        return datetime.fromtimestamp(ns * 1e-9, UTC).strftime("%H:%M:%S")
 
     def takes(self, channel: str) -> bool:
         """True if a channel is to be shown."""
@@ -67,18 +59,17 @@ class Look:
         return Text("\n", no_wrap=True).join(plain(line) if self.ascii else line for line in lines)
 
 
-def whole(cell: LiveCell, look: Look, title: str = "") -> Text:
-    """Everything on one page, with the alarms last."""
+def whole(cell: LiveCell, look: Look, title: str = "", height: int = 0) -> Text:
+    """Everything on one page: alarms, sources, motion, energy, power, then the channels that fit ``height``."""
+    lines = head(cell, look, title)
     if not cell.status:
-        return look.page(head(cell, look, title))
-    lines = [
-        *head(cell, look, title),
-        *sources(cell, look),
-        *motion(cell, look),
-        *energy(cell),
-        *power(cell, look.span, look.width, look.power),
-    ]
-    return look.page([*lines, *alarms(cell, look)])
+        return look.page(lines)
+    lines += [*alarms(cell, look), *sources(cell, look), *motion(cell, look), *energy(cell)]
+    lines += power(cell, look.span, look.width, look.power)
+    room = height - len(lines) - 2
+    if room > 1 and cell.frames.names:
+        lines += [Text(), *channels(cell, look)[:room]]
+    return look.page(lines)
 
 
 def head(cell: LiveCell, look: Look, title: str = "") -> list[Text]:
@@ -90,7 +81,7 @@ def head(cell: LiveCell, look: Look, title: str = "") -> list[Text]:
         f"● {cell.state}", style=COLOUR.get(cell.state, "")
     )
     recorder = f"recorder {s['recorder']['state']}" if s["recorder"] else "not recording"
-    text.append(f"  {look.clock(s['time'])} {look.zone}", style="not bold")
+    text.append(f"  {look.clock(s['time'])} UTC", style="not bold")
     text.append(f"  {recorder} · {s['frames']['count']} frames · {s['results']} results", style="not bold dim")
     warnings = [Text(f"warning: {warning}", "yellow") for warning in s.get("warnings", ())]
     return [fit(line, look.width) for line in (text, *warnings, *_silence(cell, look))]
@@ -155,55 +146,16 @@ def energy(cell: LiveCell) -> list[Text]:
     if not cell.energies:
         return []
     last = max((done[-1] for done in cell.energies.values()), key=lambda e: int(e["end"]))
-    return [_consumers(last)]
-
-
-def _consumers(energy: Mapping[str, Any]) -> Text:
     text = Text("energy  ", style="bold")
-    text.append(f" {energy['task']} × {energy['repetition']}  {energy['total']:.0f} J ", style="bold")
-    text.append(f"± {energy['uncertainty']:.1f} J  ", style="dim")
-    unsure = energy.get("group_uncertainty") or {}
-    ranked = sorted(energy["groups"].items(), key=lambda group: -abs(group[1]))
+    text.append(f" {last['task']} × {last['repetition']}  {last['total']:.0f} J ", style="bold")
+    text.append(f"± {last['uncertainty']:.1f} J  ", style="dim")
+    unsure = last.get("group_uncertainty") or {}
+    ranked = sorted(last["groups"].items(), key=lambda group: -abs(group[1]))
     for i, (name, value) in enumerate((name, value) for name, value in ranked if value):
         text.append(f"{' · ' * bool(i)}{name.replace('_', ' ')} {value:.1f}")
         if unsure.get(name) is not None:
             text.append(f" ± {unsure[name]:.2f}", style="dim")
-    return text
-
-
-def energies(cell: LiveCell, look: Look) -> list[Text]:
-    """A line for each task, then the consumers of its last repetition."""
-    if not cell.energies:
-        return [Text("no energy yet: it comes with each task that ends, from the stage energy", "dim")]
-    columns = (
-        Column("task"),
-        Column("variant", spare=3),
-        *(Column(name, right=True) for name in ("repetition", "energy", "±", "mean")),
-        Column("course", spare=1),
-        *(Column(name, right=True, spare=2) for name in ("per part", "motion")),
-    )
-    rows = [_energies(name, [*done]) for name, done in cell.energies.items()]
-    lines = [*table(columns, rows, look.width), Text()]
-    for done in cell.energies.values():
-        lines += [
-            Text(line) for line in textwrap.wrap(_consumers(done[-1]).plain, look.width, subsequent_indent="        ")
-        ]
-    return lines
-
-
-def _energies(task: str, done: list[Mapping[str, Any]]) -> tuple[str, ...]:
-    last, totals = done[-1], [energy["total"] for energy in done]
-    return (
-        task,
-        str(last["variant"]),
-        str(last["repetition"]),
-        f"{last['total']:.0f} J",
-        f"{last['uncertainty']:.1f} J",
-        f"{fmean(totals):.0f} J",
-        bars(totals[-20:], min(totals), max(totals)),
-        "–" if last["total_per_part"] is None else f"{last['total_per_part']:.0f} J",
-        f"{last['motion_efficiency_percent']:.1f} %",
-    )
+    return [text]
 
 
 def channels(cell: LiveCell, look: Look) -> list[Text]:
@@ -242,41 +194,13 @@ def _number(value: float) -> str:
 
 
 def alarms(cell: LiveCell, look: Look) -> list[Text]:
-    """The active alarms, the gravest first."""
+    """The active alarms: the gravest first, of these the latest first."""
     if not cell.alarms:
         return [Text("no alarm", "green")]
-    lines = []
-    for alarm in ranked(cell):
+    order, lines = list(SEVERITY), list[Text]()
+    for alarm in sorted(cell.alarms.values(), key=lambda a: (-order.index(a["severity"]), -a["since"])):
         said = f"{alarm['severity']} since {look.clock(alarm['since'])}: {alarm['statement']}"
         lines += [
             Text(line, SEVERITY[alarm["severity"]]) for line in textwrap.wrap(said, look.width, subsequent_indent="  ")
         ]
-    return lines
-
-
-def ranked(cell: LiveCell) -> list[Mapping[str, Any]]:
-    """The active alarms: the gravest first, of these the latest first."""
-    order = list(SEVERITY)
-    return sorted(cell.alarms.values(), key=lambda a: (-order.index(a["severity"]), -a["since"]))
-
-
-def details(alarm: Mapping[str, Any], look: Look) -> list[Text]:
-    """All that an alarm says."""
-    facts: dict[str, Any] = {"kind": alarm["kind"], "severity": alarm["severity"]}
-    facts["since"] = f"{look.clock(alarm['since'])} {look.zone}"
-    facts["state"] = "active" if alarm["active"] else f"cleared at {look.clock(alarm['time'])}"
-    if "cleared" in alarm:
-        facts["cleared by"] = alarm["cleared"]
-    facts |= {name: alarm[name] for name in ("source", "joint", "interval", "stage") if alarm.get(name) is not None}
-    if alarm.get("alternatives"):
-        facts["or else joint"] = " or ".join(map(str, alarm["alternatives"]))
-    facts |= {f"· {name}": value for name, value in alarm["evidence"].items()}
-    longest = max(len(name) for name in facts)
-    lines = [Text(line, "bold") for line in textwrap.wrap(alarm["statement"], look.width)]
-    lines.append(Text())
-    for name, value in facts.items():
-        said = f"{value:.6g}" if isinstance(value, float) else str(value)
-        first, *rest = textwrap.wrap(said, max(20, look.width - longest - 2)) or [""]
-        lines.append(Text(f"{name:<{longest}}  ", "dim").append(first, "not dim"))
-        lines += [Text(" " * (longest + 2) + line) for line in rest]
     return lines

@@ -57,7 +57,8 @@ class Files:
         self.flushed_at = self.retry_at = self._synced_at = self._retained_at = time.monotonic()
         self._opened_at = 0.0
         self._of_file: Counter[str] = Counter()
-        self._unsynced = False
+        self.synced = True
+        """Everything written has been brought to disk."""
         self._settings = settings
         self._header = header
         self._upkeep = upkeep
@@ -88,9 +89,9 @@ class Files:
         try:
             if self.open is not None and now - self._opened_at >= self._settings.file_age:
                 self.rotate()
-            due = self._unsynced and now - self._synced_at >= self._settings.sync
+            due = not self.synced and now - self._synced_at >= self._settings.sync
             if self.open is not None and due and self._upkeep.sync(self.open):
-                self._unsynced, self._synced_at = False, now
+                self.synced, self._synced_at = True, now
         except OSError as error:
             self._fail(error)
         if now - self._retained_at >= RETAIN_EVERY:
@@ -177,7 +178,7 @@ class Files:
         file.write_chunk()
         self.bytes += file.size - before
         self.flushed_at = time.monotonic()
-        self._unsynced = True
+        self.synced = False
         if self.state != "ok":
             self.state, self.problem = "ok", ""
             self._upkeep.repair_left()

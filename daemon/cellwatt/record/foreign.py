@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from io import BufferedReader, FileIO
 from typing import Final
 
+import zstandard
+from lz4.frame import LZ4FrameDecompressor
 from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.records import Header as McapHeader
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -17,7 +20,7 @@ from cellwatt.record.decoder import tracks_of
 from cellwatt.record.header import Header
 from cellwatt.record.scan import read_at
 
-LARGEST: Final = 1 << 30
+LARGEST: Final = 1 << 28
 """Bytes of a record, packed or not; one of some kB may claim any number."""
 MOST: Final = 12
 """Topics that a message lists."""
@@ -66,14 +69,29 @@ def records(file: FileIO) -> Iterator[McapRecord]:
         for record in stream.records:
             if not isinstance(record, Chunk):
                 yield record
-            elif record.uncompressed_size > LARGEST:
-                raise ValueError(f"a chunk claims {record.uncompressed_size:,} bytes")
             else:
-                yield from breakup_chunk(record, validate_crc=True)
+                yield from breakup_chunk(_unpacked(record), validate_crc=True)
     except ValueError:
         raise
     except Exception as error:  # McapError, struct.error, and what lz4 and zstd raise
         raise ValueError(str(error) or "it ends within a record") from error
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """A chunk whose data are not packed. Raises ``ValueError`` where they are more than it claims, or than may be."""
+    size = chunk.uncompressed_size
+    if size > LARGEST:
+        raise ValueError(f"a chunk claims {size:,} bytes")
+    match chunk.compression:
+        case "zstd":
+            data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
+        case "lz4":
+            data = LZ4FrameDecompressor().decompress(chunk.data, size + 1)
+        case _:
+            return chunk
+    if len(data) > size:
+        raise ValueError(f"a chunk unpacks to more than the {size:,} bytes that it claims")
+    return replace(chunk, compression="", data=data)
 
 
 def _buffered(file: FileIO) -> BufferedReader:

@@ -23,8 +23,8 @@ from cellwatt.record.settings import RecordSettings
 from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Event, Result
 
-IDLE = 0.5
-"""Period in s at which files are looked after while nothing arrives."""
+LOOK, IDLE = 0.5, 5.0
+"""Periods in s at which files are looked after while nothing arrives: until what was written is on disk, and then."""
 OVERHEAD = 1000
 """Bytes that a block takes in memory beside its numbers."""
 
@@ -194,7 +194,7 @@ class Recorder:
     def _wait(self) -> bool:
         """Sleep until something is to be done, and take over what arrived; ``False`` at the end."""
         with self._wake:
-            end = time.monotonic() + IDLE
+            end = time.monotonic() + (IDLE if self._files.synced else LOOK)
             while self._running and (pause := min(self._due(), end) - time.monotonic()) > 0:
                 self._wake.wait(pause)
             self._held += self._queue

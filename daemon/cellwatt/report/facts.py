@@ -1,4 +1,4 @@
-"""Facts that a page carries in its head for programs, and that the index of a folder is made from."""
+"""Facts that a page carries in its head for programs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Final
 from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.errors import CellwattError, why
+from cellwatt.files import COMPUTED, read_bytes
 from cellwatt.report.blocks import Html
 
 _OPEN: Final = '<script type="application/json" id="cellwatt">'
@@ -54,13 +55,13 @@ class BrokenPageError(CellwattError):
 _FACTS: TypeAdapter[Facts] = TypeAdapter(Facts)
 
 
-def facts_in(path: Path) -> tuple[Facts, str] | None:
-    """Facts of a page and its text; None where the file is no page of cellwatt.
+def facts_in(path: Path) -> Facts | None:
+    """Facts of a page; None where the file is no page of cellwatt.
 
     Raises ``BrokenPageError`` where it is one, but not whole, and where the file cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_bytes(path, COMPUTED).decode("utf-8", "replace")
     except OSError as error:
         raise BrokenPageError(f"{path}: cannot be read: {why(error)}") from error
     if _OPEN not in text:
@@ -69,6 +70,6 @@ def facts_in(path: Path) -> tuple[Facts, str] | None:
     if found is None or not text.rstrip().endswith(_END):
         raise BrokenPageError(f"{path}: the page ends too early: make it anew")
     try:
-        return _FACTS.validate_json(found[1]), text
+        return _FACTS.validate_json(found[1])
     except ValidationError:
         raise BrokenPageError(f"{path}: its facts cannot be read: make the page anew") from None

@@ -212,6 +212,10 @@ class Ring:
         """Settled position of a reader."""
         return self._words[_POSITIONS + reader]
 
+    def crowded(self, reader: int) -> bool:
+        """True if what a reader has not settled fills more than half."""
+        return 2 * (self._words[_HEAD] - self._words[_POSITIONS + reader]) > self.size
+
     def settle(self, reader: int, position: int) -> None:
         """Mark everything before ``position`` as done: a successor of this reader continues there."""
         self._words[_POSITIONS + reader] = position

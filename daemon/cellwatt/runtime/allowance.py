@@ -12,6 +12,8 @@ BACKLOG: Final = 30.0
 """… and s of its declared rate at once: what waited in a device or network that stood still comes in one block."""
 UNDECLARED: Final = 1000.0
 """Hz that a stream without a declared rate counts as declaring."""
+SHARE, BURST, USUAL = 1.1, 2.0, 100.0
+"""The same while the ring to the other processes is crowded: what it has room for. No rate declared is ``USUAL``."""
 
 MINUTE: Final = 60 * SECOND
 MOST: Final = 100
@@ -23,17 +25,36 @@ LONGEST: Final = 600
 
 
 class Allowance:
-    """A token bucket for the samples of one stream; ``rate`` Hz as declared. ``now`` is the cell's clock, ns.
+    """Limits of the samples of one stream; ``rate`` Hz as declared. ``now`` is the cell's clock, ns.
+
+    ``crowded`` says whether what one stream brings beyond its rate would cost others their samples.
+    """
+
+    __slots__ = ("_crowded", "_share", "_usual")
+
+    def __init__(self, rate: float, now: Callable[[], int], crowded: Callable[[], bool]) -> None:
+        usual = rate or UNDECLARED
+        self._usual = _Bucket(MULTIPLE * usual, BACKLOG * usual, now)
+        self._share = _Bucket(SHARE * (rate or USUAL), BURST * (rate or USUAL), now)
+        self._crowded = crowded
+
+    def take(self, n: int) -> int:
+        """Number of the next ``n`` samples that may come."""
+        allowed = self._usual.take(n)
+        return self._share.take(allowed) if self._crowded() else allowed
+
+
+class _Bucket:
+    """A token bucket: ``most`` at once, ``rate`` Hz for ever.
 
     It is filled up only once it is empty, so that a sample costs a subtraction.
     """
 
     __slots__ = ("_fill", "_filled", "_left", "_most", "_now")
 
-    def __init__(self, rate: float, now: Callable[[], int]) -> None:
-        rate = rate or UNDECLARED
-        self._fill = MULTIPLE * rate / SECOND
-        self._most = self._left = max(1.0, BACKLOG * rate)
+    def __init__(self, rate: float, most: float, now: Callable[[], int]) -> None:
+        self._fill = rate / SECOND
+        self._most = self._left = max(1.0, most)
         self._now = now
         self._filled = now()
 

@@ -39,7 +39,8 @@ def load_libraries(config: CellConfig) -> None:
 class Collector:
     """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop.
 
-    ``awaited`` says whether somebody waits for samples, which then gather for less long.
+    ``awaited`` says whether somebody waits for samples, which then gather for less long; ``crowded`` whether sources
+    may bring no more than they declare.
     """
 
     def __init__(
@@ -48,12 +49,13 @@ class Collector:
         clock: CellClock,
         give: Callable[[Entry], None],
         awaited: Callable[[], bool] = lambda: True,
+        crowded: Callable[[], bool] = lambda: False,
     ) -> None:
         self.clock = clock
         self.sources: dict[str, Source] = {}
         self._config = config
         self._give = give
-        self._awaited = awaited
+        self._awaited, self._crowded = awaited, crowded
         self._fresh = False
         self._began = asyncio.Event()
 
@@ -104,7 +106,7 @@ class Collector:
             driver.gather = lambda: self._config.gather(awaited=self._awaited())
             return driver
 
-        source = Source(config.name, make, self.clock.now, self._take, self._give, sequence)
+        source = Source(config.name, make, self.clock.now, self._take, self._give, sequence, self._crowded)
         self.sources[config.name] = source
         tasks.spawn(f"source {config.name}", source.run())
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from cellwatt.address import blank
 from cellwatt.errors import OutletError
 from cellwatt.outlet import Item, Outlet
+from cellwatt.runtime.allowance import one_line
 from cellwatt.runtime.source import asked_to_end
 
 log = logging.getLogger(__name__)
@@ -72,7 +73,8 @@ class Delivery:
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
             pause = min(2 * pause, LONGEST_PAUSE)
-            self._ended = blank(str(error) if isinstance(error, OutletError) else f"{type(error).__name__}: {error}")
+            text = str(error) if isinstance(error, OutletError) else f"{type(error).__name__}: {error}"
+            self._ended = one_line(blank(text))
             self._serves_from = float("inf")
             log.warning("outlet %s: %s; trying again in %.1f s", self.name, self._ended, pause)
             await asyncio.sleep(pause)
@@ -95,7 +97,7 @@ class Delivery:
         broke, self._broke = self._broke, None
         if time.monotonic() > self._serves_from:
             self._ended = None
-        error = self._ended or broke or trouble
+        error = one_line(self._ended or broke or trouble or "") or None
         well = "starting" if self._contained("looks lost", self._outlet.starting) else "ok"
         where = {} if self._outlet.url is None else {"url": self._outlet.url}
         return {"state": "down" if error else well, "error": error, **where, **self._outlet.account.snapshot()}

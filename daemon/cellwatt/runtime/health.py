@@ -9,6 +9,7 @@ from typing import Any
 from cellwatt.alarms import AlarmBook
 from cellwatt.channel import Stream
 from cellwatt.frames import Layout
+from cellwatt.results import Alarm
 from cellwatt.runtime.watch import Trouble
 
 
@@ -43,6 +44,6 @@ def told_of(book: AlarmBook, now: int) -> dict[str, Any]:
             about = {k: getattr(standing.alarm, k) for k in ("id", "kind", "severity", "statement", "since")}
             shelved.append({**about, "shelf": asdict(standing.shelf)})
         elif standing.published is not None:
-            known = standing.acknowledgement
-            alarms.append({**asdict(standing.published), "acknowledged": None if known is None else asdict(known)})
+            known, alarm = standing.acknowledgement, {k: getattr(standing.published, k) for k in Alarm.__slots__}
+            alarms.append({**alarm, "acknowledged": None if known is None else asdict(known)})
     return {"alarms": alarms, "shelved": shelved}

@@ -58,7 +58,8 @@ class Source:
     """The daemon's side of one driver; implements ``cellwatt.driver.Inlet``.
 
     ``take`` gets every batch and ``tell`` every event, on the event loop. ``now`` is the cell's clock.
-    ``sequence`` continues the numbering of a source of the same name that a reload replaced.
+    ``sequence`` continues the numbering of a source of the same name that a reload replaced. ``crowded`` says whether
+    only what streams declare may come.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Source:
         take: Callable[[Batch], None],
         tell: Callable[[Event], None],
         sequence: Mapping[str, int] | None = None,
+        crowded: Callable[[], bool] = lambda: False,
     ) -> None:
         self.name = name
         self.account = Account()
@@ -88,7 +90,7 @@ class Source:
         self.sequence = dict.fromkeys(self.meters, 0) | dict(sequence or {})
         """Number of the next sample, by stream."""
         self._last_time = dict.fromkeys(self.meters, 0)
-        self._allowances = {s.name: Allowance(s.rate, now) for s in self.driver.streams}
+        self._allowances = {s.name: Allowance(s.rate, now, crowded) for s in self.driver.streams}
         self._repeats = Repeats()
         self._blank: dict[str, NDArray[np.bool_]] = {}
         """Channels, by stream, that gave no number since this look at them began; no stream of which all have."""
@@ -192,8 +194,8 @@ class Source:
         self.account.drop(n, "beyond its rate")
         self.event(
             "beyond_rate",
-            f"{self.name}: {stream.name} brings more than {MULTIPLE:g} times the {stream.rate:g} Hz that it declares: "
-            "what is beyond is dropped; is the rate in the settings right?",
+            f"{self.name}: {stream.name} brings more than {MULTIPLE:g} times the {stream.rate:g} Hz it declares, or "
+            "more than that while this PC is too busy to record it: what is beyond is dropped; is the rate right?",
         )
 
     def _look(self, streams: Iterable[Stream]) -> None:

@@ -12,6 +12,7 @@ from cellwatt.alarms import AlarmBook, Patience
 from cellwatt.door.port import TURNED_AWAY
 from cellwatt.door.tries import FAILED, REFUSED
 from cellwatt.results import Alarm, Severity
+from cellwatt.slots import HOST
 
 PATIENCE: Final = 3
 """Looks in a row, about one a second, that must agree before an alarm is raised or cleared."""
@@ -38,6 +39,8 @@ MOST_NAMED: Final = 5
 """Channels that an alarm names."""
 RESETS: Final = 3
 """Resets of a device's clock within ``SPAN`` that are one clock which cannot be followed."""
+APART: Final = 1.0
+"""s by which the cell's time may differ from the PC's clock: that one was set, and the cell's time follows slowly."""
 UNSURE: Final = 0.05
 """s by which samples of a device with a clock may be off in time, at most: frames come every 20 ms."""
 
@@ -57,6 +60,7 @@ KINDS: Final = {
     "process_down": "process {part} is back",
     "process_slow": "process {part} keeps up again",
     "pc_slow": "all processes run again",
+    "pc_clock": "the cell's time is the PC's again",
     "recorder": "recording works again",
     "record_displaced": "recording goes on in a new file",
     "record_short": "no recordings had to go before their time in the last hour",
@@ -83,8 +87,13 @@ class Trouble:
         return Alarm(name, self.kind, self.severity, True, now, now, said, source=source, evidence=self.evidence)
 
 
-def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
-    """Find what is wrong by the health figures and those of ``seconds`` ago alone."""
+def troubles(
+    status: Mapping[str, Any], before: Mapping[str, Any], seconds: float, waited: Mapping[str, float]
+) -> list[Trouble]:
+    """Find what is wrong by the health figures and those of ``seconds`` ago.
+
+    ``waited``: s that processes waited for a processor in that time, by name.
+    """
     found: list[Trouble] = []
     for name, source in status["sources"].items():
         if source["state"] == "ok" and name in before["sources"]:
@@ -117,7 +126,13 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
             text = f"Process {name} has not been heard of for {process['silent_s']:.0f} s; the others go on."
             found.append(Trouble("process_down", "error", name, text, {"restarts": process["restarts"]}))
         found += _behind(name, process, before.get("processes", {}).get(name, {}))
-    found += _starved({name: p["silent_s"] for name, p in status.get("processes", {}).items() if p.get("starved")})
+    found = _by_cause(found, waited)
+    if abs(apart := 1e-3 * status.get("utc_error_ms", 0.0)) > APART:
+        text = (
+            f"The cell's time is {abs(apart):.1f} s {'ahead of' if apart > 0 else 'behind'} this PC's clock, which was "
+            "set: it follows by 1.8 s an hour. Restart the daemon if the clock is right now."
+        )
+        found.append(Trouble("pc_clock", "warning", "cell", text, {"apart_s": round(apart, 3)}))
     recorder = status.get("recorder")
     return found if recorder is None else [*found, *_recording(recorder, before.get("recorder") or {})]
 
@@ -153,13 +168,27 @@ def _attacked(name: str, outlet: Mapping[str, Any], before: Mapping[str, Any]) -
         yield Trouble("door_tried", "warning", name, text, tries)
 
 
-def _starved(waiting: Mapping[str, float]) -> list[Trouble]:
-    """Processes that other programs keep from running; what they have to do waits in the rings."""
-    if not waiting:
-        return []
-    told = ", ".join(f"{name} for {silent:.0f} s" for name, silent in waiting.items())
-    text = f"This PC is too slow for all that runs on it; these have waited for a processor: {told}."
-    return [Trouble("pc_slow", "warning", "pc", text, {"waiting_s": dict(waiting)})]
+def _by_cause(found: list[Trouble], waited: Mapping[str, float]) -> list[Trouble]:
+    """What comes of a PC that is too busy is one trouble, and none of the devices and stages that suffer from it."""
+    suffer = [trouble for trouble in found if _suffers(trouble, bool(waited))]
+    if not suffer and not waited:
+        return found
+    text = "This PC is too slow for all that runs on it"
+    if waited:
+        told = ", ".join(f"{name} for {silent:.0f} s" for name, silent in waited.items())
+        text = f"{text}; these have waited for a processor: {told}"
+    if suffer:
+        affected = ", ".join(f"{trouble.kind.partition('_')[0]} {trouble.part}" for trouble in suffer)
+        text = f"{text}. Affected: {affected}"
+    evidence = {"waiting_s": dict(waited), "affected": [trouble.statement for trouble in suffer]}
+    return [*(t for t in found if t not in suffer), Trouble("pc_slow", "warning", "pc", f"{text}.", evidence)]
+
+
+def _suffers(trouble: Trouble, starved: bool) -> bool:
+    if trouble.kind == "source_slow":
+        lost = trouble.evidence["lost"]
+        return starved or 2 * lost.get(HOST, 0) > sum(lost.values())
+    return starved and trouble.kind == "stage_slow"
 
 
 def _behind(name: str, process: Mapping[str, Any], before: Mapping[str, Any]) -> list[Trouble]:
@@ -279,7 +308,7 @@ class Watch:
         while len(self._past) > 2 and (now - self._past[1][0]) * 1e-9 >= SPAN:
             self._past.popleft()
         then, before = self._past[0]
-        self.troubles = troubles(status, before, (now - then) * 1e-9)
+        self.troubles = troubles(status, before, (now - then) * 1e-9, self._waited())
         again = self._count_away(now)
         found = {alarm.id: alarm for alarm in (self._told(trouble, now).alarm(now) for trouble in self.troubles)}
         said = [
@@ -293,6 +322,15 @@ class Watch:
                 after = STEADY if kind == "source_down" else AGREED
                 said += self._book.clear(name, now, f"Resolved: {KINDS[kind].format(part=part)}.", after=after)
         return said
+
+    def _waited(self) -> dict[str, float]:
+        """Longest times, s, for which processes waited for a processor within ``SPAN``."""
+        found: dict[str, float] = {}
+        for _, status in self._past:
+            for name, process in status.get("processes", {}).items():
+                if process.get("starved"):
+                    found[name] = max(process["silent_s"], found.get(name, 0.0))
+        return found
 
     def _count_away(self, now: int) -> set[str]:
         """Note which sources are down; return those that have just gone away again."""

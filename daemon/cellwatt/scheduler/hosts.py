@@ -61,8 +61,9 @@ class Hosts:
                 self._client = distributed.Client(self._address, timeout=CONNECT, set_as_default=False)
         except Exception as error:  # of asyncio, ssl, tornado or distributed
             port = self._address.rpartition(":")[2]
+            why = ", or refuses these certificates" if self._address.startswith("tls:") else ""
             raise CellwattError(
-                f"the scheduler at {self._address} does not answer; start it with: dask scheduler --port {port}"
+                f"the scheduler at {self._address} does not answer{why}; start it with: dask scheduler --port {port}"
             ) from error
         try:
             check_versions(self._client, self._address)

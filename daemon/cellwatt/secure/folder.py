@@ -1,8 +1,8 @@
 """The folder of a site's authority: its members, and a folder of files for each.
 
     access.yaml                      members and rights; written by the commands, readable by people
-    private/ca.pem, ca.key           the authority that signs; next.pem, next.key its successor; old.pem its predecessor
-    NAME/ca.pem, cert.pem, key.pem   for every member: authorities to trust, its certificate, its private key
+    private/ca.pem, ca.key           the authority that signs
+    NAME/ca.pem, cert.pem, key.pem   for every member: the authority to trust, its certificate, its private key
     CELL/sign.key, sign.pub          a cell's key for signatures; viewers have sign.pub as CELL.pub
     NAME/zenoh.yaml                  settings of a cell or viewer; a router has zenohd.json5
 
@@ -62,7 +62,9 @@ class Folder:
         if os.access(path / _REGISTER, os.F_OK) or os.access(path / "private", os.F_OK):
             raise ConfigError(f"{path} holds an authority already; it is left as it is")
         folder = cls(path, site)
-        folder._put_pair("ca", new_authority(site, _now()))
+        pair = new_authority(site, _now())
+        _write(path / "private" / "ca.key", pair.key, 0o600)
+        _write(path / "private" / "ca.pem", pair.certificate, 0o644)
         folder.write()
         return folder
 
@@ -123,26 +125,6 @@ class Folder:
             self._issue(self.members[name])
         return list(due)
 
-    def renew_authority(self) -> tuple[str, list[str]]:
-        """Take one of three steps to a new authority, each after all members have the folder of the step before.
-
-        Return the step (``trust`` the next authority too, ``use`` it, ``forget`` the old one) and the members whose
-        folders changed.
-        """
-        private = self.path / "private"
-        if (private / "old.pem").exists():
-            (private / "old.pem").unlink()
-            return "forget", self.write()
-        if not (private / "next.key").exists():
-            self._put_pair("next", new_authority(self.site, _now()))
-            return "trust", self.write()
-        (private / "ca.pem").rename(private / "old.pem")
-        (private / "next.pem").rename(private / "ca.pem")
-        (private / "next.key").rename(private / "ca.key")
-        for member in self.members.values():
-            self._issue(member)
-        return "use", list(dict.fromkeys([*self.members, *self.write()]))
-
     def write(self) -> list[str]:
         """Write the register and the members' files; return the members whose folders changed."""
         members = {m.name: {k: v for k, v in _plain(m).items() if k != "name"} for m in self.members.values()}
@@ -193,15 +175,9 @@ class Folder:
         _write(self.path / member.name / "key.pem", pair.key, 0o600)
         _write(self.path / member.name / "cert.pem", pair.certificate, 0o644)
 
-    def _put_pair(self, name: str, pair: Pair) -> None:
-        _write(self.path / "private" / f"{name}.key", pair.key, 0o600)
-        _write(self.path / "private" / f"{name}.pem", pair.certificate, 0o644)
-
     def _files(self, member: Member) -> Iterator[tuple[str, bytes]]:
         """A member's files other than its certificate and keys."""
-        private = self.path / "private"
-        trusted = [private / f"{n}.pem" for n in ("old", "ca", "next") if (private / f"{n}.pem").exists()]
-        yield "ca.pem", b"".join(map(_read, trusted))
+        yield "ca.pem", _read(self.path / "private" / "ca.pem")
         if member.role == "router":
             yield "zenohd.json5", (json.dumps(self._router_settings(member), indent=2) + "\n").encode()
             return

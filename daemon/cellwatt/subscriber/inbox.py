@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Final
 from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
-from cellwatt.outlets.zenoh.asking import Question
 from cellwatt.outlets.zenoh.encode import schema_in
 from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, Address, parse
 from cellwatt.outlets.zenoh.mailbox import Mailbox
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.order import Part
+from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.outlets.zenoh.received import (
     Health,
     UnknownSchemaError,

@@ -12,6 +12,9 @@ from cellwatt.errors import OutletError
 from cellwatt.outlet import CellView, Outlet
 
 _MOST = 65536
+_SLOW, _PAUSE = 512, 0.05
+"""Bytes, and s between two of them, of a slow peer."""
+State = Literal["well", "slow", "cut", "silent", "lies"]
 
 
 class FarEnd(Protocol):
@@ -26,16 +29,16 @@ class FarEnd(Protocol):
 
 
 class Line:
-    """A TCP relay to a peer, on which the peer is ``well``, away (``cut``), ``silent``, or ``lies``: sends garbage."""
+    """A TCP relay to a peer that is ``well``, ``slow``, away (``cut``), ``silent``, or ``lies``: sends garbage."""
 
     def __init__(self, target: str) -> None:
         self.address = ""
         self._host, _, port = target.rpartition(":")
         self._port = int(port)
-        self._state: Literal["well", "cut", "silent", "lies"] = "well"
+        self._state: State = "well"
         self._talking: set[asyncio.Task[None]] = set()
 
-    def be(self, state: Literal["well", "cut", "silent", "lies"]) -> None:
+    def be(self, state: State) -> None:
         """Be that from now on; connections that are open end."""
         self._state = state
         for task in self._talking:
@@ -54,10 +57,13 @@ class Line:
             writer.transport.abort()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if self._state == "well":
+        if self._state in ("well", "slow"):
+            at_once = _MOST if self._state == "well" else _SLOW
             up, down = await asyncio.open_connection(self._host, self._port)
             try:
-                pumps = [asyncio.ensure_future(pump) for pump in (_pump(reader, down), _pump(up, writer))]
+                pumps = [
+                    asyncio.ensure_future(pump) for pump in (_pump(reader, down, at_once), _pump(up, writer, at_once))
+                ]
                 try:
                     await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
                 finally:
@@ -73,10 +79,11 @@ class Line:
                 return
 
 
-async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    while data := await reader.read(_MOST):
+async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, at_once: int) -> None:
+    while data := await reader.read(at_once):
         writer.write(data)
         await writer.drain()
+        await asyncio.sleep(0.0 if at_once == _MOST else _PAUSE)
 
 
 @asynccontextmanager

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import AbstractAsyncContextManager
-from typing import Literal, NoReturn
+from typing import NoReturn
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from cellwatt.account import Account
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
-from cellwatt_drivers.shared.requirements import require
-from cellwatt_drivers.ur import library, native, wire
+from cellwatt_drivers.ur import native, wire
 from cellwatt_drivers.ur.comparison import compare
 from cellwatt_drivers.ur.continuity import Policy
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
@@ -55,8 +54,6 @@ class UrSettings(SourceSettings):
     """Packages a second: up to 500 Hz, on CB3 up to 125 Hz (more is cut to that)."""
     channels: tuple[str, ...] = DEFAULT_CHANNELS
     """RTDE fields (``actual_q``) or single channels (``joint_1.position``, ``bus.power``)."""
-    client: Literal["native", "ur_rtde"] = "native"
-    """``native`` keeps every package; ``ur_rtde`` reads the newest state through the ur-rtde library."""
     gaps: Policy = "auto"
     """Counting of lost packages: ``auto`` on the grid the controller is seen to keep, ``requested`` on the
     one asked for, ``off`` not at all."""
@@ -76,16 +73,6 @@ class UrSettings(SourceSettings):
         wire.ask_outputs(FASTEST, Selection.of(channels).names)
         return channels
 
-    @model_validator(mode="after")
-    def _library_can(self) -> UrSettings:
-        if self.client == "ur_rtde":
-            missing = library.unreadable(Selection.of(self.channels))
-            if missing:
-                raise ValueError(f"client ur_rtde cannot read {', '.join(missing)}; use client native")
-            if self.port != PORT:
-                raise ValueError(f"client ur_rtde always uses port {PORT}; use client native")
-        return self
-
 
 class UrDriver(Driver[UrSettings]):
     """One robot's RTDE output as one stream on the controller's clock."""
@@ -103,9 +90,6 @@ class UrDriver(Driver[UrSettings]):
 
     def __init__(self, name: str, settings: UrSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
-        if settings.client == "ur_rtde":
-            how = "pip install 'cellwatt[ur-rtde]' (Python 3.11 or 3.12), or use client native"
-            require(name, "client ur_rtde", {"rtde_receive": "the package ur-rtde"}, how)
         self._selection = Selection.of(settings.channels)
         self._stream = Stream("rtde", self._selection.channels, settings.rate, "device")
         self._intake = Intake(inlet, self._stream, settings.gaps)
@@ -117,12 +101,8 @@ class UrDriver(Driver[UrSettings]):
 
     async def run(self) -> None:
         """See ``Driver.run``."""
-        s = self.settings
         async with self._connect(self.inlet.account) as (session, version):
-            rate = self._open(version)
-            if s.client == "native":
-                await self._read(session, version, rate)
-        await library.stream(s.host, rate, self._selection, self._intake, s.timeout)
+            await self._read(session, version, self._open(version))
 
     async def _read(self, session: native.Session, version: ControllerVersion, rate: float) -> NoReturn:
         s, inlet, fastest = self.settings, self.inlet, cycle_rate(version)

@@ -12,12 +12,11 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import Place as FilePlace
 from cellwatt.scheduler import spread
 from cellwatt_plugins.fleet.adjusted import Told
-from cellwatt_plugins.fleet.courses import Courses, Place, Usual, courses_of_kind, known_median, told_of, usual_of
-from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Shared, Weekly
+from cellwatt_plugins.fleet.courses import Courses, Place, Usual, courses_of_kind, told_of, usual_of
+from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly
 from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
 from cellwatt_plugins.fleet.kinds import FEWEST
 from cellwatt_plugins.fleet.lake import Lake, find, monday
-from cellwatt_plugins.fleet.shared import CellValues, differences, together
 from cellwatt_plugins.fleet.statements import findings_of
 from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
@@ -73,7 +72,6 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
         least_percent=100 * least,
         tests=sum(len(each.trends) for each in results),
         findings=findings_of(results, lake.robots, {name: cell.usual for name, cell in cells.items()}),
-        shared=_shared(kinds, lake.robots, results, least),
         cells=[_summary(name, lake.robots, cells.get(name), every) for name in lake.robots],
         skipped=[*lake.skipped, *(skipped for week in every for skipped in week.skipped)],
         notes=list(_notes(kinds, groups)),
@@ -93,29 +91,6 @@ def _cells(every: Sequence[Week]) -> dict[str, _Cell]:
         usual = usual_of(weeks)
         out[name] = _Cell(weeks, usual, told_of(weeks, usual))
     return out
-
-
-def _shared(
-    kinds: Mapping[str, Mapping[str, _Cell]],
-    robots: Mapping[str, RobotDescription],
-    results: Sequence[Judged],
-    least: float,
-) -> list[Shared]:
-    out: list[Shared] = []
-    for kind, cells in sorted(kinds.items()):
-        robot = robots[next(iter(cells))]
-        out += differences(kind, robot, {name: _values(cell) for name, cell in cells.items()})
-        for each in results:
-            if each.courses.kind == kind and each.courses.quantity == "friction":
-                out += together(kind, robot, each, least)
-    return out
-
-
-def _values(cell: _Cell) -> CellValues:
-    repetitions = [repetition for week in cell.weeks for repetition in week.repetitions]
-    gain = known_median(np.array([repetition.gain for repetition in repetitions]))
-    (load,) = known_median(np.array([[repetition.load] for repetition in repetitions] or [[np.nan]]))
-    return CellValues(cell.usual, gain, float(load))
 
 
 def _summary(

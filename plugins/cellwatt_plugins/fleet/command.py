@@ -57,7 +57,7 @@ def fleet(
     as_json: bool,
     no_report: bool,
 ) -> None:
-    """Say which cells of a LAKE of recordings drift, which joints wear, and what all arms of a kind have in common.
+    """Say which cells of a LAKE of recordings drift and which joints wear.
 
     LAKE holds a folder for each cell, with .mcap, .parquet or .csv, or is the lake of the historian. Writes fleet.json,
     fleet.csv (one table) and report.html (one page).

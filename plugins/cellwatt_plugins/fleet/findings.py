@@ -45,28 +45,6 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Shared:
-    """Something in which most arms of a kind differ from their description, or change together."""
-
-    kind: str
-    joint: int | None
-    quantity: str
-    """Like that of a finding, or ``gain``: torque that holds and moves the links."""
-    what: Literal["description", "together"]
-    arms: int
-    same_sign: int
-    percent: float
-    """Median of the arms; beyond the description, or over the weeks."""
-    low: float
-    """End of the 95 % interval of the median."""
-    high: float
-    found: Mapping[str, float]
-    """Numbers for robot.yaml, the median of the arms."""
-    described: Mapping[str, float]
-    statement: str
-
-
-@dataclass(frozen=True)
 class Weekly:
     """The course of a joint's friction, or of a cell's energy, for drawing; per cent of its mean."""
 
@@ -105,7 +83,6 @@ class Fleet:
     least_percent: float
     tests: int
     findings: Sequence[Finding]
-    shared: Sequence[Shared]
     cells: Sequence[CellSummary]
     skipped: Sequence[Skipped]
     notes: Sequence[str]

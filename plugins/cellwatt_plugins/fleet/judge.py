@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -156,10 +156,3 @@ def _since(
 def straight(each: Judged, place: Place) -> bool:
     """Return true where a course may be drawn on: it has no step, and does not bend."""
     return not each.steps[place] and abs(bends(each.own[place], each.rho)) < BENT
-
-
-def stepped(each: Judged) -> Iterator[tuple[Place, Step]]:
-    """Iterate over all steps of a quantity."""
-    for place, steps in sorted(each.steps.items()):
-        for step in steps:
-            yield place, step

@@ -40,7 +40,6 @@ def report_of(found: Fleet, name: str) -> Report:
     """Return the page of a fleet; ``name`` is that of the lake."""
     worn = [f for f in found.findings if f.what == "wears"]
     other = [f for f in found.findings if f.what != "wears"]
-    shared = [s for s in found.shared if s.what == "description"]
     smallest = "; ".join(f"{kind} {value:.0f} %" for kind, value in found.smallest.items())
     return Report(
         name=name,
@@ -51,7 +50,6 @@ def report_of(found: Fleet, name: str) -> Report:
         tiles=[
             Tile("joints that wear", str(len(worn)), "", "bad" if worn else "good"),
             Tile("other changes", str(len(other)), "of friction, energy or load"),
-            Tile("wrong in descriptions", str(len(shared)), "in most arms of a kind"),
             Tile("recordings skipped", str(len(found.skipped)), "named below"),
         ],
         tiles_remark=(
@@ -61,7 +59,6 @@ def report_of(found: Fleet, name: str) -> Report:
         ),
         sections=[
             Section("What changed", [_table(found.findings)] if found.findings else [], INTERVALS),
-            Section("What all arms of a kind share", [Notes([s.statement for s in found.shared])] * bool(found.shared)),
             Section("Courses of what was found", _courses(found), COURSES),
             Section("All cells by week", _all(found), HEAT),
             Section("What was left out, and what to know", _left(found)),

@@ -27,7 +27,7 @@ def write_json(found: Fleet, path: Path) -> None:
 
 
 def write_csv(found: Fleet, path: Path) -> None:
-    """Write the one table: findings by cell, then what is common to a kind. Raises ``RecordingError``."""
+    """Write the one table: findings by cell. Raises ``RecordingError``."""
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -38,7 +38,7 @@ def write_csv(found: Fleet, path: Path) -> None:
 
 
 def _rows(found: Fleet) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = [
+    return [
         (
             f.cell, f.kind, f.joint or "", f.quantity, f.what, f"{f.percent:.4g}", f"{f.low:.4g}", f"{f.high:.4g}",
             unit_of(f.quantity), "" if f.percent_a_week is None else f"{f.percent_a_week:.4g}", f.first, f.last,
@@ -46,14 +46,6 @@ def _rows(found: Fleet) -> list[tuple[object, ...]]:
         )
         for f in found.findings
     ]  # fmt: skip
-    rows += [
-        (
-            "", s.kind, s.joint or "", s.quantity, s.what, f"{s.percent:.4g}", f"{s.low:.4g}", f"{s.high:.4g}",
-            unit_of(s.quantity), "", found.first, found.last, "", s.statement,
-        )
-        for s in found.shared
-    ]  # fmt: skip
-    return rows
 
 
 def unit_of(quantity: str) -> str:
@@ -77,7 +69,6 @@ def in_words(found: Fleet, out: Path) -> str:
     """Return what is printed."""
     lines = [headline(found)]
     lines += [f"  • {f.statement}" for f in found.findings]
-    lines += [f"  = {s.statement}" for s in found.shared]
     lines += [f"  ? {c.cell}: {c.statement}" for c in found.cells if c.statement]
     lines += [f"  note: {note}" for note in found.notes]
     lines += [f"  skipped {s.place}: {s.why}" for s in found.skipped[:MOST_SKIPPED]]

@@ -15,7 +15,6 @@ from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.errors import CellwattError
 
 KINDS: Final = {
-    "collect": "cellwatt_plugins.models.static.command:collect",
     "pattern": "cellwatt_plugins.faults.paper.train_pattern:train_pattern",
     "plan-poses": "cellwatt_plugins.models.static.command:plan_poses",
     "power": "cellwatt_plugins.models.power.command:train_power",

@@ -14,7 +14,9 @@ from cellwatt.results import Alarm
 
 KIND = "model_outside_range"
 STILL = 2e-3
-"""rad, or whatever the unit: a narrower range is that of an input at rest, and its noise is no news."""
+"""rad, or whatever the unit: a narrower range is that of an input at rest, and its noise is no news …"""
+STILL_RATE = 2e-2
+"""… rad/s, for a velocity, which is noisier than the position that it is made of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +29,9 @@ class Limits:
 
     @property
     def slack(self) -> float:
-        """Distance by which each end of a narrow range is moved outwards, so that it is ``STILL`` wide."""
-        return max(0.0, (STILL - (self.high - self.low)) / 2)
+        """Distance by which each end of a narrow range is moved outwards, so that it is that of an input at rest."""
+        still = STILL_RATE if self.channel.unit == "rad/s" else STILL
+        return max(0.0, (still - (self.high - self.low)) / 2)
 
     def holds(self, value: float) -> bool:
         """True if a value is in the range; false where missing."""
@@ -42,9 +45,9 @@ class Limits:
 class RangeWatch:
     """Raises an alarm for an input that is outside its range by more than ``margin`` of the range's width.
 
-    A range narrower than ``STILL`` counts as that wide. An alarm is cleared after ``patience`` frames in a row within
-    the range itself; frames without a value do not count. ``prefix`` starts the alarms' ids, ``model`` names the model
-    in their text. Blocks may be cut anywhere.
+    A range narrower than that of an input at rest counts as that wide. An alarm is cleared after ``patience`` frames in
+    a row within the range itself; frames without a value do not count. ``prefix`` starts the alarms' ids, ``model``
+    names the model in their text. Blocks may be cut anywhere.
     """
 
     def __init__(self, prefix: str, model: str, limits: Sequence[Limits], margin: float, patience: int) -> None:

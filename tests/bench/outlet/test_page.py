@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 from outlet.blocked import DELIVERED, WAYS, lost
-from outlet.page import TEXTS, markdown
+from outlet.figures import spread
+from outlet.page import TEXTS, markdown, said
 from outlet.turns import in_turn
 
 
@@ -63,3 +65,11 @@ def test_losses_are_those_between_two_looks_at_the_devices() -> None:
 
     found = lost(health(1, 2, 0, 5), health(4, 9, 100, 6), ["arm"])
     assert found == {"lost": 3.0, "missed": 7.0, "unrecorded": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("runs", "factor", "text"),
+    [([3.0, 1.0, 20.0], 1, "3.0 (1.0 … 20)"), ([1234.0], 1, "1,234"), ([0.00123], 100, "0.12"), ([0.0], 100, "0.0")],
+)
+def test_a_figure_has_its_spread_and_two_digits(runs: list[float], factor: float, text: str) -> None:
+    assert said(spread([{"s": s} for s in runs])["s"], factor) == text

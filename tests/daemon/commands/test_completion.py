@@ -66,4 +66,4 @@ def test_names_of_commands_are_offered_without_loading_any():
     )
     assert "plain,check" in done.stdout
     loaded = {name.partition(".")[0] for name in done.stderr.split()}
-    assert not loaded & {"pyarrow", "scipy", "zenoh", "mcap", "rich", "textual", "cellwatt_plugins", "cellwatt_drivers"}
+    assert not loaded & {"pyarrow", "scipy", "zenoh", "mcap", "rich", "cellwatt_plugins", "cellwatt_drivers"}

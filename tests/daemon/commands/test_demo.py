@@ -116,23 +116,6 @@ def test_in_json(call: Call, folders: dict[str, Any], summary: dict[str, Any], c
     assert (ended.code, json.loads(ended.out)) == (code, summary)
 
 
-def test_what_the_outlets_told(call: Call, folders: dict[str, Any]) -> None:
-    told = {"Prometheus": {"alarm_after_s": 2.08}, "MQTT": {"alarm_after_s": None}}
-    outlets = {"alike": {"frames": 20, "health": 19}, "told": told, "left_out": {}}
-    folders["summary"] = GOOD | FAULT | {"outlets": outlets}
-    ended = call("demo", "--seconds", "20")
-    assert "the alarm was seen in Prometheus after 2.08 s, MQTT never" in ended.out
-    assert "20 frames and 19 health messages were the same in Prometheus, MQTT" in ended.out
-    folders["summary"]["outlets"] = outlets | {
-        "told": {"OPC UA": {"alarm_after_s": 1.5}},
-        "left_out": {"MQTT": "no broker"},
-    }
-    ended = call("demo", "--seconds", "20")
-    assert "the alarm was seen in OPC UA after 1.5 s" in ended.out
-    assert "were the same" not in ended.out
-    assert "MQTT is left out: no broker" in ended.out
-
-
 def test_what_is_kept(call: Call, folders: dict[str, Any], tmp_path: Path) -> None:
     ended = call("demo", "--keep", tmp_path / "kept")
     assert folders["folder"] == tmp_path / "kept"

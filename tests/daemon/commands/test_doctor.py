@@ -12,7 +12,6 @@ import pytest
 
 from cellwatt import Reading, SourceError
 from tests.daemon.commands.calling import CELL, Call, call, cell
-from tests.daemon.report.reading import check, read
 from tests.daemon.runtime.fakes import DEVICES, STEP, STREAM, FakeDriver, drop, fail, give
 
 __all__ = ["call", "cell"]
@@ -172,29 +171,3 @@ def test_stamps_that_may_be_off_by_seconds(call: Call, cell: Path) -> None:
     code, found = look(call, cell)
     assert (code, found["verdict"]) == (0, "warning")
     assert "supply: its time stamps may be off by 4 s" in found["findings"][0]
-
-
-def test_its_page_shows_what_came_beside_what_is_declared(call: Call, cell: Path, tmp_path: Path) -> None:
-    cell.write_text(CELL.replace("host: arm}", "host: arm}\n  dead: {driver: fake, host: dead}"))
-    DEVICES["arm"].tell(give(50))
-    DEVICES["dead"].who = _refuses
-    assert call("doctor", cell, *QUICK, "--report", tmp_path / "page.html").code == 1
-    page = read(tmp_path / "page.html")
-    check(page)
-    assert page.headings[0] == ("h1", "dead failed; arm works as declared.")
-    rows = {row[0]: row for row in page.tables["Declared and measured"][1:]}
-    assert rows["arm"][2:4] == ["50 Hz", "50.0 Hz"]
-    assert rows["dead"][1:] == [*["–"] * 6, "failed"]
-    assert [row[:4] for row in page.tables["Channels of arm"][1:]] == [
-        ["bus.voltage", "0", "49.00", "V"],
-        ["bus.current", "1.000", "1.000", "A"],
-    ]
-    intervals, bounds = page.figures
-    assert page.labels == ["Intervals between samples of arm.supply", "Bound of the time stamps of arm.supply"]
-    (histogram,) = intervals["data"]
-    assert sum(histogram["y"]) == 49
-    peak = histogram["y"].index(49)
-    assert histogram["x"][peak] <= STEP * 1e-6 <= histogram["x"][peak + 1]
-    assert intervals["layout"]["shapes"][0]["x0"] == pytest.approx(20.0)
-    assert bounds["data"][0]["y"]
-    assert "the controller has no free connection" in page.words

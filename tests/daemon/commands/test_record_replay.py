@@ -5,18 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from cellwatt import Batch
 from cellwatt.record import Recording
-from cellwatt.report import Provenance
-from cellwatt.runtime.replaying import compare
-from cellwatt.runtime.replaying_report import report
 from tests.daemon.commands.calling import CELL, Call, call, cell
-from tests.daemon.report.reading import check, read
 from tests.daemon.runtime.fakes import DEVICES, JUDGES, RECEIVERS, alarm, answer, drop, give, miss
 
 __all__ = ["call", "cell"]
@@ -96,42 +91,3 @@ def test_replay_through_a_stage(call: Call, recording: Path, cell: Path) -> None
 
 def test_replay_at_a_pace_gives_the_same(call: Call, recording: Path) -> None:
     assert call("replay", recording, "--verify", "--speed", "1000").out == call("replay", recording, "--verify").out
-
-
-def test_the_page_of_a_replay_that_is_identical(call: Call, recording: Path, tmp_path: Path) -> None:
-    ended = call("replay", recording, "--report", tmp_path / "page.html")
-    assert (ended.code, "add --verify" in ended.err) == (2, True)
-    assert call("replay", recording, "--verify", "--report", tmp_path / "page.html").code == 0
-    page = read(tmp_path / "page.html")
-    check(page)
-    count = sum(len(f) for f in Recording.open(recording).frames())
-    assert page.headings[0] == ("h1", f"The replay is identical: {count} frames agree in every bit.")
-    (figure,) = page.figures
-    assert [trace["name"] for trace in figure["data"]] == ["equal"]
-    assert sum(figure["data"][0]["y"]) == count
-    assert "Channels that differ" not in page.tables
-
-
-def test_the_page_of_one_that_is_not_names_channels_time_and_size(call: Call, recording: Path, tmp_path: Path) -> None:
-    frames = Recording.open(recording).frames_table()
-    at, column = 7, 1
-    values = frames.values.copy()
-    values[at:, column] += 0.25
-    shorter = replace(frames, values=values)
-    held = compare([frames], [shorter])
-    page_of = report(Recording.open(recording), held, [shorter], [], Provenance.here())
-    page_of.write(tmp_path / "page.html")
-    page = read(tmp_path / "page.html")
-    check(page)
-    total = len(frames)
-    differ = int((values[:, column] != frames.values[:, column]).sum())
-    assert page.headings[0] == (
-        "h1",
-        f"The replay is not identical: {total - differ} of {total} frames agree in every bit.",
-    )
-    (row,) = page.tables["Channels that differ"][1:]
-    assert row[:2] == [frames.layout.names[column], str(differ)]
-    assert row[2].startswith(f"{(int(frames.time[at]) - int(frames.time[0])) * 1e-9:.3f} s (")
-    assert row[3:] == ["0.250", frames.layout.channels[column].unit]
-    sums = {trace["name"]: sum(trace["y"]) for trace in page.figures[0]["data"]}
-    assert sums == {"equal": total - differ, "different": differ}

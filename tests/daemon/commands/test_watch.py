@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from cellwatt.commands.watch import _show
+from cellwatt.live.view import Look
 from tests.daemon.commands.calling import Call, call
+from tests.daemon.live import cells
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE
 from tests.daemon.outlets.zenoh.processes import Child, free_port
 from tests.daemon.outlets.zenoh.test_link import certificates
@@ -66,6 +69,13 @@ def test_where_no_zenoh_answers_it_says_what_to_check(call: Call, hurried: None)
         ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY)
     assert (ended.code, ended.out, ended.err.count("\n")) == (3, "", 1)
     assert ended.err.startswith(f"cellwatt: {endpoint}: somebody answers but refuses the session: check user and")
+
+
+def test_in_a_terminal_it_is_one_page_that_stays(capsys: pytest.CaptureFixture[str]) -> None:
+    _show([cells.health(), None, cells.alarm("elbow")], Look())
+    head, first, *_ = capsys.readouterr().out.splitlines()
+    assert head.startswith("plant-1/weld-3 ● red")
+    assert first.startswith("error since") and first.endswith("elbow is wrong.")
 
 
 def test_without_a_terminal_it_prints_lines(call: Call, live: tuple[Child, str]) -> None:

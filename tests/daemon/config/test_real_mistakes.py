@@ -17,7 +17,6 @@ MISTAKES = {
     "unknown RTDE field": ("  arm: {driver: ur, host: h, channels: [actual_Q]}", "4:40", "did you mean 'actual_q'?"),
     "no channel": ("  arm: {driver: ur, host: h, channels: []}", "4:40", "arm.channels"),
     "channels as a text": ("  arm: {driver: ur, host: h, channels: actual_q}", "4:40", "expected a list"),
-    "unknown client": ("  arm: {driver: ur, host: h, client: rtde}", "4:38", "'native' or 'ur_rtde'"),
     "pulses missing": ("  r: {driver: yaskawa, host: h}", "4:3", "pulses_per_degree"),
     "pulses for three axes": ("  r: {driver: yaskawa, host: h, pulses_per_degree: [1, 2, 3]}", "4:3", "6 axes"),
     "unknown answer": ("  r: {driver: yaskawa, host: h, read: [torqe]}", "4:40", "did you mean 'torque'?"),

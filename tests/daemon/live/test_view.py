@@ -38,23 +38,6 @@ def test_each_group_is_shown_with_its_uncertainty() -> None:
     )
 
 
-def test_energies_are_told_by_task_with_their_mean() -> None:
-    shown = lines(view.energies(told(energy(3, 60.0), energy(4, 70.0)), WIDE))
-    assert shown[0].split() == [
-        "task",
-        "variant",
-        "repetition",
-        "energy",
-        "±",
-        "mean",
-        "course",
-        "per",
-        "part",
-        "motion",
-    ]
-    assert shown[1].split() == ["task_1", "speed=1.00", "4", "70", "J", "0.5", "J", "65", "J", "▁█", "–", "13.8", "%"]
-
-
 def test_sources_with_their_account_and_their_errors() -> None:
     sources = {"arm": source(lost=3), "positioner": source("retrying", "nobody answers")}
     shown = lines(view.sources(told(health(sources=sources)), WIDE))
@@ -78,7 +61,7 @@ def test_no_line_is_wider_than_the_screen(width: int) -> None:
     ):
         cell.take(message)
     look = Look(width=width)
-    parts = (view.head, view.sources, view.motion, view.channels, view.alarms, view.energies)
+    parts = (view.head, view.sources, view.motion, view.channels, view.alarms)
     assert all(line.cell_len <= width for part in parts for line in part(cell, look))
 
 
@@ -126,13 +109,6 @@ def test_the_gravest_alarm_comes_first() -> None:
     assert lines(view.alarms(told(health()), WIDE)) == ["no alarm"]
 
 
-def test_details_of_an_alarm() -> None:
-    cell = told(alarm("a", interval=7, stage="faults"))
-    shown = {" ".join(line.split()) for line in lines(view.details(cell.alarms["a"], WIDE))}
-    assert shown >= {"a is wrong.", "joint 3", "or else joint 2", "interval 7", "stage faults", "· residual_W 12.5"}
-    assert {"since 22:13:20 UTC", "state active"} <= shown
-
-
 def test_a_silent_cell_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     cell = told(health())
     cell.heard_at = START
@@ -150,4 +126,13 @@ def test_everything_on_one_page_waits_for_the_first_health() -> None:
     page = view.whole(told(health(), alarm("a")), WIDE, "recording ")
     assert isinstance(page, Text)
     assert page.plain.startswith("recording plant-1/weld-3 ● red  22:13:20 UTC")
-    assert page.plain.splitlines()[-1].endswith("a is wrong.")
+    assert page.plain.splitlines()[1].endswith("a is wrong.")
+
+
+def test_channels_have_the_lines_that_are_left() -> None:
+    cell = told(health(), frames(0, [1.0, 2.0]))
+    without = view.whole(cell, WIDE).plain.splitlines()
+    high = view.whole(cell, WIDE, height=len(without) + 5).plain.splitlines()
+    assert (high[: len(without)], high[len(without) + 1].split()[0]) == (without, "channel")
+    assert len(high) == len(without) + 4
+    assert view.whole(cell, WIDE, height=len(without) + 3).plain.splitlines() == without

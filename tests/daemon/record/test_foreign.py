@@ -1,6 +1,10 @@
 """MCAP files of other writers, and recordings of cellwatt without samples: told apart, named with what they hold."""
 
+import io
 import json
+import struct
+import tempfile
+import tracemalloc
 
 import pytest
 from click.testing import CliRunner
@@ -9,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 from cellwatt.commands import export, plot, replay
 from cellwatt.errors import RecordingError
 from cellwatt.record import Recording
+from cellwatt.record.foreign import records
 from cellwatt.record.messages import Health
 from tests.daemon.record.making import SESSION, write_chunks
 
@@ -38,6 +43,24 @@ def test_a_file_of_another_writer_is_refused_with_what_it_holds(tmp_path, settin
     expected = r"a\.mcap: no recording of cellwatt: it has /frame \(ros2, cdr\) of geometry_msgs/msg/Pose"
     with pytest.raises(RecordingError, match=expected):
         Recording.open(path)
+
+
+@pytest.mark.parametrize("kind", [CompressionType.ZSTD, CompressionType.LZ4])
+def test_a_chunk_that_unpacks_to_more_than_it_claims_is_damage(kind):
+    made, size = io.BytesIO(), 64 << 20
+    writer = Writer(made, compression=kind)
+    writer.start()
+    writer.add_message(writer.register_channel(TOPIC, "json", 0), log_time=1, publish_time=1, data=bytes(size))
+    writer.finish()
+    claimed = made.getvalue().replace(struct.pack("<QQQ", 1, 1, size + 66), struct.pack("<QQQ", 1, 1, 1000))
+    tracemalloc.start()
+    try:
+        with tempfile.TemporaryFile() as file, pytest.raises(ValueError, match="more than the 1,000 bytes"):
+            file.write(claimed)
+            list(records(file))
+        assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    finally:
+        tracemalloc.stop()
 
 
 def test_one_that_was_cut_off_is_named_too(tmp_path):

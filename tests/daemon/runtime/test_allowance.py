@@ -8,12 +8,19 @@ import numpy as np
 import pytest
 
 from cellwatt import Batch, Channel, Event, Reading, Stream
+from cellwatt.frames import Layout
+from cellwatt.ring import ItemReader, ItemWriter
 from cellwatt.runtime.allowance import BACKLOG, LONGEST, MOST, MULTIPLE, Allowance, Repeats, one_line
+from cellwatt.runtime.processes.shared import TELL, Shared
 from cellwatt.runtime.source import Source
 from cellwatt.runtime.watch import Watch
 
 SECOND = 10**9
 RATE = 500.0
+
+
+def never() -> bool:
+    return False
 
 
 class Time:
@@ -28,7 +35,7 @@ class Time:
 
 def test_a_device_may_run_faster_than_it_declares_for_hours() -> None:
     time = Time()
-    allowance = Allowance(RATE, time)
+    allowance = Allowance(RATE, time, never)
     for _ in range(2 * 3600):
         time.now += SECOND
         assert allowance.take(round(2 * RATE)) == round(2 * RATE)
@@ -37,7 +44,7 @@ def test_a_device_may_run_faster_than_it_declares_for_hours() -> None:
 @pytest.mark.parametrize("stall", [1, 10, 29])
 def test_what_waited_while_the_network_stood_still_comes_at_once(stall: int) -> None:
     time = Time()
-    allowance = Allowance(RATE, time)
+    allowance = Allowance(RATE, time, never)
     for _ in range(50):
         for _ in range(60):
             time.now += SECOND
@@ -49,7 +56,7 @@ def test_what_waited_while_the_network_stood_still_comes_at_once(stall: int) -> 
 @pytest.mark.parametrize("block", [1, 7, 128])
 def test_a_flood_is_cut_to_the_multiple_of_the_rate(block: int) -> None:
     time = Time()
-    allowance = Allowance(RATE, time)
+    allowance = Allowance(RATE, time, never)
     sent = taken = 0
     seconds = 100
     for second in range(seconds):
@@ -63,7 +70,7 @@ def test_a_flood_is_cut_to_the_multiple_of_the_rate(block: int) -> None:
 
 def test_after_a_flood_an_honest_rate_loses_nothing() -> None:
     time = Time()
-    allowance = Allowance(RATE, time)
+    allowance = Allowance(RATE, time, never)
     allowance.take(10**6)
     for _ in range(1000):
         time.now += SECOND // 500
@@ -71,7 +78,7 @@ def test_after_a_flood_an_honest_rate_loses_nothing() -> None:
 
 
 def test_a_block_larger_than_everything_is_cut_not_refused() -> None:
-    assert Allowance(RATE, Time()).take(10**7) == BACKLOG * RATE
+    assert Allowance(RATE, Time(), never).take(10**7) == BACKLOG * RATE
 
 
 def test_events_of_a_kind_that_repeat_are_counted_and_told_after_a_minute() -> None:
@@ -147,6 +154,27 @@ def test_samples_beyond_the_rate_are_dropped_counted_and_told(caplog: pytest.Log
     assert [(a.kind, a.source) for a in fed.alarms] == [("source_strange", "arm")]
     assert "beyond its rate" in fed.alarms[0].statement
     assert len(caplog.records) == len(fed.events) == 1
+
+
+def test_a_flood_while_who_records_stands_still_costs_a_neighbour_nothing() -> None:
+    class Wide(Silent):
+        streams = (Stream("rtde", tuple(Channel(f"joint_{i}.position", "rad") for i in range(1, 7)), RATE, "host"),)
+
+    time, raw = Time(), Shared.of({"loud": Wide.streams, "quiet": Wide.streams}, Layout((), 50.0)).raw
+    writer, reader = ItemWriter(raw), ItemReader(raw, TELL)
+    loud, quiet = (
+        Source(name, lambda _: Wide(), time, writer.put, [].append, crowded=lambda: raw.crowded(TELL))
+        for name in ("loud", "quiet")
+    )
+    for _ in range(300):
+        time.now += SECOND // 100
+        for source, rate in ((loud, 40 * RATE), (quiet, RATE)):
+            source.emit(Reading(Wide.streams[0], np.zeros((round(rate / 100), 6)), time.now))
+    assert loud.account.dropped["beyond its rate"] > 10 * RATE
+    assert not quiet.account.dropped
+    items = list(reader.items())
+    assert sum(len(item) for item in items if isinstance(item, Batch) and item.source == "quiet") == 3 * RATE
+    assert not reader.skipped
 
 
 def test_a_clock_that_runs_backwards_is_one_line_and_one_alarm(caplog: pytest.LogCaptureFixture) -> None:

@@ -140,7 +140,7 @@ def test_a_outlet_that_ends_by_itself_is_down_and_run_again(at_once, monkeypatch
 
 def test_a_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(at_once, caplog):
     async def main():
-        RECEIVERS["bus"].refuse = TypeError("cannot encode")
+        RECEIVERS["bus"].refuse = TypeError("cannot\x00encode")
         DEVICES["arm"].tell(answer, give(20))
         async with running(config_of(outlets=outlets("bus", "other"))) as cell:
             await DEVICES["arm"].done()
@@ -160,7 +160,7 @@ def test_a_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(at_once,
 
 
 async def test_a_result_that_a_outlet_breaks_at_does_not_end_the_stages():
-    RECEIVERS["bus"].refuse = TypeError("cannot encode")
+    RECEIVERS["bus"].refuse = TypeError("cannot\x00encode")
     JUDGES["judge"].give = lambda frames, _: [alarm(f"heat {frames.sequence}")]
     DEVICES["arm"].tell(answer, give(20))
     async with running(config_of(outlets=outlets("bus", "other"), stages=stages("judge"))):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 from cellwatt.results import Alarm
 from cellwatt.runtime.watch import PATIENCE, Watch
 
@@ -164,6 +166,15 @@ def test_a_clock_that_is_reset_again_and_again_is_one_alarm() -> None:
     assert alarms[0].statement.endswith("the device's time went back.")
 
 
+@pytest.mark.parametrize(("error", "says"), [(3_600_000.0, "3600.0 s ahead of this PC's"), (-1500.0, "1.5 s behind")])
+def test_a_clock_of_the_pc_that_was_set_is_told_until_the_cell_follows(error: float, says: str) -> None:
+    watch = Watch()
+    looks = [status() | {"utc_error_ms": error if second < 5 else 0.5} for second in range(20)]
+    alarms = [alarm for second, look in enumerate(looks) for alarm in watch.look(look, second * 10**9)]
+    assert [(a.kind, a.source, a.active) for a in alarms] == [("pc_clock", None, True), ("pc_clock", None, False)]
+    assert says in alarms[0].statement
+
+
 def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
     watch = Watch()
     alarms = []
@@ -200,10 +211,28 @@ def test_processes_that_the_pc_does_not_let_run_are_one_warning_not_down() -> No
     alarms = [a for s in range(10) for a in watch.look(waiting("align", "judge power"), s * 10**9)]
     assert [(a.id, a.severity) for a in alarms] == [("pc_slow:pc", "warning")]
     assert alarms[0].statement.endswith("waited for a processor: align for 5 s, judge power for 5 s.")
-    alarms = [a for s in range(10, 20) for a in watch.look(waiting(), s * 10**9)]
+    alarms = [a for s in range(10, 30) for a in watch.look(waiting(), s * 10**9)]
     assert [(a.id, a.active, a.statement) for a in alarms] == [
         ("pc_slow:pc", False, "Resolved: all processes run again.")
     ]
+
+
+def test_what_a_busy_pc_brings_about_is_no_fault_of_device_or_stage() -> None:
+    def at(second: int, **process: Any) -> dict[str, Any]:
+        told = status(since_s=100.0, streams=stream(40 * second), missed={"host stalled": 10 * second})
+        stages = {"faults": {"state": "ok", "dropped": 50 * second}}
+        return told | {
+            "stages": stages,
+            "processes": {"judge": {"down": False, "restarts": 0, "silent_s": 6.0, **process}},
+        }
+
+    alarms = [a for watch in [Watch()] for s in range(20) for a in watch.look(at(s, starved=True), s * 10**9)]
+    assert [(a.kind, a.severity) for a in alarms] == [("pc_slow", "warning")]
+    alarms = [a for watch in [Watch()] for s in range(20) for a in watch.look(at(s), s * 10**9)]
+    assert sorted((a.kind, a.severity) for a in alarms) == [("pc_slow", "warning"), ("stage_slow", "warning")]
+    assert next(a for a in alarms if a.kind == "pc_slow").statement.endswith(
+        "all that runs on it. Affected: source arm."
+    )
 
 
 def test_a_device_that_answers_and_gives_no_number_is_an_alarm() -> None:

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from cellwatt import ConfigError, certificates
-from cellwatt.certificates import MEMBER_DAYS, read
+from cellwatt.certificates import MEMBER_DAYS
 from cellwatt.commands.secure import command
 from cellwatt.secure.folder import Folder, Member
 
@@ -46,8 +46,6 @@ def test_private_keys_are_their_owners_alone_and_never_shown(tmp_path: Path) -> 
     said = runner.invoke(command, ["init", str(at), "--site", "plant-1"], catch_exceptions=False).output
     for line in (["cell", "weld-3", "--host", "192.0.2.1"], ["viewer", "anna"], ["renew", "anna"], ["list"]):
         said += secure(at, *line)
-    for _ in range(3):
-        said += secure(at, "renew", "--authority")
     said += secure(at, "remove", "anna")
     private = [p for p in at.rglob("*") if p.is_file() and b"PRIVATE KEY" in p.read_bytes()]
     assert {p.name for p in private} == {"ca.key", "key.pem", "sign.key"}
@@ -155,9 +153,3 @@ def test_who_must_get_a_new_folder_is_told(folder: Folder) -> None:
     with pytest.raises(ConfigError, match="anna may see weld-3 alone: remove it first"):
         folder.remove("weld-3")
     assert folder.remove("anna") == ["plant-router"]
-
-
-def test_authorities_have_names_of_their_own(folder: Folder) -> None:
-    folder.renew_authority()
-    names = [c.subject for c in read((folder.path / "anna" / "ca.pem").read_bytes())]
-    assert len(names) == len(set(names)) == 2

@@ -36,7 +36,7 @@ def test_what_cannot_be_used_is_named_with_its_reason(written):
 def test_the_table_has_a_line_a_finding(written):
     with (written[0] / "fleet.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(written[1]["findings"]) + len(written[1]["shared"])
+    assert len(rows) == len(written[1]["findings"])
     first = rows[0]
     assert (first["cell"], first["kind"], first["joint"], first["quantity"]) == ("weld-2", "welder", "3", "friction")
     assert float(first["low"]) < float(first["change"]) < float(first["high"])

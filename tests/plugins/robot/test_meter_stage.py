@@ -100,10 +100,11 @@ def test_an_arm_at_rest_tells_nothing():
     assert run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [still])) == []
 
 
-def test_holes_in_the_positions_are_left_out():
+def test_holes_in_positions_and_efforts_are_left_out():
     of = layout()
     some = frames(of, [Arm(60.0, 3)])
     some.values[400:460, :2] = np.nan
+    some.values[1400:1460, 2:4] = np.nan  # and efforts of a source that was late
     (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), some)
     assert alarm.evidence["window_s"] == pytest.approx(WINDOW, abs=0.01)
 

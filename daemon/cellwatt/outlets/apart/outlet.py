@@ -22,6 +22,7 @@ from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.together import until_one_ends
 from cellwatt.outlets.zenoh.messages import parse_json
 from cellwatt.results import Event, Result
+from cellwatt.starved import spent, starved
 
 log = logging.getLogger(__name__)
 
@@ -50,6 +51,8 @@ class Apart(Outlet[S]):
     def __init__(self, name: str, settings: S, view: CellView) -> None:
         super().__init__(name, settings, view)
         self._heard: float | None = None
+        self._process = 0
+        self._spent = 0.0  # s of processor time, when it was heard last
         self._counted: dict[str, int] = {}
 
     @abstractmethod
@@ -69,13 +72,16 @@ class Apart(Outlet[S]):
         return self._heard is None
 
     def trouble(self) -> str | None:
-        """Reason why nothing moves, in words; ``None`` if all is well."""
+        """Reason why nothing moves, in words; ``None`` if all is well, or if it is not let run."""
         silent = 0.0 if self._heard is None else time.monotonic() - self._heard
-        return f"{self.what} says nothing for {silent:.0f} s" if silent > SILENT else None
+        if silent <= SILENT or starved(self._process, self._spent, silent):
+            return None
+        return f"{self.what} says nothing for {silent:.0f} s"
 
     async def run(self) -> None:
         """Serve until cancelled. Raises ``OutletError`` with the reason if the process that serves ends."""
         process, reader, writer = await begin(self.module, self.what, self.memory)
+        self._process = process.pid
         async with ending(process, writer):
             try:
                 with contextlib.suppress(ConnectionError):  # it has ended
@@ -111,7 +117,7 @@ class Apart(Outlet[S]):
         try:
             while (got := await wire.receive(reader)) is not None:
                 kind, body = got
-                self._heard = time.monotonic()
+                self._heard, self._spent = time.monotonic(), spent(self._process)
                 told = parse_json(body)
                 if kind is Kind.ORDER:
                     writer.write(wire.json_message(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
@@ -168,17 +174,25 @@ class ApartOutlet(Apart[S]):
         if isinstance(item, Batch):
             return
         if isinstance(item, Frames):
-            self.account.expect(len(item))
+            self._wait(len(item))
             self._blocks.append(item)
             if len(self._blocks) > BLOCKS:
-                self.account.drop(len(self._blocks.popleft()), "queue: frames")
+                self._drop(len(self._blocks.popleft()), "queue: frames")
         elif self.takes(item):
-            self.account.expect()
+            self._wait(1)
             self._results.append(item)
             if len(self._results) > RESULTS:
                 self._results.popleft()
-                self.account.drop(1, "queue: results")
+                self._drop(1, "queue: results")
         self._fresh.set()
+
+    def _wait(self, count: int) -> None:
+        self.account.expect(count)
+        self.account.owed += count
+
+    def _drop(self, count: int, where: str) -> None:
+        self.account.owed -= count
+        self.account.drop(count, where)
 
     def health(self, status: Mapping[str, Any]) -> None:
         """Pass on the cell's health; the newest alone waits."""
@@ -222,9 +236,10 @@ class ApartOutlet(Apart[S]):
         try:
             writer.write(encode())
         except (TypeError, ValueError, AttributeError):
-            self.account.drop(count, "not encodable")
+            self._drop(count, "not encodable")
             log.exception("an item cannot be told: %s", self.name)
         else:
+            self.account.owed -= count
             self.account.receive(count)
 
     def answer(self, question: Mapping[str, Any]) -> None:

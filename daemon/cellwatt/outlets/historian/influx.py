@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from cellwatt.account import Account
+from cellwatt.errors import why
 from cellwatt.outlet import CellView, Item
+from cellwatt.outlets.aside import put_aside
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import Forwarder, NotNowError
-from cellwatt.outlets.historian import refused
 from cellwatt.outlets.historian.client import Client
 from cellwatt.outlets.historian.line_protocol import result_line, row_line
 from cellwatt.outlets.historian.settings import InfluxSettings
 from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 
+log = logging.getLogger(__name__)
+
 FILE: Final = "historian-influx.json"
+REFUSED: Final = "historian-refused.txt"
+"""File of the lines that the server will never take, with the reasons."""
+LARGEST: Final = 16_000_000
+"""Bytes of it."""
 TRIES: Final = 64
 """Requests by which the bad lines of a batch are looked for; then what is left of it is refused as a whole."""
 
@@ -60,9 +68,20 @@ class Lines:
                     half = len(part) // 2
                     parts += [part[half:], part[:half]]
                 case _:
-                    await asyncio.to_thread(refused.keep, self._folder, part, outcome.reason)
+                    await asyncio.to_thread(_refused, self._folder, part, outcome.reason)
                     found[outcome.kind] += len(part)
         return found
+
+
+def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
+    """Put lines aside, below the reason; without a folder the log alone tells. Blocks."""
+    log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
+    if folder is not None:
+        content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
+        try:
+            put_aside(folder / REFUSED, content, LARGEST, 0o644)
+        except OSError as error:
+            log.warning("influx: %s cannot be written: %s", folder / REFUSED, why(error))
 
 
 class Influx:

@@ -6,15 +6,67 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 from urllib.parse import quote
 
+from cellwatt.blocks import cut
 from cellwatt.frames import Frames
-from cellwatt.outlets.historian.recorded import Place, Position, frames_after, results_after
 from cellwatt.outlets.historian.tables import frame_table, result_table
-from cellwatt.outlets.past import ARCHIVED, Archived
+from cellwatt.outlets.past import ARCHIVED, Archived, files_of, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record.messages import time_of
+from cellwatt.record.reader import EVER
+from cellwatt.results import Alarm, Energy, Task
+
+T = TypeVar("T", Alarm, Task, Energy)
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """The last frame that was dealt with: ``session``, its ``sequence`` and its ``time`` UTC ns."""
+
+    session: int
+    sequence: int
+    time: int
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The last result of a kind that was dealt with: how many of its file, which is ``number`` in ``session``."""
+
+    session: int
+    number: int
+    count: int
+
+
+def frames_after(folder: Path, cell: str, position: Position | None) -> Iterator[tuple[int, Frames]]:
+    """Blocks of frames after ``position``, each with its session; all there are without one."""
+    for kept in files_of(folder, cell):
+        session = kept.name.session
+        after = position if position is not None and session == position.session else None
+        if position is not None and session < position.session:
+            continue
+        recording = opened(kept.path)
+        if recording is None or (after is not None and recording.end <= after.time):
+            continue
+        for block in (recording if after is None else recording.between(after.time + 1, EVER)).frames():
+            known = 0 if after is None else after.sequence + 1 - block.sequence
+            if known < len(block):
+                yield session, cut(block, known, len(block))
+
+
+def results_after(folder: Path, cell: str, kind: type[T], place: Place | None) -> Iterator[tuple[Place, T]]:
+    """Results of a kind after ``place``, each with its own place."""
+    for kept in files_of(folder, cell):
+        at = kept.name.session, kept.name.number
+        if place is not None and at < (place.session, place.number):
+            continue
+        recording = opened(kept.path)
+        known = place.count if place is not None and at == (place.session, place.number) else 0
+        for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
+            if number > known:
+                yield Place(*at, number), result
+
 
 VALUES: Final = 4_000_000
 """Values of a file at most."""
@@ -27,7 +79,8 @@ _DAY: Final = 86_400 * 10**9  # ns
 class Piece:
     """A file to be: its path in the lake and its table, ``None`` where nothing is to be written.
 
-    ``end`` is the position that it leads to, ``lost`` the frames up to there that the record does not have.
+    ``end`` is the position that it leads to, ``lost`` the frames up to there that the record does not have. ``last``:
+    it has all that was recorded by now.
     """
 
     path: str
@@ -35,6 +88,7 @@ class Piece:
     table: Any
     end: Position | Place
     lost: int = 0
+    last: bool = False
 
 
 def root(table: str, site: str, cell: str) -> str:
@@ -116,7 +170,7 @@ def _framed(rows: _Rows, site: str, cell: str, after: Position | None, over: boo
     table = frame_table(rows.rows, rows.picker.units, rows.session)
     name = f"{rows.session}_{rows.first}_{last.sequence}.parquet"
     path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
-    return Piece(path, len(rows.rows), table, end, rows.lost(end, after))
+    return Piece(path, len(rows.rows), table, end, rows.lost(end, after), last=not (over or rows.full))
 
 
 def next_results(

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from pydantic import ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
-from cellwatt.files import WRITTEN, open_file
+from cellwatt.files import unreadable
 from cellwatt.host import stays_here
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.forward import Flow
@@ -177,9 +177,5 @@ class HistorianSettings(OutletSettings):
             yield f"influx.url: {self.influx.url}: data and token pass in the clear (open: true)"
         if self.lake is not None and self.lake.clear:
             yield f"lake.endpoint: {self.lake.endpoint}: data pass in the clear (open: true)"
-        for name, section in {"influx": self.influx, "lake": self.lake}.items():
-            if section is not None and section.ca is not None:
-                try:
-                    open_file(section.ca, WRITTEN).close()
-                except OSError as error:
-                    yield f"{name}.ca: {section.ca} cannot be read: {error.strerror}"
+        sections = {"influx": self.influx, "lake": self.lake}
+        yield from unreadable({f"{name}.ca": section.ca for name, section in sections.items() if section is not None})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
@@ -11,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, Valid
 from pydantic import model_validator as model_check
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from cellwatt.files import WRITTEN, open_file
+from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.selection import Selection
@@ -185,15 +184,7 @@ class MqttSettings(OutletSettings, Selection):
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and files that cannot be read."""
         ways = (f"broker: {self.broker}: {self.opening} (open: true)",) if self.opening else ()
-        return (*ways, *self._unreadable())
-
-    def _unreadable(self) -> Iterator[str]:
-        for option, path in {"ca": self.ca, "certificate": self.certificate, "key": self.key}.items():
-            if path is not None:
-                try:
-                    open_file(path, WRITTEN).close()
-                except OSError as error:
-                    yield f"{option}: {path} cannot be read: {error.strerror}"
+        return (*ways, *unreadable({"ca": self.ca, "certificate": self.certificate, "key": self.key}))
 
 
 _ADVICE: Final = "use mqtts://, or a broker on this PC, or set open: true"

@@ -14,18 +14,23 @@ from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.errors import why
-from cellwatt.outlets.notify import rules, undelivered
-from cellwatt.outlets.notify.answer import Answer, Channel, FailedError, RefusedError, cleaned
+from cellwatt.outlets.aside import put_aside
+from cellwatt.outlets.notify import rules
+from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
 from cellwatt.outlets.notify.rules import Rules
 from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
-from cellwatt.outlets.notify.texts import About
-from cellwatt.outlets.notify.told import Due, Ended, Entry, Item, Message, Settled
+from cellwatt.outlets.notify.texts import About, undelivered
+from cellwatt.outlets.notify.told import Item, Message
 from cellwatt.results import Alarm
 
 log = logging.getLogger(__name__)
 
+UNDELIVERED: Final = "notify-undelivered.jsonl"
+"""File of the messages that nobody got, with the reasons, beside the recordings."""
+LARGEST: Final = 1_000_000
+"""Bytes of it."""
 LONGEST_PAUSE: Final = 600.0
 """s between two attempts."""
 GRACE: Final = 3.0
@@ -74,11 +79,13 @@ class Courier:
 
     def take(self, alarm: Alarm) -> None:
         """Take a message of the alarm book."""
-        self._put(self._rules.take(self._told, alarm, self._session, self._passing()))
+        self._rules.take(self._told, alarm, self._session, self._passing())
+        self._note()
 
     def shelved(self, alarm_id: str) -> None:
         """Keep silent of an alarm that a person put on the shelf."""
-        self._put(rules.shelved(self._told, alarm_id))
+        rules.shelved(self._told, alarm_id)
+        self._note()
 
     def unattended(self, alarm_ids: Collection[str]) -> None:
         """Take which alarms are up that nobody acknowledged or shelved: they may be told again."""
@@ -89,19 +96,15 @@ class Courier:
         self._open = [other for other in self._open if other != alarm_id]
         waits = self._told.due.get((alarm_id, False))
         if waits is not None and waits.what == "repeated":
-            self._put(rules.shelved(self._told, alarm_id))
+            self.shelved(alarm_id)
 
-    def _put(self, entries: Collection[Entry]) -> None:
-        for entry in entries:
-            self._ledger.put(self.name, entry)
-            if isinstance(entry, Due):
-                self._born.setdefault(entry.item.slot, time.monotonic())
-                if entry.item.held:
-                    self._count("held in quiet time")
-            if getattr(entry, "counted", False):
-                self._count("without room")
-        if entries:
-            self._born = {slot: born for slot, born in self._born.items() if slot in self._told.due}
+    def _note(self) -> None:
+        """Count what happened to items, and have a look at them."""
+        told, now = self._told, time.monotonic()
+        while told.counts:
+            self._count(*told.counts.popitem())
+        self._born = {slot: self._born.get(slot, now) for slot in told.due}
+        if told.changed:
             self._wake.set()
 
     def _passing(self) -> int:
@@ -137,13 +140,14 @@ class Courier:
     def _look(self) -> None:
         """Decide by the clock: withdraw, repeat, make a message."""
         told, now, allowed = self._told, time.monotonic(), self._passing()
-        self._put(list(self._rules.withdraw(told, self._session, time.time_ns())))
+        self._rules.withdraw(told, self._session, time.time_ns())
         if self._rules.repeat is not None:
             due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._rules.repeat]
-            self._put(list(self._rules.again(told, due, self._session, allowed)))
+            self._rules.again(told, due, self._session, allowed)
+        self._note()
         if told.flight is None and (items := self._grouped(now, allowed)):
             to = f"{self._about.site}/{self._about.cell}/{self.name}"
-            self._put([rules.message(to, items, told.more, time.time_ns())])
+            told.send(rules.message(to, items, told.more, time.time_ns()))
             self._last |= dict.fromkeys((item.alarm.id for item in items), now)
             self._last = {alarm: at for alarm, at in self._last.items() if alarm in told.episodes}
             self._count("grouped", len(items) - 1)
@@ -210,11 +214,11 @@ class Courier:
             await self._keep(message, f"{address}: {self._clean(reason)}")
         if answer.later:
             if settled := (*answer.taken, *answer.refused):
-                self._put([Settled(settled)])
+                self._told.settle(settled)
                 await self._ledger.flush()
             address, reason = next(iter(answer.later.items()))
             return self._failed(FailedError(f"{address}: {self._clean(reason)}"))
-        self._put([Ended(message.id, accepted=True)])
+        self._told.arrived()
         await self._ledger.flush()
         if answer.refused:
             address, reason = next(iter(answer.refused.items()))
@@ -236,16 +240,16 @@ class Courier:
         log.warning("notify: a message to %s is not delivered: %s", self.name, reason)
         self._trouble = _Trouble(reason, time.monotonic(), final=True)
         await self._keep(message, reason)
-        self._put([Ended(message.id, accepted=False)])
+        self._told.arrived()
         await self._ledger.flush()
 
     async def _keep(self, message: Message, reason: str) -> None:
         """Put a message among the undelivered."""
         if self._folder is not None:
-            path, now = self._folder / undelivered.FILE, datetime.now(UTC).isoformat(timespec="seconds")
-            content = undelivered.line(self._about, self.name, message, reason, now)
+            path, now = self._folder / UNDELIVERED, datetime.now(UTC).isoformat(timespec="seconds")
+            content = undelivered(self._about, self.name, message, reason, now)
             try:
-                if await asyncio.to_thread(undelivered.keep, path, content):
+                if await asyncio.to_thread(put_aside, path, content, LARGEST):
                     self._account.count("undelivered: older files thrown away")
             except OSError as error:
                 self._account.count("undelivered: not written")

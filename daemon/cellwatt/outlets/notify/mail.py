@@ -19,10 +19,9 @@ from aiosmtplib import (
     SMTPTimeoutError,
 )
 
-from cellwatt.outlets.notify.answer import Answer, FailedError, RefusedError
+from cellwatt.outlets.notify.channels import Answer, FailedError, RefusedError, distrusted, trust
 from cellwatt.outlets.notify.settings import MailSettings
 from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
-from cellwatt.outlets.notify.tls import distrusted, trust
 from cellwatt.outlets.notify.told import Message
 
 GOODBYE = 1.0

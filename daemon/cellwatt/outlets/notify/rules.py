@@ -1,18 +1,15 @@
-"""Decides what a recipient is told of an alarm, and when: severity, kinds, quiet times, groups, repeats. Pure.
-
-Functions that decide return entries; nothing changes before they are applied to what is told.
-"""
+"""Decides what a recipient is told of an alarm, and when: severity, kinds, quiet times, groups, repeats. Pure."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Final
 
 from cellwatt.alarms import SEVERITIES
-from cellwatt.outlets.notify.told import Dropped, Due, Entry, Episode, Item, Made, Message, Over, Seen, Told, rank
+from cellwatt.outlets.notify.told import Episode, Item, Message, Told, rank
 from cellwatt.results import Alarm, Severity
 
 AGAIN: Final = 600 * 10**9
@@ -36,52 +33,51 @@ class Rules:
 
     # alarms -----------------------------------------------------------------------------------------
 
-    def take(self, told: Told, alarm: Alarm, session: int, passing: int) -> list[Entry]:
-        """Entries for a message of the alarm book; ``passing`` is the least rank that passes now."""
+    def take(self, told: Told, alarm: Alarm, session: int, passing: int) -> None:
+        """Take a message of the alarm book; ``passing`` is the least rank that passes now."""
         ended, at = told.ended.get(alarm.id, (-1, 0))
         if ended == session and alarm.time <= at:
-            return []  # it was told to its end, and is given again
+            return  # it was told to its end, and is given again
         episode = told.episodes.get(alarm.id)
         if alarm.active:
-            return list(self._active(told, alarm, episode, session, passing))
-        return [] if episode is None else list(self._clear(told, alarm, episode, session, passing))
+            self._active(told, alarm, episode, session, passing)
+        elif episode is not None:
+            self._clear(told, alarm, episode, session, passing)
 
-    def _active(self, told: Told, alarm: Alarm, episode: Episode | None, session: int, passing: int) -> Iterator[Entry]:
+    def _active(self, told: Told, alarm: Alarm, episode: Episode | None, session: int, passing: int) -> None:
         held = rank(alarm) < passing
         if episode is None:
             if self.wants(alarm):
-                yield from self._room(told, Item("raised", alarm, held), session)
+                self._wait(told, Item("raised", alarm, held), session)
             return
-        yield Seen(alarm, session)
+        told.see(alarm, session)
         if rank(alarm) > episode.said and self.wants(alarm):
             waits = told.due.get((alarm.id, False))
             what = waits.what if waits is not None and waits.what == "raised" else "graver"
-            yield from self._room(told, Item(what, alarm, held), session)
+            self._wait(told, Item(what, alarm, held), session)
 
-    def _clear(self, told: Told, alarm: Alarm, episode: Episode, session: int, passing: int) -> Iterator[Entry]:
+    def _clear(self, told: Told, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
         waits = told.due.get((alarm.id, False))
         kept_back = waits is not None and rank(waits.alarm) < passing
-        if episode.told and waits is not None and (kept_back or waits.what == "repeated"):
-            yield Dropped(alarm.id)
+        if kept_back or (episode.told and waits is not None and waits.what == "repeated"):
+            told.drop(alarm.id)
         if self.resolved and (episode.told or (waits is not None and not kept_back)):
-            yield from self._room(told, Item("cleared", alarm, rank(alarm) < passing), session)
+            self._wait(told, Item("cleared", alarm, rank(alarm) < passing), session)
         else:
-            if kept_back:
-                yield Dropped(alarm.id)
-            yield Over(alarm.id, alarm.time)
+            told.end(alarm.id, alarm.time)
 
-    def _room(self, told: Told, item: Item, session: int) -> Iterator[Entry]:
+    def _wait(self, told: Told, item: Item, session: int) -> None:
         """Let an item wait; without room the least grave one of all, the newest of these, is only counted."""
-        yield Due(item, session)
-        if len(told.due) >= self.queue and item.slot not in told.due:
-            waiting = [*told.due.values(), item]
-            least = min(reversed(waiting), key=lambda waits: rank(waits.alarm))
-            yield Dropped(least.alarm.id, counted=True)
+        full = len(told.due) >= self.queue and item.slot not in told.due
+        told.wait(item, session)
+        if full:
+            least = min(reversed(told.due.values()), key=lambda waits: rank(waits.alarm))
+            told.drop(least.alarm.id, counted=True)
 
     # times ------------------------------------------------------------------------------------------
 
-    def withdraw(self, told: Told, session: int, now: int) -> Iterator[Entry]:
-        """Entries for alarms of an earlier session that did not come again; ``now`` UTC ns."""
+    def withdraw(self, told: Told, session: int, now: int) -> None:
+        """End alarms of an earlier session that did not come again; ``now`` UTC ns."""
         if now < session + AGAIN:
             return
         for episode in list(told.episodes.values()):
@@ -91,23 +87,22 @@ class Rules:
             text = f"Not seen again since the daemon began anew: {alarm.statement}"
             clear = replace(alarm, active=False, time=max(now, alarm.time), statement=text)
             if episode.told and self.resolved:
-                yield from self._room(told, Item("cleared", clear), session)
+                self._wait(told, Item("cleared", clear), session)
             elif (alarm.id, False) not in told.due:
-                yield Over(alarm.id, clear.time)
+                told.end(alarm.id, clear.time)
 
-    def again(self, told: Told, alarm_ids: Iterable[str], session: int, passing: int) -> Iterator[Entry]:
-        """Entries that tell alarms once more, where they were told and are not over."""
+    def again(self, told: Told, alarm_ids: Iterable[str], session: int, passing: int) -> None:
+        """Tell alarms once more, where they were told and are not over."""
         for alarm_id in alarm_ids:
             episode = told.episodes.get(alarm_id)
             if episode is not None and episode.told and not episode.over and (alarm_id, False) not in told.due:
-                item = Item("repeated", episode.alarm, rank(episode.alarm) < passing)
-                yield from self._room(told, item, session)
+                self._wait(told, Item("repeated", episode.alarm, rank(episode.alarm) < passing), session)
 
 
-def shelved(told: Told, alarm_id: str) -> list[Entry]:
-    """Entries for an alarm that a person put on the shelf: what waits of it is not told."""
-    waits = told.due.get((alarm_id, False))
-    return [Dropped(alarm_id, forgotten=True)] if waits is not None else []
+def shelved(told: Told, alarm_id: str) -> None:
+    """Keep silent of an alarm that a person put on the shelf: what waits of it is not told."""
+    if (alarm_id, False) in told.due:
+        told.drop(alarm_id, forgotten=True)
 
 
 def ready(told: Told, passing: int) -> list[Item]:
@@ -115,8 +110,8 @@ def ready(told: Told, passing: int) -> list[Item]:
     return [i for i in told.due.values() if max(rank(waits.alarm) for waits in told.waiting(i.alarm.id)) >= passing]
 
 
-def message(to: str, items: Collection[Item], more: int, now: int) -> Made:
+def message(to: str, items: Collection[Item], more: int, now: int) -> Message:
     """Make a message for the recipient ``to`` at ``now``, UTC ns; its id depends on all that."""
     parts = [f"{item.what} {item.alarm.since} {item.alarm.time} {item.alarm.id}" for item in items]
     digest = hashlib.sha256("\n".join([to, str(now), str(more), *parts]).encode()).hexdigest()
-    return Made(Message(digest[:32], now, tuple(items), more))
+    return Message(digest[:32], now, tuple(items), more)

@@ -11,7 +11,7 @@ from urllib.parse import SplitResult, urlsplit
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
-from cellwatt.files import WRITTEN, open_file
+from cellwatt.files import unreadable
 from cellwatt.host import Host, stays_here
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.notify.quiet import QuietSettings, check_zone
@@ -301,8 +301,4 @@ def _doubts(channel: Channel) -> Iterator[str]:
         parts = split_url(channel.address)
         if parts.scheme == "http" and not stays_here(parts.hostname or ""):
             yield f"{parts.scheme}://{parts.netloc}: alarms and tokens pass in the clear (open: true)"
-    if channel.ca is not None:
-        try:
-            open_file(channel.ca, WRITTEN).close()
-        except OSError as error:
-            yield f"ca: {channel.ca} cannot be read: {error.strerror}"
+    yield from unreadable({"ca": channel.ca})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, tzinfo
@@ -38,7 +39,7 @@ class About:
 
 def subject(about: About, message: Message) -> str:
     """One line: the cell, and the gravest thing that happened."""
-    return _short(f"[{about.site}/{about.cell}] {_headline(message)}", LONGEST_SUBJECT)
+    return short(f"[{about.site}/{about.cell}] {_headline(message)}", LONGEST_SUBJECT)
 
 
 def body(about: About, message: Message, limit: int | None = None) -> str:
@@ -71,6 +72,11 @@ def payload(about: About, message: Message) -> dict[str, Any]:
     }
 
 
+def undelivered(about: About, to: str, message: Message, reason: str, now: str) -> bytes:
+    """One line for a message to ``to`` that is given up at ``now``."""
+    return json.dumps({"time": now, "to": to, "reason": reason, **payload(about, message)}).encode() + b"\n"
+
+
 def severity(message: Message) -> str | None:
     """Gravest severity among alarms that are up; ``None`` where all are over."""
     up = [item.alarm for item in message.items if item.what != "cleared"]
@@ -100,7 +106,7 @@ def _headline(message: Message) -> str:
 
 
 def _said(item: Item) -> str:
-    statement = _short(item.alarm.statement, LONGEST_STATEMENT)
+    statement = short(item.alarm.statement, LONGEST_STATEMENT)
     match item.what:
         case "cleared":
             return statement if statement.startswith(_OVER) else f"over: {statement}"
@@ -114,7 +120,7 @@ def _said(item: Item) -> str:
 
 def _whole(about: About, item: Item) -> Iterator[str]:
     alarm = item.alarm
-    yield _short(alarm.statement, LONGEST_STATEMENT)
+    yield short(alarm.statement, LONGEST_STATEMENT)
     yield ""
     if item.what == "cleared":
         yield f"over:     {_when(about, alarm.time)}"
@@ -130,7 +136,7 @@ def _whole(about: About, item: Item) -> Iterator[str]:
         yield f"or:       joint {joints}, which explains the evidence as well"
     if figures := list(evidence(alarm.evidence)):
         yield f"evidence: {', '.join(figures)}"
-    yield f"alarm:    {_short(alarm.id, LONGEST_STATEMENT)}"
+    yield f"alarm:    {short(alarm.id, LONGEST_STATEMENT)}"
 
 
 def _list(about: About, message: Message, limit: int | None) -> Iterator[str]:
@@ -159,7 +165,7 @@ def evidence(figures: Mapping[str, Any]) -> Iterator[str]:
             continue
         told += 1
         shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-        yield _short(f"{name} {shown}{f' {unit}' if unit else ''}", 80)
+        yield short(f"{name} {shown}{f' {unit}' if unit else ''}", 80)
 
 
 def _named(key: str) -> tuple[str, str]:
@@ -186,7 +192,8 @@ def _plain(alarm: Alarm) -> dict[str, Any]:
     return plain
 
 
-def _short(text: str, longest: int) -> str:
+def short(text: str, longest: int) -> str:
+    """A text in one line of at most so many characters."""
     text = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return text if len(text) <= longest else text[: longest - 1] + "…"
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import hmac
-import ipaddress
 import logging
 import math
 import re
@@ -22,6 +21,7 @@ from aiohttp.typedefs import Handler, Middleware
 
 from cellwatt.door.tries import Guard
 from cellwatt.errors import CellwattError, OutletError
+from cellwatt.host import is_address
 from cellwatt.outlets.page.passwords import Hash, parse
 from cellwatt.outlets.page.sessions import Sessions, new_token
 from cellwatt.outlets.page.settings import PageSettings
@@ -132,7 +132,7 @@ class Gate:
     def _check(self, request: web.Request) -> web.Response | None:
         """The refusal of a request; ``None`` for one that may go on, with its visitor noted."""
         host = _host_of(request.host)
-        if host not in self._hosts and (self._settings.local or not _is_address(host)):
+        if host not in self._hosts and (self._settings.local or not is_address(host)):
             told = f"this page is not known as {host:.100}; if it is yours, add it to names in the settings of the page"
             return refusal(HTTPStatus.MISDIRECTED_REQUEST, told)
         visitor = self._visitor(request)
@@ -251,14 +251,6 @@ def _netloc(origin: str) -> str | None:
 def _encoded(header: str) -> bytes:
     """A header's bytes, which need not be UTF-8."""
     return header.encode("utf-8", "surrogateescape")
-
-
-def _is_address(host: str) -> bool:
-    try:
-        ipaddress.ip_address(host)
-    except ValueError:
-        return False
-    return True
 
 
 def _kept(error: web.HTTPException) -> dict[str, str]:

@@ -1,11 +1,13 @@
-"""Cells that browsers look at, each followed in full over the bus, and left a while after the last browser."""
+"""Follows a cell over the bus for browsers; of a plant those that somebody looks at, and a while after that."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from cellwatt.errors import OutletError
@@ -14,9 +16,40 @@ from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.rooms import Room
 from cellwatt.outlets.page.streams import Hub
-from cellwatt.outlets.page.watching import UNREADABLE, watch
 from cellwatt.outlets.zenoh.received import Health
-from cellwatt.subscriber import LinkSettings
+from cellwatt.subscriber import LinkSettings, Subscriber
+
+log = logging.getLogger(__name__)
+
+WANT: Final = ("frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")
+"""Topics that a page shows."""
+UNREADABLE: Final = (KeyError, TypeError, ValueError, AttributeError)
+"""What a message of another version of cellwatt, or of somebody who speaks in a cell's name, may raise."""
+PAUSE: Final = 2.0
+"""s before a link that failed is tried again."""
+
+
+async def watch(link: LinkSettings, feed: Feed, verify: Path | None = None) -> None:
+    """Give a feed all that its cell publishes, until cancelled; a link that fails is told to browsers and tried again.
+
+    ``verify`` is the public key of a cell that signs.
+    """
+    unreadable = 0
+    while True:
+        try:
+            async with Subscriber(feed.site, feed.cell, link, want=WANT, verify=verify) as subscriber:
+                async for message in subscriber:
+                    try:
+                        feed.take(message)
+                    except UNREADABLE as error:
+                        unreadable += 1
+                        if unreadable == 1:
+                            log.warning("%s/%s: a message cannot be shown: %r", feed.site, feed.cell, error)
+        except OutletError as error:
+            log.warning("%s/%s: %s; trying again", feed.site, feed.cell, error)
+            feed.take_gap(f"the link to the cell failed: {error}")
+        await asyncio.sleep(PAUSE)
+
 
 MOST_OPEN: Final = 16
 """Cells that are followed in full at the same time."""

@@ -16,7 +16,6 @@ from pydantic import BaseModel, BeforeValidator, Field
 from cellwatt.errors import why
 from cellwatt.files import check_file, read_bytes
 from cellwatt.report.facts import BrokenPageError, Facts, facts_in
-from cellwatt.report.index import INDEX
 
 EXPLAINED: Final = "simulation and recordings"
 """Kind of the pages that compare a simulation with recordings."""
@@ -98,7 +97,7 @@ def _pages(folders: Sequence[Path], broken: list[str]) -> Iterator[Entry]:
             except OSError as error:
                 broken.append(f"{file}: cannot be read: {why(error)}")
                 continue
-            if facts is not None and facts.kind != INDEX:
+            if facts is not None:
                 below = file.relative_to(folder).as_posix()
                 yield (below if number == 0 else f"{_OTHER}{number}/{below}"), file, facts
 
@@ -118,8 +117,7 @@ def _facts(file: Path) -> Facts | None:
 @lru_cache(maxsize=2000)
 def _facts_of(file: Path, modified: int, size: int) -> Facts | None:
     """The same, remembered while the file is not changed."""
-    found = facts_in(file)
-    return None if found is None else found[0]
+    return facts_in(file)
 
 
 # figures --------------------------------------------------------------------------------------------

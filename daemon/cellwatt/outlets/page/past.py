@@ -11,10 +11,9 @@ from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.levels import Curves
 from cellwatt.outlets.page.levels.curves import span_of
-from cellwatt.outlets.page.levels.episodes import Episode
 from cellwatt.outlets.page.levels.gathering import TELLING
 from cellwatt.outlets.page.levels.store import Store
-from cellwatt.outlets.page.levels.telling import read, together
+from cellwatt.outlets.page.levels.telling import Episode, read, together
 from cellwatt.record import packs
 from cellwatt.results import Alarm, Event
 

@@ -16,15 +16,14 @@ from urllib.parse import unquote
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.page.archive import Desk
 from cellwatt.outlets.page.browsers import Browsers
-from cellwatt.outlets.page.followed import Followed
+from cellwatt.outlets.page.followed import UNREADABLE, Followed
 from cellwatt.outlets.page.rooms import Room
 from cellwatt.outlets.page.streams import Hub
 from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
-from cellwatt.outlets.page.watching import UNREADABLE
-from cellwatt.outlets.zenoh.asking import Question
 from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.order import Hole
+from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.outlets.zenoh.received import Health, read_answer, read_health, read_message
 from cellwatt.results import Energy
 

@@ -16,12 +16,12 @@ from cellwatt.outlets.page.arms import follow
 from cellwatt.outlets.page.assets import Assets
 from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.followed import watch
 from cellwatt.outlets.page.plant import Plant
 from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, prefix
 from cellwatt.outlets.page.sessions import Sessions
 from cellwatt.outlets.page.settings import PageSettings
 from cellwatt.outlets.page.streams import Hub
-from cellwatt.outlets.page.watching import watch
 from cellwatt.runtime.tasks import plain_errors
 from cellwatt.subscriber import LinkSettings
 

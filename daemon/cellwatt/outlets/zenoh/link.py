@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SecretStr, field
 
 from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import OutletError
-from cellwatt.files import WRITTEN, open_file
+from cellwatt.files import unreadable
 from cellwatt.host import check_host
 from cellwatt.outlet import OutletSettings
 
@@ -146,6 +146,13 @@ class LinkSettings(OutletSettings):
         session_config(self)
         return self
 
+    @property
+    def files(self) -> Mapping[str, Path | None]:
+        """Files that the session needs, by the options that name them."""
+        tls = self.tls
+        named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
+        return {**named, "users": self.users}
+
 
 def session_config(
     settings: LinkSettings, timeout: float = _ATTEMPTS[0], largest: int = LARGEST_MESSAGE
@@ -180,7 +187,7 @@ def open_session(
     import zenoh
 
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
-    for problem in unreadable(settings):
+    for problem in unreadable(settings.files):
         raise OutletError(problem)
     end = time.monotonic() + (PATIENCE if patience is None else patience)
     order = settings.connect or ("",)
@@ -269,21 +276,6 @@ def _explain(endpoint: str, error: Exception) -> tuple[bool, str]:
 def why_unconnected(settings: LinkSettings) -> str:
     """Reason why a session has no link to any endpoint of ``connect``. Blocks for up to 1 s per endpoint."""
     return "; ".join(f"{endpoint}: {_probe(endpoint) or _NOT_YET}" for endpoint in settings.connect)
-
-
-def unreadable(settings: LinkSettings) -> list[str]:
-    """One line for each file named in the settings that cannot be used."""
-    tls = settings.tls
-    named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
-    found = []
-    for option, path in {**named, "users": settings.users}.items():
-        if path is None:
-            continue
-        try:
-            open_file(path, WRITTEN).close()
-        except OSError as error:
-            found.append(f"{option}: {path} cannot be read: {error.strerror}")
-    return found
 
 
 _REFUSED: Final = (

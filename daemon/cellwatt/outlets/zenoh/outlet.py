@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
+import re
 import time
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from pydantic import BaseModel, ConfigDict, PositiveInt, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
+from cellwatt.files import unreadable
 from cellwatt.frames import Frames
+from cellwatt.host import stays_here
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
-from cellwatt.outlets.zenoh.exposure import Opening, openings
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
-from cellwatt.outlets.zenoh.link import LinkSettings, unreadable
+from cellwatt.outlets.zenoh.link import LinkSettings, session_config
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health, topic_of
 from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
@@ -29,6 +32,48 @@ from cellwatt.outlets.zenoh.publisher import Publisher
 from cellwatt.outlets.zenoh.signing import Seal
 from cellwatt.quantity import Bytes, BytesPerSecond
 from cellwatt.signing import unusable
+
+_NETWORK = re.compile(r"(tcp|udp|tls|quic|ws)/(\[.*\]|[^/]+):\d+(?:[?#].*)?")
+_ENCRYPTED: Final = ("tls", "quic")
+_HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A way in for strangers: the setting, its value, and the consequence in words."""
+
+    at: tuple[str | int, ...]
+    value: str
+    text: str
+
+
+def openings(settings: LinkSettings) -> Iterator[Opening]:
+    """All ways into the cell from other PCs without TLS and access rules."""
+    ruled = _denies(settings)
+    for i, endpoint in enumerate(settings.listen):
+        protocol = _protocol(endpoint)
+        missing = ["TLS"] if protocol not in _ENCRYPTED else []
+        missing += [] if ruled else ["access rules"]
+        if protocol is not None and missing:
+            text = f"open to the network without {' and '.join(missing)}: {_HARM}"
+            yield Opening(("listen", i), endpoint, text)
+    if settings.scouting:
+        yield Opening(("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}")
+
+
+def _protocol(endpoint: str) -> str | None:
+    """The protocol by which other PCs reach an endpoint; ``None`` if they cannot."""
+    found = _NETWORK.fullmatch(endpoint)
+    if found is None:
+        return None  # a socket, pipe or serial line of this PC
+    return None if stays_here(found[2].strip("[]")) else found[1]
+
+
+def _denies(settings: LinkSettings) -> bool:
+    """True if access rules are in force and deny by default, in whatever form they are written."""
+    control: dict[str, Any] = json.loads(session_config(settings).get_json("access_control"))
+    return bool(control.get("enabled")) and control.get("default_permission") == "deny"
+
 
 log = logging.getLogger(__name__)
 
@@ -74,7 +119,7 @@ class ZenohSettings(LinkSettings):
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
         ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
         told = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
-        return (*ways, *unreadable(self), *unusable(self.sign), *(f"tls.{text}" for text in told))
+        return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in told))
 
 
 def _refusal(opening: Opening) -> InitErrorDetails:

@@ -1,12 +1,23 @@
-"""Parses the parameters of a question. Pure. Anyone who reaches the cell's port may put anything into one."""
+"""Questions to a cell, as consumers ask them and as the cell reads them. Pure.
+
+Anyone who reaches the cell's port may put anything into one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
-from cellwatt.errors import CellwattError
+from cellwatt.batch import Batch
+from cellwatt.errors import CellwattError, ProtocolError
+from cellwatt.frames import Frames
+from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, parse
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.order import Hole
+from cellwatt.results import Event, Result
 
 LARGEST: Final = 64 * 1024
 """Bytes of a question with all that was sent along; nothing that is asked here needs more than a few hundred."""
@@ -55,3 +66,36 @@ def number_of(asked: Mapping[str, str], name: str, default: int) -> int:
 def short(text: str, most: int = 60) -> str:
     """Received text made safe to show: on one line, and cut off after ``most`` characters."""
     return repr(text) if len(text) <= most else f"{text[:most]!r}…"
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A request for the missing messages of a topic."""
+
+    topic: str
+    hole: Hole
+
+    def selector(self, keys: CellKeys) -> str:
+        """The question as a Zenoh selector."""
+        address = parse(keys.live(self.topic))
+        asked: dict[str, object] = {"session": self.hole.session, "first": self.hole.first}
+        if self.hole.count is not None:
+            asked["count"] = self.hole.count
+        if address.kind == "raw":
+            asked |= {"source": address.names[0], "stream": address.names[1]}
+        else:
+            asked |= {"stream": FRAME} if self.topic == FRAME else {"kind": self.topic}
+        name = "history" if address.kind in ("raw", FRAME) else "results"
+        parameters = ";".join(f"{k}={quote(str(v), safe='')}" for k, v in asked.items())
+        return f"{keys.question(name)}?{parameters}"
+
+    def check(self, parts: Sequence[tuple[Mark, Batch | Frames | Result | Event]]) -> None:
+        """Raise ``ProtocolError`` if an answer is about other messages."""
+        hole = self.hole
+        end = math.inf if hole.count is None else hole.first + hole.count
+        for mark, _ in parts:
+            if mark.session != hole.session or mark.end <= hole.first or mark.sequence >= end:
+                raise ProtocolError(
+                    f"asked for {self.topic} from {hole.first} in session {hole.session}, the answer has"
+                    f" {mark.sequence} to {mark.end} in session {mark.session}"
+                )

@@ -13,14 +13,13 @@ from cellwatt.ring import ItemReader, ItemWriter, Mark, Skipped, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
-from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, Apply, Assignment, Ready, figures
+from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, SAID, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
 UNGATHERED: Final = 0.004
 """s between looks at samples that do not gather: frames are given out later than that anyway."""
 BEFORE: Final = 3.0
 """s before the last frame from which a process that follows another reads again, so that its frames are the same."""
-SAID: Final = 1.0  # s between figures
 
 
 def align(assignment: Assignment) -> None:
@@ -49,7 +48,7 @@ class _Aligning:
         self._assignment.control.send(Ready())
         settle_memory()
         pace = self._config.gather(awaited=False) or UNGATHERED
-        for _ in turns(self._in, self._assignment.control, SAID, pace, ALIGNS):
+        for _ in turns(self._in, self._assignment.control, pace, ALIGNS):
             for item in self._in.items():
                 self._take(item)
             self._look(time.monotonic())

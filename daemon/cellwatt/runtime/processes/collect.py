@@ -12,7 +12,7 @@ from cellwatt.ring import ItemWriter, Mark, Status
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.processes.rights import claim, settle_memory
-from cellwatt.runtime.processes.shared import Apply, Assignment, Ready, Stop, figures
+from cellwatt.runtime.processes.shared import TELL, Apply, Assignment, Ready, Stop, figures
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.ticker import Ticker
 
@@ -35,7 +35,9 @@ class _Collecting:
         self._config = assignment.config
         self._ring = ItemWriter(assignment.shared.raw)
         raw = assignment.shared.raw
-        self._collector = Collector(assignment.config, assignment.shared.clock, self._give, lambda: raw.awaited)
+        self._collector = Collector(
+            assignment.config, assignment.shared.clock, self._give, lambda: raw.awaited, lambda: raw.crowded(TELL)
+        )
         self._rights = claim()
         self._lag = 0.0
         self._refused = 0

@@ -16,7 +16,7 @@ from cellwatt.results import Result
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared, make_chain
 from cellwatt.runtime.processes.rights import settle_memory
-from cellwatt.runtime.processes.shared import OTHERS, Assignment, Ready, figures
+from cellwatt.runtime.processes.shared import OTHERS, SAID, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
 log = logging.getLogger(__name__)
@@ -29,7 +29,6 @@ MEMORY: Final = 2 << 30
 """Bytes that the stages of a chain may take; one that asks for more is made anew."""
 FIRST_TO_GO: Final = 500
 """Added to what the kernel thinks of a process when memory runs out: judges are ended before all others."""
-SAID: Final = 1.0  # s between figures
 
 
 def judge(assignment: Assignment) -> None:
@@ -71,7 +70,7 @@ class _Judging:
         control.send(Ready())
         settle_memory()
         replaced = False
-        for _ in turns(self._in, control, SAID):
+        for _ in turns(self._in, control):
             if replaced := not self._turn():
                 break
             if time.monotonic() - self._said >= SAID:

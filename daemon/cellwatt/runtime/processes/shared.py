@@ -15,6 +15,7 @@ from cellwatt.config import CellConfig
 from cellwatt.frames import Layout
 from cellwatt.ring import Ring
 from cellwatt.ring.memory import READERS
+from cellwatt.runtime.allowance import USUAL
 
 CHAINS: Final = 8
 """Most processes that judge; of more chains of stages some share one."""
@@ -25,8 +26,6 @@ KEPT: Final = 10.0
 SMALLEST, LARGEST = 1 << 20, 64 << 20  # bytes of a ring
 RESULTS: Final = 4 << 20
 """Bytes of results that a chain may be ahead of who records and publishes them."""
-_USUAL_RATE = 100.0
-"""Hz, of streams that declare none."""
 
 TELL, OTHERS, TOLD = 0, 1, READERS - 1
 """Readers of a ring: who tells, up to where that is in the record; the first of the others. Up to where it is told is a
@@ -35,6 +34,8 @@ ALIGN = OTHERS
 """Reader of the raw ring who makes frames; chain number n reads the frames as ``OTHERS + n``."""
 ALIGNS, TELLS = 0.0015, 0.003
 """s by which who makes frames, and who records and publishes, wake after who collects: in the order of the data."""
+SAID: Final = 1.0
+"""s between figures of a process that has something to do."""
 ALARMS: Final = 2 << 20
 """Bytes of alarms and events that are kept for who tells next; of other results as much as ``RESULTS``."""
 
@@ -57,7 +58,7 @@ class Shared:
     def of(cls, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> Shared:
         """Rings that hold some seconds of what these streams and frames give."""
         clock = CellClock()
-        raw = sum((s.rate or _USUAL_RATE) * (60 + 10 * len(s.channels)) for its in streams.values() for s in its)
+        raw = sum((s.rate or USUAL) * (60 + 10 * len(s.channels)) for its in streams.values() for s in its)
         frames = layout.rate * (50 + 19 * len(layout.channels))
         results = tuple(Ring(RESULTS, OTHERS) for _ in range(SLOTS))
         for ring in results:

@@ -22,10 +22,10 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
 from cellwatt.runtime.processes.shared import TELL, TELLS, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
-from cellwatt.runtime.processes.starved import starved
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
+from cellwatt.starved import starved
 from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)
@@ -35,6 +35,8 @@ AT_ONCE: Final = 100
 """Items of one ring that are dealt with before the loop may turn to something else."""
 MARKED: Final = 3.0
 """Longest time, s, that new settings wait until the last frames by the old ones are told: rings hold more than that."""
+ALIVE: Final = 5.0
+"""s, at most, between words to the supervisor, which systemd's watchdog awaits."""
 SILENT: Final = 4.0
 """s without figures after which a process is told to be down, or starved where the PC does not let it run."""
 
@@ -75,6 +77,8 @@ class _Telling:
         self._marked = asyncio.Event()
         self._over = asyncio.Event()
         self._lag = 0.0
+        self._alive = 0.0, ""
+        """When the supervisor heard of the cell's health last, monotonic s, and what."""
         self._skipped = self._told_skipped = 0
         """Bytes that were written over before they were read here, and of how many an event was told."""
 
@@ -118,7 +122,7 @@ class _Telling:
         """
         loop, gather = asyncio.get_running_loop(), self._gather
         self._next.cancel()
-        most = max([self._drain(way) for way in self._ways])
+        most = max([self._drain(way) for way in self._ways if not way.reader.over], default=0)
         if all(way.reader.over and not way.held for way in self._ways):
             self._over.set()
         elif most == AT_ONCE:
@@ -260,10 +264,13 @@ class _Telling:
     # health ---------------------------------------------------------------------------------------
 
     def _say_alive(self, status: Mapping[str, Any]) -> None:
-        control = self._assignment.control
+        control, now, line = self._assignment.control, time.monotonic(), in_one_line(status)
+        if line == self._alive[1] and now - self._alive[0] < ALIVE:
+            return
         with contextlib.suppress(OSError):  # the supervisor is gone: this process ends by itself
             if select.select([], [control], [], 0)[1]:  # one that hangs must hold up nobody
-                control.send(Alive(in_one_line(status)))
+                control.send(Alive(line))
+                self._alive = now, line
 
     async def _heart(self) -> None:
         async with Ticker(HEALTH_RATE) as ticker:

@@ -11,17 +11,17 @@ from typing import Final
 from cellwatt.gather import next_moment
 from cellwatt.ring import ItemReader
 
+QUIET: Final = 2.0
+"""s between turns where nothing comes: a process that is not heard of for longer counts as down."""
 ALONE: Final = 5.0
 """s after the end of the supervisor in which the writer of a ring must come to its end, too."""
 
 
-def turns(
-    reader: ItemReader, control: Connection, pause: float, period: float = 0.0, after: float = 0.0
-) -> Iterator[None]:
+def turns(reader: ItemReader, control: Connection, period: float = 0.0, after: float = 0.0) -> Iterator[None]:
     """Turns to read a ring, until its writer has ended and all was read.
 
     While something but figures is read, they come each ``period`` s, ``after`` s past its moments; else, and where that
-    is 0, at the next item or after ``pause`` s. Where the supervisor is gone, the writer ends by itself; it is waited
+    is 0, at the next item or after ``QUIET`` s. Where the supervisor is gone, the writer ends by itself; it is waited
     for ``ALONE`` s.
     """
     waiting = select.poll()
@@ -36,7 +36,7 @@ def turns(
         flowing = reader.count > before
         if not (period and flowing):
             flowing = reader.listen()
-            for descriptor, event in () if flowing else waiting.poll(1e3 * pause):
+            for descriptor, event in () if flowing else waiting.poll(1e3 * QUIET):
                 flowing |= descriptor == reader.bell
                 if descriptor == control.fileno() and event & (select.POLLHUP | select.POLLERR):
                     waiting.unregister(descriptor)

@@ -46,7 +46,10 @@ class ExpectedEvidence:
         if states is None:
             return
         nuisance = torque_nuisance if self.problem.side == "torque" else supply_nuisance
-        self._new = nuisance([states])
+        known = nuisance([states])
+        # Of what a simulation has beyond the description, nothing is foretold for another motion.
+        more = (replace(b, columns=np.zeros((len(states.time), b.size))) for b in design.blocks[len(known) :])
+        self._new = (*known, *more)
         self._variance = np.concatenate([self._variance, _variance(solution, states)])
         pairs = zip(self._blocks, self._new, strict=True)
         self._blocks = tuple(replace(b, columns=np.concatenate([b.columns, new.columns])) for b, new in pairs)

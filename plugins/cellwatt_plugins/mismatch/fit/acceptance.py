@@ -26,7 +26,7 @@ BARELY = 0.97
 AGAINST = 0.3
 """Share of their evidence that other channels may give for the contrary of what concerns the whole recording."""
 SMALLEST = 0.2
-"""Of the supply's noise that a term must change its power by."""
+"""Of the supply's noise by which a term must change what retuned numbers leave of its power."""
 RELIEVED = 0.25
 """Share of the greatest stretch of any group that may be left where it comes back."""
 MOST = 0.8
@@ -58,8 +58,8 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
         return "is too small to be told from how the motion was sampled"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel asks for it"
-    if after.problem.side == "supply" and _spread(after, term) < SMALLEST:
-        return "is too small to be of use"
+    if after.problem.side == "supply" and _taken(before, after) < SMALLEST**2:
+        return None if relieves_tension(before, after, thresholds) else "is too small to be of use"
     return unconfirmed(before, after, term, thresholds, gain)
 
 
@@ -89,7 +89,9 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
         share = 0.0 if near else thresholds.share
         # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
         solved = float(np.max(left)) < thresholds.near and found.again
-        steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
+        # Of what is in no library, each name takes a little.
+        murky = bool(np.min(left) > thresholds.much_left)
+        steady = solved or found.sure > (thresholds.sure if near or murky else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
@@ -146,11 +148,9 @@ def channels_of(solution: Solution, term: Term) -> list[int]:
     return list(range(len(solution.problem.floor))) if term.joint is None else [term.joint]
 
 
-def _spread(solution: Solution, term: Term) -> float:
-    """Standard deviation of what a term adds to the supply, in units of its noise; infinite for a constant."""
-    added = solution.added(term)[:, 0]
-    spread = float(np.std(added))
-    return spread / float(solution.problem.floor[0]) if spread > 1e-9 * float(np.max(np.abs(added))) else np.inf
+def _taken(before: Solution, after: Solution) -> float:
+    """What the supply's mean square residual falls by, in units of its noise."""
+    return float((before.problem.chi2(before.residual) - after.problem.chi2(after.residual))[0])
 
 
 def collinear(before: Solution, after: Solution, factor: float) -> Term | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
@@ -12,6 +13,8 @@ from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
+
+Float = NDArray[np.float64]
 
 GAIN = 0.02
 """Share by which gains of a servo are off, one standard deviation."""
@@ -21,10 +24,15 @@ TURNED = 0.5
 """Share of a joint's friction that may turn over within another speed."""
 LATE = 0.1
 """Share of a row by which commands act earlier or later than half of it."""
+FINE = 1e-3
+"""Share of what was simulated that terms of the simulation must be which robot.yaml has no number for."""
 
 
 def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
-    """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0."""
+    """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0.
+
+    Then what else the simulation has at a joint, as friction that may be off.
+    """
     robot, body = states[0].robot, states[0].arm.body
     regressor = np.concatenate([s.regressor for s in states])
     blocks = [
@@ -43,8 +51,18 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
         if value > 0
     ]
     if states[0].drive is not None:
-        blocks += _drives(states)
+        return (*blocks, *_drives(states))
+    if all(s.beyond is not None for s in states):
+        blocks += _beyond([s.beyond for s in states], [s.nominal for s in states], robot.tolerances.friction)
     return tuple(blocks)
+
+
+def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: float) -> list[Block]:
+    """What simulations have beyond the law, a share of each channel: courses (N, C) of each run, and all they say."""
+    beyond = np.concatenate([course for course in courses if course is not None])
+    there = np.std(beyond, axis=0) > FINE * np.std(np.concatenate(whole), axis=0)
+    prior = Prior.spread(np.array([tolerance]))
+    return [Block(beyond[:, c : c + 1], c, prior) for c in np.flatnonzero(there).tolist()]
 
 
 def _drives(states: Sequence[States]) -> list[Block]:
@@ -64,7 +82,7 @@ def _drives(states: Sequence[States]) -> list[Block]:
 
 
 def supply_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
-    """Standby power and the winding resistance of each joint, where they are not 0."""
+    """Standby power and the winding resistance of each joint, where they are not 0; then what else is simulated."""
     robot = states[0].robot
     tolerance = robot.tolerances.supply
     blocks = []
@@ -74,4 +92,7 @@ def supply_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
     losses = np.concatenate([copper_loss(robot, s.torque) for s in states])
     heated = (losses[:, joint : joint + 1] for joint in range(losses.shape[1]))
     blocks += [Block(loss, 0, Prior.spread(np.array([tolerance]))) for loss in heated if np.any(loss > 0)]
+    if all(s.beyond_power is not None for s in states):
+        own = [None if s.beyond_power is None else s.beyond_power[:, None] for s in states]
+        blocks += _beyond(own, [s.nominal_power[:, None] for s in states], tolerance)
     return tuple(blocks)

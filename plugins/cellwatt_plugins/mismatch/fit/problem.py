@@ -184,8 +184,12 @@ class Problem:
         return correlation_factor(self.split(residual * self.design.root), [rows.step for rows in self.rows])
 
     def chi2(self, residual: Float) -> Float:
-        """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise."""
-        return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))
+        """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise.
+
+        Near stops, where friction may pull either way, samples count less.
+        """
+        weight = np.square(self.design.root)
+        return np.asarray(np.sum(np.square(weight * residual), axis=0) / np.sum(weight, axis=0))
 
     def rms(self, residual: Float) -> Float:
         """Rms (C,) of a residual (N, C); near stops, where friction may pull either way, samples count less."""
@@ -198,7 +202,7 @@ class Problem:
         for rows, part in zip(self.rows, self.split(residual * self.design.root), strict=True):
             width = max(3, round(SLOW / rows.step))
             parts.append((part - uniform_filter1d(part, width, axis=0)) / np.sqrt(1 - 1 / width))
-        return np.asarray(np.mean(np.square(np.concatenate(parts)), axis=0))
+        return self.chi2(np.concatenate(parts) / self.design.root)
 
     def with_torque(self, torque: Sequence[Float], carried: Sequence[Float]) -> Problem:
         """The same problem for effects that see another fitted torque, and what the links need beyond the nominal."""

@@ -25,7 +25,8 @@ def driven(run: Run, simulator: Simulator) -> Run:
     servo = servo_of(simulator.path, simulator.joints)
     if servo is None:
         return run
-    drive = Drive(servo, held(run.command), *filtered(run.position, run.step), run.step)
+    command = earlier(held(run.command), servo.delay, run.step)
+    drive = Drive(servo, command, *filtered(run.position, run.step), run.step)
     drive = replace(drive, late=_late(drive, simulator))
     return replace(run, drive=drive, torque=drive.torque)
 

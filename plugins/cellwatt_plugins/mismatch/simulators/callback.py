@@ -31,21 +31,13 @@ MODULE = '''"""What {name} cannot hold: {what}.
     model = mujoco.MjModel.from_xml_path("{name}")
     data = mujoco.MjData(model)
     {module}.attach(model)
-    late = {module}.Late(model)
-    while data.time < 1.0:
-        data.ctrl[:] = late(data.ctrl)  # in place of data.ctrl: your commands
-        mujoco.mj_step(model, data)
 
 ``attach`` holds for all models of the process that have these joints; ``mujoco.set_mjcb_passive(None)`` ends it.
 """
 
-import collections
-
 import mujoco
 import numpy as np
 
-DELAY = {delay}
-"""s by which commands act later."""
 CREEP = 0.015
 """rad/s within which friction turns over, at least."""
 
@@ -68,17 +60,6 @@ def attach(model):
     mujoco.set_mjcb_passive(passive)
 
 
-class Late:
-    """Commands of ``DELAY`` s before, one call a step."""
-
-    def __init__(self, model):
-        self._kept = collections.deque(maxlen=round(DELAY / model.opt.timestep) + 1)
-
-    def __call__(self, control):
-        self._kept.append(np.array(control))
-        return self._kept[0]
-
-
 def _drive(model, name):
     joint = model.joint(name).id
     return next((i for i in range(model.nu) if model.actuator_trnid[i, 0] == joint), -1)
@@ -92,13 +73,9 @@ LAWS = [
 
 def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTerm]) -> Path | None:
     """Writes the module ``NAME_mended.py`` beside a mended file; None where there is nothing for it."""
-    laws, what, delay = [], [], 0.0
+    laws, what = [], []
     for fitted in terms:
         effect, shape = fitted.term.effect, fitted.term.shape
-        if effect.name == "time_delay":
-            delay = float(fitted.coefficients[0] * shape[0])
-            what.append("commands that act later")
-            continue
         formula = DEAD_BAND[shape[1]] if effect.name == "drive_dead_band" else FORMULAS.get(effect.name)
         if formula is None or (holds(fitted.term) and effect.name != "asymmetric_friction"):
             continue
@@ -111,8 +88,5 @@ def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTe
     if not what:
         return None
     path = mended.with_name(mended.name.replace(".mended.xml", "_mended.py").replace("-", "_"))
-    text = MODULE.format(
-        name=mended.name, module=path.stem, what=", ".join(what), delay=number(delay), laws="\n".join(laws)
-    )
-    path.write_text(text)
+    path.write_text(MODULE.format(name=mended.name, module=path.stem, what=", ".join(what), laws="\n".join(laws)))
     return path

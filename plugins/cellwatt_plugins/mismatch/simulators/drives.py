@@ -43,8 +43,13 @@ SAME = 0.1
 ROLLED = (
     f"Errors are of the file rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
 )
-WRITTEN = ("drive_gain", "torque_saturation")
+HISTORY = "After a reset MuJoCo's commands are 0 until the delay is over; mj_initCtrlHistory gives it others."
+WRITTEN = ("drive_gain", "torque_saturation", "time_delay")
 """Effects of drives that an actuator has a number for."""
+WIDTH = 0.01
+"""rad/s that are tried first as what dry friction turns over within."""
+WIDTHS = (1.0, 2.0, 0.5, 1.4, 0.7, 1.2, 0.85)
+"""Factors on the best until then."""
 LATE = (2, 3)
 """Places, among the numbers of a drive, of the s by which its velocity and its commands are later."""
 DAMPED = {0: -1.0, 1: 0.0}
@@ -59,9 +64,8 @@ def _starts(free: Problem, found: Explained) -> Iterator[tuple[Freedom, list[Ter
     terms = sorted(found.torque.terms, key=lambda t: holds(t) or t.effect.name in WRITTEN)
     yield confirmed(free, terms, found.torque.factor), terms
     yield links_fixed(free), terms
-    while terms:
-        yield all_fixed(free), terms
-        terms = terms[:-1]
+    for count in range(len(terms), -1, -1):
+        yield all_fixed(free), terms[:count]
 
 
 def _kept(problem: Problem, freedom: Freedom, joints: Sequence[int]) -> Freedom:
@@ -98,13 +102,15 @@ def _servo(solution: Solution) -> Servo:
     own, joints = problem.states[0].servos.servo, len(problem.floor)
     numbers = [solution.fit.coefficients[place][:2] for place in problem.design.slices[-joints:]]
     pull, braked = np.array(numbers).T
-    low, high = own.low.copy(), own.high.copy()
+    low, high, delay = own.low.copy(), own.high.copy(), own.delay.copy()
     for term in solution.terms:
         joint = term.joint or 0
         if term.effect.name == "drive_gain":
             pull[joint] += solution.coefficients(term)[0]
         elif term.effect.name == "torque_saturation":
             low[joint], high[joint] = -term.shape[0], term.shape[0]
+        elif term.effect.name == "time_delay":
+            delay += solution.coefficients(term)[0] * term.shape[0]
     return replace(
         own,
         pull=own.pull / (1 + pull),
@@ -112,6 +118,7 @@ def _servo(solution: Solution) -> Servo:
         damping=own.damping * np.maximum(1 + pull + braked, 0.0) / (1 + pull),
         low=low,
         high=high,
+        delay=np.maximum(delay, 0.0),
     )
 
 
@@ -125,47 +132,67 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) 
     noise = np.max([run.drive.moved.resolution for run in runs if run.drive is not None], axis=0)
     before = rms_of(rolled_out(simulator.path, simulator.joints, runs))
     free = _as_stepped(found.torque.free or found.torque.problem, simulator.model)
-    best = 0.0, fitted(all_fixed(free).of(free), []), before
+    unchanged = fitted(all_fixed(free).of(free), [])
+    best = 0.0, _goal(found, unchanged, user), unchanged, before
+    turnover: Float | None = None
     for freedom, terms in _starts(free, found):
         for _ in range(TRIES):
             solution = fitted(freedom.of(free), terms)
-            after = _errors(found, solution, user, runs)
+            goal = _goal(found, solution, user)
+            turnover = _turnover(goal, user, runs) if turnover is None else turnover
+            goal = replace(goal, turnover=turnover)
+            after = _errors(goal, user, runs)
             worse = np.flatnonzero(after > RISES * before + SAME * noise).tolist()
             if not worse:
                 break
             freedom = _kept(free, freedom, worse)
         left = float(np.sum(np.log((after + noise) / (before + noise))))
         if not worse and left < best[0]:
-            best = left, solution, after
-    _, solution, after = best
-    goal = _goal(found, solution, user)
+            best = left, goal, solution, after
+    _, goal, solution, after = best
     written = write(simulator, goal, out)
     verify(simulator, frames, goal, solution.problem, written)
     stiffness = solution.problem.states[0].servos.servo.stiffness
+    refused = [*goal.refused, *written.refused]
     left_out = [
         replace(
             left,
             rms=left.rms / float(stiffness[(left.joint or 1) - 1]),
             unit=simulator.unit((left.joint or 1) - 1, "rad"),
         )
-        for left in left_of(found, solution, [*goal.refused, *written.refused])
-        if left.effect not in WRITTEN
+        for left in left_of(found, solution, refused)
+        if left.effect not in WRITTEN or left.effect in [effect for effect, *_ in refused]
     ]
     error = tuple(
         ChannelError(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))
         for j, (b, a, f) in enumerate(zip(before, after, noise, strict=True))
     )
     beside = write_callback(written.path, simulator.joints, found.model.terms)
-    more = () if beside is None else (f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.",)
-    same = () if best[0] < 0 else ("Nothing that was found makes it follow better: its numbers stay.",)
-    notes = (*simulator.notes, *frames.notes, *goal.notes, ROLLED, *same, *more)
-    return Mended(written.path, tuple(written.applied), tuple(left_out), error, notes)
+    notes = [*simulator.notes, *frames.notes, *goal.notes, ROLLED]
+    if best[0] == 0:
+        notes.append("Nothing that was found makes it follow better: its numbers stay.")
+    if any(change.what == "delay" for change in written.applied):
+        notes.append(HISTORY)
+    if beside is not None:
+        notes.append(f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.")
+    return Mended(written.path, tuple(written.applied), tuple(left_out), error, tuple(notes))
 
 
-def _errors(found: Explained, solution: Solution, user: ToMend, runs: Sequence[Run]) -> Float:
-    """Error (n,) rad of a file with the numbers of a solution."""
+def _turnover(goal: Target, user: ToMend, runs: Sequence[Run]) -> Float:
+    """The rad/s (n,) within which friction turns over with which each joint follows best; NaN where as it is."""
+    best, least = np.full(len(goal.friction), np.nan), _errors(goal, user, runs)
+    for factor in WIDTHS:
+        tried = np.where(np.isnan(best), WIDTH, best) * factor
+        after = _errors(replace(goal, turnover=tried), user, runs)
+        better = after < least
+        best, least = np.where(better, tried, best), np.where(better, after, least)
+    return best
+
+
+def _errors(goal: Target, user: ToMend, runs: Sequence[Run]) -> Float:
+    """Error (n,) rad of a file with the numbers of ``goal``."""
     with tempfile.TemporaryDirectory() as folder:
-        written = write(user.simulator, _goal(found, solution, user), Path(folder))
+        written = write(user.simulator, goal, Path(folder))
         return rms_of(rolled_out(written.path, user.simulator.joints, runs))
 
 

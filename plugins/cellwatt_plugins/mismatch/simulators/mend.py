@@ -158,8 +158,8 @@ def verify(simulator: Simulator, frames: Placing, goal: Target, problem: Problem
     rng, shape = np.random.default_rng(1), (POSES, len(simulator.joints))
     motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
     wanted = expected(simulator, frames, goal, problem.states[0], *motion)
-    off = rms(_mended(simulator, written)[0].torque(*motion) - wanted)
-    added = rms(wanted - simulator.torque(*motion))
+    off = rms(_mended(simulator, written)[0].torque(*motion, leading=False) - wanted)
+    added = rms(wanted - simulator.torque(*motion, leading=False))
     share = off / (SAME * np.maximum(rms(wanted), problem.floor) + frames.off * added)
     if np.max(share) > 1:
         written.path.unlink()

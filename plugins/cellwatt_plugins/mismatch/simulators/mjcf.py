@@ -20,7 +20,9 @@ Float = NDArray[np.float64]
 
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
 _PAYLOAD = "payload"
-SERVO_UNITS = ("N*m/rad", "N*m*s/rad", "N*m")
+HARDNESS = (0.05, 0.9999)
+"""Least and greatest impedance of dry friction: with little of it, a joint that sticks has no other inertia."""
+SERVO_UNITS = ("N*m/rad", "N*m*s/rad", "N*m", "s")
 
 
 def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
@@ -87,6 +89,8 @@ def _write_joint(
         ("armature", goal.armature[at], model.dof_armature[dof], "kg*m^2"),
         ("stiffness", goal.stiffness[at], model.jnt_stiffness[own], "N*m/rad"),
     )
+    if goal.turnover is not None and goal.turnover[at] > 0 < goal.friction[at]:
+        _write_turnover(simulator, goal, at, one, element, done)
     for what, value, was, of in plain:
         if differs(value, was):
             one.markup.set(element, **{what: number(value)})
@@ -97,6 +101,23 @@ def _write_joint(
         done.applied.append(Applied("springref", f"joint {name}", rest, was, simulator.unit(at, "rad")))
     of = simulator.unit(at, "N*m*s/rad")
     _write_damping(goal.damping[at], damping_of(simulator)[at], name, one, element, done, of)
+
+
+def _write_turnover(simulator: Simulator, goal: Target, at: int, one: One, element: Element, done: Written) -> None:
+    """Softens dry friction so that it grows with the velocity until it is whole.
+
+    MuJoCo brakes with inertia · 2/time/(1 - impedance) · velocity, up to the friction; its time is two steps or more.
+    """
+    model, dof = simulator.model, simulator.places[1][at]
+    inertia = 1 / model.dof_invweight0[dof] + goal.armature[at] - model.dof_armature[dof]
+    width, where = float(goal.turnover[at]) if goal.turnover is not None else 0.0, f"joint {simulator.joints[at]}"
+    way = 2 * inertia * width / goal.friction[at]
+    time = max(way / (1 - HARDNESS[0]), 2 * model.opt.timestep)
+    hardness = float(np.clip(1 - way / time, *HARDNESS))
+    one.markup.set(element, solreffriction=f"{number(time)} 1", solimpfriction=f"{number(hardness)} {number(hardness)}")
+    was = tuple(model.dof_solref[dof].tolist()), tuple(model.dof_solimp[dof, :2].tolist())
+    done.applied.append(Applied("solreffriction", where, (float(time), 1.0), was[0], "s"))
+    done.applied.append(Applied("solimpfriction", where, (hardness, hardness), was[1], ""))
 
 
 def _write_damping(wanted: Float, was: Float, name: str, one: One, element: Element, done: Written, unit: str) -> None:
@@ -170,7 +191,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
 
 
 def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written) -> None:
-    """Gains and limits of the joints' position actuators, in the actuators' own units."""
+    """Gains, limits and delay of the joints' position actuators, in the actuators' own units."""
     own = servo_of(simulator.path, simulator.joints)
     assert own is not None
     for at, name in enumerate(simulator.joints):
@@ -180,8 +201,8 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
             for e in e.children
             if e.attributes.get("joint") == name and e.tag in ("position", "general")
         ]
-        new = (goal.stiffness[at], goal.damping[at], goal.high[at])
-        was = (own.stiffness[at], own.damping[at], own.high[at])
+        new = (goal.stiffness[at], goal.damping[at], goal.high[at], goal.delay[at])
+        was = (own.stiffness[at], own.damping[at], own.high[at], own.delay[at])
         if not any(differs(a, b) for a, b in zip(new, was, strict=True) if np.isfinite(a)):
             continue
         if len(acting) != 1 or "dampratio" in acting[0][1].attributes:
@@ -197,7 +218,16 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
             one.markup.set(element, gainprm=pull, biasprm=f"0 {number(-stiffness)} {number(-damping)}")
         if np.isfinite(new[2]) and differs(new[2], was[2]):
             one.markup.set(element, forcerange=f"{number(goal.low[at] / gear)} {number(goal.high[at] / gear)}")
-        for what, value, before, unit in zip(("kp", "kv", "forcerange"), new, was, SERVO_UNITS, strict=True):
+        if differs(new[3], was[3]) and not hasattr(simulator.model, "actuator_delay"):
+            done.refused.append(("time_delay", None, "delays of actuators need MuJoCo 3.5"))
+            new = (*new[:3], was[3])
+        if differs(new[3], was[3]) and not hasattr(simulator.model, "actuator_delay"):
+            done.refused.append(("time_delay", None, "delays of actuators need MuJoCo 3.5"))
+            new = (*new[:3], was[3])
+        if differs(new[3], was[3]):
+            rows = int(np.ceil(new[3] / simulator.model.opt.timestep)) + 2
+            one.markup.set(element, delay=number(new[3]), nsample=str(rows), interp="linear")
+        for what, value, before, unit in zip(("kp", "kv", "forcerange", "delay"), new, was, SERVO_UNITS, strict=True):
             if np.isfinite(value) and differs(value, before):
                 old = float(before) if np.isfinite(before) else None
                 done.applied.append(

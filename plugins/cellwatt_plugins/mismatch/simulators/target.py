@@ -14,6 +14,7 @@ from cellwatt_plugins.mismatch.simulators.inertia import moved, nearest, physica
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.placing import Placing
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.servo.law import Servo
 
 Float = NDArray[np.float64]
@@ -54,6 +55,8 @@ class Target:
     notes: tuple[str, ...] = ()
     servo: Servo | None = None
     """Position servos, where they are the motion's and not the user's."""
+    turnover: Float | None = None
+    """(n,) rad/s within which dry friction turns over; NaN: as the user's file softens it."""
 
 
 def target(simulator: Simulator, placing: Placing, found: Correction, states: Sequence[States], floor: Float) -> Target:
@@ -102,7 +105,7 @@ def expected(
     before = np.array(model.opt.gravity)
     try:
         model.opt.gravity[:] = goal.gravity
-        out = simulator.torque(q, qd, qdd)
+        out = simulator.torque(q, qd, qdd, leading=False)
     finally:
         model.opt.gravity[:] = before
     links, payload = goal.changed
@@ -110,7 +113,7 @@ def expected(
     out = out + regressor @ links.ravel()
     if payload is not None:
         out += regressor[:, :, -10:] @ payload
-    out += (goal.friction - model.dof_frictionloss[dof]) * simulator.turned(qd, qdd)
+    out += (goal.friction - model.dof_frictionloss[dof]) * direction(qd)
     powers = np.stack([qd, qd * np.abs(qd), qd**3], axis=2)
     out += np.einsum("njk,jk->nj", powers, goal.damping - damping_of(simulator))
     out += (goal.armature - model.dof_armature[dof]) * qdd

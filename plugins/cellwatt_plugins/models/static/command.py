@@ -1,4 +1,4 @@
-"""``cellwatt train static``, ``plan-poses`` and ``collect``."""
+"""``cellwatt train static`` and ``plan-poses``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.numbers import FINITE, FiniteRange
+from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.progress import aside, stage
+from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 
 FILE = click.Path(exists=True, path_type=Path)
@@ -28,8 +28,8 @@ FILE = click.Path(exists=True, path_type=Path)
 def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Path | None, as_json: bool) -> None:
     """Make a model of the torque that an arm needs to hold still, from RECORDINGs of held poses.
 
-    RECORDINGs are tables (Parquet, CSV) with q_i and torque_percent_i or torque_i and a column pose, what
-    `train collect` has written, or recordings in which the poses are recognised. Prints how the published methods and
+    RECORDINGs are tables (Parquet, CSV) with q_i and torque_percent_i or torque_i and a column pose, or recordings
+    of the cell in which the poses are recognised. Prints how the published methods and
     the best model do on poses that they have not seen, what the arm has and its CAD model lacks, and whether more
     poses would help.
     """
@@ -79,44 +79,3 @@ def plan_poses(
 
     report = write_plan(robot, count, out, cell, source, speed, hold, name)
     click.echo(json.dumps(report.as_json()) if as_json else report.in_words())
-
-
-@click.command("collect")
-@click.argument("cell", type=FILE)
-@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Table of poses (.csv).")
-@click.option("--plan", type=FILE, help="plan.csv of plan-poses: ends when all of it was held.")
-@click.option("--source", help="Source with the joints, where several have joints.")
-@click.option("--seconds", type=FINITE, help="How long at most (default: until the plan is done, or Ctrl-C).")
-@click.option("--json", "as_json", is_flag=True, help="One JSON line a pose.")
-@with_progress
-def collect(cell: Path, out: Path, plan: Path | None, source: str | None, seconds: float | None, as_json: bool) -> None:
-    """Collect the poses that the arm of the running cell CELL (its settings file) holds.
-
-    A pose counts when all joints have rested for 0.5 s and 2 s more. The table is whole after each pose; the same
-    command goes on where it stopped, and fetches what was held meanwhile from the cell's record.
-    """
-    import contextlib
-    from dataclasses import asdict
-
-    from cellwatt_plugins.models.static.collect import Progress
-    from cellwatt_plugins.models.static.live import collect as run
-    from cellwatt_plugins.models.static.live import read_plan
-
-    planned = None if plan is None else read_plan(plan)
-    last: Progress | None = None
-    with stage("waiting for frames", None if planned is None else len(planned)) as told:
-
-        def tell(progress: Progress) -> None:
-            nonlocal last
-            last = progress
-            told.done = progress.planned
-            told.name = f"{progress.held} poses held, {progress.too_short} too short"
-            if as_json:
-                with aside():
-                    click.echo(json.dumps(asdict(progress)))
-
-        with contextlib.suppress(KeyboardInterrupt):
-            last = run(cell, source, out, planned, seconds, tell) or last
-    if not as_json:
-        of_plan = f", {last.planned} of {last.total} of the plan" if last and last.total else ""
-        click.echo(f"{out}: {last.held if last else 0} poses{of_plan}" if last else "no frame came from the cell")

@@ -1,4 +1,4 @@
-"""Recognises the poses that an arm holds, from its encoders alone; live and in recordings alike."""
+"""Recognises the poses that an arm holds, from its encoders alone."""
 
 from __future__ import annotations
 

@@ -19,7 +19,9 @@ DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in
 UNPLANNED = 1.0
 """Of a sample: within a row that long, channels of logs without a plan are read one after the other."""
 LEAST = 0.6
-"""Of a sample: a delay as short as that is how torque was sampled, as simulators log a step's torque after it."""
+"""Of a step: a delay as short as that is how torque was sampled, as simulators log a step's torque after it."""
+CYCLE = 0.01
+"""s of a step of simulation or control at most; what is recorded at longer intervals was picked from those."""
 
 
 class TimeDelay(Effect):
@@ -41,8 +43,9 @@ class TimeDelay(Effect):
         return [(d,) for d in DELAYS]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        least = UNPLANNED if any(run.unplanned for run in runs) else LEAST
-        return abs(shape[0]) > least * runs[0].step
+        step = runs[0].step
+        least = UNPLANNED * step if any(run.unplanned for run in runs) else LEAST * min(step, CYCLE)
+        return abs(shape[0]) > least
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return (shifted(run.time, run.torque, shape[0]) - run.torque)[:, :, None]

@@ -130,11 +130,13 @@ class MeterStage(Stage[MeterSettings]):
     def _found(
         self, time: NDArray[np.int64], values: Float, shown: _Shown, channel: FrameChannel, arm: _Arm
     ) -> Meter | None:
-        """The meter, as far as the motion of one arm tells."""
-        positions = values[:, arm.positions]
+        """The meter, as far as the motion of one arm tells; by its efforts where it has any."""
+        positions, efforts = values[:, arm.positions], values[:, arm.efforts]
+        if np.isnan(efforts).all():
+            efforts = efforts[:, :0]
         segments = [
             s
-            for s in _whole(time, positions, self.layout.step)
+            for s in _whole(time, np.hstack([positions, efforts]), self.layout.step)
             if (s.stop - s.start) * self.layout.step >= SHORTEST * 1e9
         ]
         origin, readings, courses = int(time[0]), [], []
@@ -142,7 +144,7 @@ class MeterStage(Stage[MeterSettings]):
             inside = shown.between(int(time[s.start]), int(time[s.stop - 1]))
             if inside is not None:
                 readings.append(inside.readings(origin))
-                courses.append(_course(time[s] - origin, positions[s], values[s][:, arm.efforts]))
+                courses.append(_course(time[s] - origin, positions[s], efforts[s]))
         return find(readings, courses, usual=channel.window or None) if readings else None
 
 
@@ -194,9 +196,9 @@ def _arms(layout: Layout, arm: str | None) -> list[_Arm]:
     return found
 
 
-def _whole(time: NDArray[np.int64], positions: Float, step: int) -> list[slice]:
-    """Stretches of neighbouring frames in which no position is missing."""
-    there = np.flatnonzero(~np.isnan(positions).any(axis=1))
+def _whole(time: NDArray[np.int64], values: Float, step: int) -> list[slice]:
+    """Stretches of neighbouring frames in which no value is missing."""
+    there = np.flatnonzero(~np.isnan(values).any(axis=1))
     if not len(there):
         return []
     cuts = np.flatnonzero((np.diff(there) > 1) | (np.diff(time[there]) != step)) + 1
@@ -207,7 +209,7 @@ def _course(time: NDArray[np.int64], positions: Float, efforts: Float) -> Course
     """Kinds of power along a stretch."""
     t = np.asarray(time * 1e-9, np.float64)
     step = float(t[1] - t[0])
-    if not efforts.shape[1] or np.isnan(efforts).any():
+    if not efforts.shape[1]:
         return Course(t, kinds_of_motion(positions, step))
     _, qd, qdd = rates(positions, step)
     return Course(t, np.column_stack([kinds_of_power(efforts, qd), qd * qdd, qd**2]))

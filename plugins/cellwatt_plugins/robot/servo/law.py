@@ -36,6 +36,8 @@ class Servo:
     low: Float
     """Nm."""
     high: Float
+    delay: Float
+    """s by which its commands act later."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +80,10 @@ class Drive:
         return np.asarray(servo.pull * command - servo.stiffness * moved.position - servo.damping * moved.velocity)
 
 
-def earlier(values: Float, late: float, step: float) -> Float:
-    """Values (N, n), each ``step`` s, of ``late`` s before; those before the first are as the first."""
-    rows = np.arange(len(values))
-    return np.column_stack([np.interp(rows - late / step, rows, one) for one in values.T])
+def earlier(values: Float, late: float | Float, step: float) -> Float:
+    """Values (N, n), each ``step`` s, of ``late`` s, or (n,), before; those before the first are as the first."""
+    rows, each = np.arange(len(values)), np.broadcast_to(late, values.shape[1])
+    return np.column_stack([np.interp(rows - ago / step, rows, one) for ago, one in zip(each, values.T, strict=True)])
 
 
 def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
@@ -97,8 +99,8 @@ def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
     return Servo(*columns)
 
 
-def _one(path: Path, model: Any, name: str) -> tuple[float, float, float, float, float] | None:
-    """Pull, stiffness, damping and limits of a joint's servo."""
+def _one(path: Path, model: Any, name: str) -> tuple[float, ...] | None:
+    """Pull, stiffness, damping, limits and delay of a joint's servo."""
     joint = model.joint(name).id
     at = actuator_of(model, joint)
     if at < 0 or model.actuator_biastype[at] != library(path).mjtBias.mjBIAS_AFFINE:
@@ -112,7 +114,8 @@ def _one(path: Path, model: Any, name: str) -> tuple[float, float, float, float,
     if model.jnt_actfrclimited[joint]:
         low, high = max(low, model.jnt_actfrcrange[joint, 0]), min(high, model.jnt_actfrcrange[joint, 1])
     pull = gear * float(model.actuator_gainprm[at, 0])
-    return pull, -(gear**2) * float(bias[1]), -(gear**2) * float(bias[2]), low, high
+    delay = float(model.actuator_delay[at]) if hasattr(model, "actuator_delay") else 0.0
+    return pull, -(gear**2) * float(bias[1]), -(gear**2) * float(bias[2]), low, high, delay
 
 
 def actuator_of(model: Any, joint: int) -> int:

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from cellwatt.config import load
 from cellwatt.frames import FrameChannel, Layout
 from cellwatt.outlets.foxglove import layout_for, layout_of
-from cellwatt.outlets.foxglove.framed import FrameMessages
 from cellwatt.outlets.foxglove.layout import LIKE_THE_DEMO
+from cellwatt.outlets.foxglove.translate import FrameMessages
 from tests.daemon.outlets.foxglove.cell import UNITS
 from tests.daemon.outlets.zenoh.processes import ROOT
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.outlets.foxglove import pace as pacing
-from cellwatt.outlets.foxglove.pace import HURRY, LAG, Pace
+from cellwatt.outlets.foxglove import serving as pacing
+from cellwatt.outlets.foxglove.serving import HURRY, LAG, Pace
 from cellwatt.outlets.foxglove.topics import Moment
 
 

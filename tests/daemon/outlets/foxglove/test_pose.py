@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from cellwatt.outlets.foxglove.arm import joints_of, poses
-from cellwatt.outlets.foxglove.pose import Vector, about, joint_pose, of_rpy, product, turned
+from cellwatt.outlets.foxglove.arm import Vector, about, joint_pose, joints_of, of_rpy, poses, product, turned
 from tests.daemon.outlets.foxglove.moving import place_of, skeleton, tool
 
 ANGLE = st.floats(-10, 10)

@@ -16,9 +16,8 @@ from pydantic import ValidationError
 from cellwatt import RecordingError
 from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
 from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of, place_of, reason_of, wait_of
-from cellwatt.outlets.historian.influx import FILE
+from cellwatt.outlets.historian.influx import FILE, REFUSED
 from cellwatt.outlets.historian.outlet import HistorianOutlet
-from cellwatt.outlets.historian.refused import FILE as REFUSED
 from tests.daemon.outlets.historian.made import CELL, SESSION, SITE, Recorded, S, alarm, energy, frames, row_truth, task
 from tests.daemon.outlets.historian.server import Fake, fake, influxd, real
 from tests.daemon.outlets.zenoh.fake_cell import FakeView

@@ -18,8 +18,7 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.outlets.historian import exporting
-from cellwatt.outlets.historian.exporting import Export
-from cellwatt.outlets.historian.progress import FILE, Progress
+from cellwatt.outlets.historian.exporting import FILE, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import FolderStore
 from cellwatt.outlets.historian.worker import LOCK
@@ -115,6 +114,21 @@ def test_what_is_recorded_later_follows(record: Path, lake: Path) -> None:
             growing.rotate()
     growing.close()
     check_results(lake, range(20))
+
+
+def test_a_run_ends_though_the_record_grows(record: Path, lake: Path) -> None:
+    growing = Recorded(record).seconds(3)
+
+    class Slow(FolderStore):
+        def put(self, path: str, content: bytes) -> None:
+            super().put(path, content)
+            growing.seconds(1, results=False)
+
+    done = export(record, lake, Slow(lake), results=False)
+    assert [d.rows for d in done] == [3]
+    growing.close()
+    export(record, lake, results=False)
+    check(lake, range(4))
 
 
 def test_a_file_holds_one_day(record: Path, lake: Path) -> None:

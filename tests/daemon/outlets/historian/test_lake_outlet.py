@@ -15,9 +15,9 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.outlets.historian import HistorianSettings
+from cellwatt.outlets.historian.exporting import FILE
 from cellwatt.outlets.historian.lake import MODULE
 from cellwatt.outlets.historian.outlet import HistorianOutlet
-from cellwatt.outlets.historian.progress import FILE
 from cellwatt.outlets.historian.worker import work
 from tests.daemon.outlets.historian.bucket import Bucket, bucket
 from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S, row_truth

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cellwatt.outlets.notify import courier as module
-from cellwatt.outlets.notify.undelivered import FILE
+from cellwatt.outlets.notify.courier import UNDELIVERED
 from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
 from tests.daemon.outlets.notify.servers import Certificates, Mailbox, certificates, mail_server
 from tests.patience import eventually
@@ -109,7 +109,7 @@ async def test_greylisting(tmp_path: Path) -> None:
             await eventually(lambda: made.account.counters["shift: sent"])
         assert len(box.mails) == 1
         assert made.account.counters["shift: retried"] == 3
-        assert not (tmp_path / FILE).exists()
+        assert not (tmp_path / UNDELIVERED).exists()
 
 
 async def test_each_address_gets_it_once(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ async def test_each_address_gets_it_once(tmp_path: Path) -> None:
             await eventually(lambda: made._ledger.of("shift").flight is None)
         assert [addresses for addresses, _ in box.mails] == [["first@plant.example"], ["late@plant.example"]]
         assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
-        reasons = [json.loads(line)["reason"] for line in (tmp_path / FILE).read_text().splitlines()]
+        reasons = [json.loads(line)["reason"] for line in (tmp_path / UNDELIVERED).read_text().splitlines()]
         assert reasons == ["gone@plant.example: 550 5.1.1 no such user"]
 
 
@@ -139,7 +139,7 @@ async def test_refused_for_good(tmp_path: Path) -> None:
             await eventually(lambda: made.account.counters["shift: sent"])
             assert made.trouble() is None
         assert ["Joint 2" in mail["Subject"] for _, mail in box.mails] == [True]
-        assert (tmp_path / FILE).stat().st_mode & 0o777 == 0o600
+        assert (tmp_path / UNDELIVERED).stat().st_mode & 0o777 == 0o600
 
 
 async def test_a_server_that_is_silent_after_the_mail(tmp_path: Path) -> None:
@@ -162,5 +162,5 @@ async def test_nobody_there(tmp_path: Path) -> None:
         made.offer(alarm(1))
         await eventually(lambda: made.account.counters["shift: undelivered"])
         assert "given up after 0.0 h: Connection refused" in str(made.trouble())
-    reason = json.loads((tmp_path / FILE).read_text())["reason"]
+    reason = json.loads((tmp_path / UNDELIVERED).read_text())["reason"]
     assert reason.endswith("Connection refused")

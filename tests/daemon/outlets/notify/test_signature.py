@@ -9,7 +9,7 @@ import hmac
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.outlets.notify.signature import headers, key_of, sign
+from cellwatt.outlets.notify.web import headers, key_of, sign
 
 
 def test_the_example_of_the_specification() -> None:

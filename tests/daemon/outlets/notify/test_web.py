@@ -12,8 +12,8 @@ import pytest
 from aiohttp import web
 
 from cellwatt.outlets.notify import courier as module
-from cellwatt.outlets.notify.signature import sign
-from cellwatt.outlets.notify.undelivered import FILE
+from cellwatt.outlets.notify.courier import UNDELIVERED
+from cellwatt.outlets.notify.web import sign
 from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
 from tests.daemon.outlets.notify.servers import certificates, web_server
 from tests.patience import eventually
@@ -63,7 +63,7 @@ async def test_a_redirect_is_not_followed(tmp_path: Path) -> None:
         assert [call.path for call in server.calls] == ["/geheim"]
         assert trouble is not None
         assert "307 Temporary Redirect" in trouble
-        assert "geheim" not in trouble + (tmp_path / FILE).read_text()
+        assert "geheim" not in trouble + (tmp_path / UNDELIVERED).read_text()
 
 
 async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ async def test_refused_for_good(tmp_path: Path, status: int) -> None:
             await eventually(lambda: made.account.counters["desk: undelivered"])
             assert f": {status} " in str(made.trouble())
         assert len(server.calls) == 1
-        kept = json.loads((tmp_path / FILE).read_text())
+        kept = json.loads((tmp_path / UNDELIVERED).read_text())
         assert kept["reason"].startswith(f"{status} ")
         assert kept["alarms"][0]["id"] == alarm(1).id
 

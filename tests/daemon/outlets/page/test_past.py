@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.page import past
 from cellwatt.outlets.page.levels import Curves
-from cellwatt.outlets.page.levels.episodes import RESTARTED
+from cellwatt.outlets.page.levels.telling import RESTARTED
 from cellwatt.outlets.page.past import alarm_history
 from cellwatt.record import packs
 from tests.daemon.outlets.page.recorded import CELL, MS, SESSION, S, Written, alarm, event, interval, recording

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import Alarm, Task
-from cellwatt.outlets.zenoh.asking import Question
 from cellwatt.outlets.zenoh.follow import GRACE, Following
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.order import Gap, Part
+from cellwatt.outlets.zenoh.questions import Question
 from tests.daemon.outlets.zenoh.fake_cell import alarm, batch, frames, task
 
 RAW = "raw/arm/samples"

@@ -373,19 +373,3 @@ async def test_renewed_and_old_certificates_both_hold(router: Site) -> None:
     for name, data in old.items():
         (router.folder / "anna" / name).write_bytes(data)
     assert await heard(router)
-
-
-async def test_a_new_authority_in_three_steps(site: Site) -> None:
-    """At every step who has the folders of the step before and who has the new ones still meet."""
-    for step, expected in enumerate(("trusted beside", "of the new authority", "trusted no more")):
-        before = {p: p.read_bytes() for n in ("anna", "weld-3") for p in (site.folder / n).iterdir()}
-        assert expected in secure("renew", "--authority", folder=site.folder)
-        after = {p: p.read_bytes() for p in before}
-        assert before != after, step
-        with site.router():
-            assert await heard(site)  # all have the new folders
-            for path, data in before.items():
-                path.write_bytes(data)
-            assert await heard(site)  # only the router has
-            for path, data in after.items():
-                path.write_bytes(data)

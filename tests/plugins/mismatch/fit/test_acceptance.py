@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,12 @@ def test_a_ripple_that_is_not_there_does_not(problem, ripple):
 def test_a_load_far_from_the_flange_is_none(centre, possible):
     coefficients = np.array([2.0, 0.0, 0.0, 2.0 * centre, *np.zeros(6)])
     assert (impossible("payload", coefficients) is None) == possible
+
+
+def test_samples_that_tell_little_do_not_hide_what_is_left(problem):
+    """Half of the samples near stops, where friction may pull either way and 100 times the noise would be none."""
+    unsure = tuple(np.where(np.arange(len(v))[:, None] % 2, 1e4, 1.0) * problem.floor**2 for v in problem.variance)
+    doubtful = replace(problem, variance=unsure)
+    left = 3.0 * np.random.default_rng(1).normal(size=problem.design.target.shape) * problem.floor
+    assert doubtful.chi2(left) == pytest.approx(9.0, rel=0.1)
+    assert doubtful.fast_chi2(left) == pytest.approx(9.0, rel=0.15)

@@ -52,6 +52,21 @@ def test_columns_of_a_link_are_what_a_heavier_one_needs_more(states):
     assert np.allclose(block.times(parameters(new) - parameters(old), plant.JOINTS), difference, atol=1e-9)
 
 
+def test_what_a_simulation_has_beyond_the_description_may_be_off(states):
+    """Iron loss and a ripple of joint 2 that robot.yaml has no numbers for, each within the tolerance of its kind."""
+    ripple, iron = np.zeros_like(states.q), 3.0 * np.sum(np.abs(states.qd), axis=1)
+    ripple[:, 1] = 2.0 * np.sin(20 * states.q[:, 1])
+    told = replace(states, beyond=ripple, beyond_power=iron)
+    *links, torque = torque_nuisance([told])
+    assert len(links) == len(torque_nuisance([states])) and torque.channel == 1
+    assert np.allclose(torque.times(np.ones(1), plant.JOINTS), ripple)
+    *supply, power = supply_nuisance([told])
+    assert len(supply) == len(supply_nuisance([states])) and np.allclose(power.columns[:, 0], iron)
+    tolerances = states.robot.tolerances
+    assert torque.prior.deviations == pytest.approx(tolerances.friction)
+    assert power.prior.deviations == pytest.approx(tolerances.supply)
+
+
 def test_what_the_simulation_leaves_out_is_not_retuned(tmp_path):
     arm = plant.load(plant.write_robot(tmp_path, coulomb_friction=0.0, rotor_inertia=0.0))
     blocks = torque_nuisance([plant.states(arm, seconds=3.0)])

@@ -161,6 +161,10 @@ def test_a_delay_of_about_half_a_sample_is_how_torque_was_sampled(arm):
     states = [States(run.name, 0, run.time, moved(run), arm)]
     for share, resolved in ((0.55, False), (-0.55, False), (0.65, True), (-0.65, True)):
         assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
+    # What is recorded every 40 ms was picked from steps of 10 ms or less.
+    seldom = [replace(states[0], time=0.04 * np.arange(len(run.time)))]
+    assert BY_NAME["time_delay"].resolved(seldom, None, (0.02,))
+    assert not BY_NAME["time_delay"].resolved(seldom, None, (0.0055,))
 
 
 def test_a_delay_within_a_row_of_a_log_without_a_plan_is_how_its_channels_were_read(arm):

@@ -9,7 +9,6 @@ store        the sources of all recordings; makes level files
 budget       the bytes that all level files may take
 keeping      the thread that keeps them up to date
 moments      short spans, from the frames themselves
-episodes     alarms from raise to clear
 telling      intervals and alarms of a span
 curves       answers
 """

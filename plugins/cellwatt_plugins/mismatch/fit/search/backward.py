@@ -11,6 +11,7 @@ from cellwatt_plugins.mismatch.fit.acceptance import (
     required_gain,
     seen_by_several,
     stands_out,
+    tension,
     unconfirmed,
 )
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
@@ -20,6 +21,8 @@ from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 
+STRETCHED = 5.0
+"""nats that the tolerances of nominal numbers give a name before a plainer one."""
 UNSURE = 0.65
 """Share of a term's evidence from which a quite different shape of it fits about as well."""
 
@@ -68,8 +71,8 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             plain = solve(state, [*rest.terms, Term(effects[name], term.joint, ())])
             if not physical(plain.terms[-1], plain.coefficients(plain.terms[-1]), state.robot):
                 continue
-            # Nominal numbers that go beyond their tolerances take up what the plainer name does not say.
-            if relieves_tension(rest, now, state.thresholds) and not relieves_tension(rest, plain, state.thresholds):
+            # Nominal numbers that are stretched for it take up what the plainer name does not say.
+            if np.sum(tension(plain)) - np.sum(tension(now)) > 2 * STRETCHED:
                 continue
             bare, old, new = (LeaveOut(s.problem, now.factor).errors(s.terms) for s in (rest, plain, now))
             joint = [term.joint or 0]

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from cellwatt.runtime.processes.starved import starved
+from cellwatt.starved import starved
 from tests.patience import wait_until
 
 

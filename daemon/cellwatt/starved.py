@@ -13,14 +13,23 @@ _STATE, _USER, _SYSTEM = 0, 11, 12
 """Fields of /proc/PID/stat after the name."""
 
 
-def starved(process: int, spent: float, silent: float) -> bool:
+def spent(process: int) -> float:
+    """Processor time, s, that the process of this number has taken so far; 0 if it is gone."""
+    return _seen(process)[1]
+
+
+def starved(process: int, before: float, silent: float) -> bool:
     """True if a process waits for a processor or the disk, and has hardly computed in the last ``silent`` s.
 
-    ``process`` is its number, ``spent`` the processor time, s, that it had taken by then.
+    ``process`` is its number, ``before`` the processor time, s, that it had taken by then.
     """
+    state, taken = _seen(process)
+    return state in ("R", "D") and taken - before < SHARE * silent
+
+
+def _seen(process: int) -> tuple[str, float]:
     try:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    except OSError:  # it is gone
-        return False
-    taken = (int(fields[_USER]) + int(fields[_SYSTEM])) * _TICK
-    return fields[_STATE] in ("R", "D") and taken - spent < SHARE * silent
+    except OSError:
+        return "", 0.0
+    return fields[_STATE], (int(fields[_USER]) + int(fields[_SYSTEM])) * _TICK
