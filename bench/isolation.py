@@ -221,12 +221,12 @@ async def _subscriber(link: LinkSettings) -> AsyncIterator[Subscriber]:
     raise SystemExit("the daemon's endpoint does not answer")
 
 
-def demos(runs: int, neighbours: int) -> dict[str, Any]:
+def demos(runs: int, neighbours: int, *more: str) -> dict[str, Any]:
     """How many runs of the demo ended with 0, and what the others say."""
     good, problems = 0, []
     with busy(neighbours):
         for _ in range(runs):
-            command = [sys.executable, "-m", "cellwatt.commands", "demo", "--json", "--seconds", "30"]
+            command = [sys.executable, "-m", "cellwatt.commands", "demo", "--json", "--seconds", "30", *more]
             done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
             good += done.returncode == 0
             problems += json.loads(done.stdout)["problems"] if done.stdout else ["no answer"]
@@ -259,7 +259,9 @@ def main() -> None:
         figures["kills"] = asyncio.run(kills(a.kills, 4))
     if "demos" in a.only:
         figures["demo_idle"] = demos(a.demos, 0)
+        figures["demo_all_idle"] = demos(a.demos, 0, "--cell", "all")
         figures["demo_busy"] = demos(a.demos // 2, 4)
+        figures["demo_all_busy"] = demos(a.demos // 2, 4, "--cell", "all")
     print(json.dumps(figures) if a.json else json.dumps(figures, indent=1))
 
 

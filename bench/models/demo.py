@@ -8,15 +8,12 @@ Records the demo's arm and its board, without the fault, for 40 s and trains on 
 from __future__ import annotations
 
 import asyncio
-import copy
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any
 
 import yaml
 from threadpoolctl import threadpool_limits
@@ -32,11 +29,8 @@ from cellwatt_plugins.models.power.training import model_of
 from cellwatt_plugins.robot import Arm
 
 SECONDS = 40.0
-SOURCES: list[dict[str, Any]] = [
-    {"driver": "ur", "host": "127.0.0.1"},
-    {"driver": "power_board", "port": "/dev/ttyUSB0"},
-]
-"""The demo's arm and its board."""
+DRIVERS = ("ur", "power_board")
+"""Of the demo's arm and its board."""
 LENGTHS = (0.15, 0.0, 0.42, 0.39, 0.1, 0.1)
 """m from joint to joint."""
 MASS = (3.0, 4.0, 2.0, 0.6, 0.4, 0.2)
@@ -50,30 +44,17 @@ RESISTANCE = (1.1, 1.1, 1.2, 2.0, 2.0, 2.0)
 async def record(folder: Path, seconds: float = SECONDS) -> None:
     """Frames of the arm and of the board on its supply."""
     endpoint = cells.free_endpoint()
-    sources = dict(zip(FAULTY, copy.deepcopy(SOURCES), strict=True))
-    devices = devices_of(load(_write(folder, sources, endpoint), {}), free=True)
+    known = cells.every_driver()
+    sources = {name: known[driver] for driver, name in zip(DRIVERS, FAULTY, strict=True)}
+    devices = devices_of(load(cells.write(folder, sources, endpoint), {}), free=True)
     async with AsyncExitStack() as stack:
         emulators = await stack.enter_async_context(running(devices, time.time(), seed=len(cells.SMALL)))
         for (_, name, key), value in places(devices, emulators).items():
             sources[str(name)][str(key)] = value
-        daemon = await stack.enter_async_context(processes.daemon(_write(folder, sources, endpoint), folder))
+        daemon = await stack.enter_async_context(processes.daemon(cells.write(folder, sources, endpoint), folder))
         await asyncio.sleep(seconds)
         daemon.send_signal(signal.SIGTERM)
         await daemon.wait()
-
-
-def _write(folder: Path, sources: Mapping[str, Mapping[str, Any]], endpoint: str) -> Path:
-    """The settings file of a cell with these sources, recorded and published."""
-    cell = {
-        "site": "demo",
-        "cell": "demo",
-        "sources": dict(sources),
-        "record": {"folder": str(folder), "keep": "1 GB"},
-        "zenoh": {"listen": [f"tcp/{endpoint}"]},
-    }
-    file = folder / "cell.yaml"
-    file.write_text(yaml.safe_dump(cell, sort_keys=False))
-    return file
 
 
 def demo_robot(folder: Path) -> Path:

@@ -16,7 +16,7 @@ from cellwatt.config import load
 from cellwatt.demo import cells, fault, processes, simulation
 from cellwatt.demo.power import power_of
 from cellwatt.demo.seen import Seen
-from cellwatt.demo.summary import delivery_problems, sources_of, summary
+from cellwatt.demo.summary import delivery_problems, sources_of, summary, summary_of_every_driver
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
@@ -50,7 +50,7 @@ class Demonstration:
         self._stopped = self._stopped or why
         self._stopping.set()
 
-    async def run(self) -> dict[str, Any]:
+    async def small(self) -> dict[str, Any]:
         """Run four devices and hook a spring on an elbow; return the summary, JSON-ready.
 
         Raises ``CellwattError`` when a process does not start.
@@ -70,6 +70,28 @@ class Demonstration:
 
             code = await self._follow(processes.daemon(file, self.folder, told), endpoint, play)
         return self._with_end(summary(self.seen, hooked, code, power_of(self.folder, self.epoch, hooked)))
+
+    async def every_driver(self) -> dict[str, Any]:
+        """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.
+
+        Raises ``CellwattError`` when a process does not start.
+        """
+        endpoint = cells.free_endpoint()
+        sources, lacking = cells.usable(cells.every_driver(), self.folder)
+        devices = devices_of(load(cells.write(self.folder, sources, endpoint), {}), free=True)
+        async with running(devices, self.epoch) as emulators:
+            for (_, name, key), value in places(devices, emulators).items():
+                sources[str(name)][str(key)] = value
+
+            async def play() -> None:
+                self.say(f"{len(devices)} devices run for {self.seconds:.0f} s")
+                await self._pause(self.seconds)
+
+            code = await self._follow(
+                processes.daemon(cells.write(self.folder, sources, endpoint), self.folder), endpoint, play
+            )
+            sent = {name: dict(await emulator.counts()) for name, emulator in emulators.items()}
+        return self._with_end(summary_of_every_driver(self.seen, sources, lacking, sent, code))
 
     def _with_end(self, found: dict[str, Any]) -> dict[str, Any]:
         if not self._stopped:

@@ -41,6 +41,27 @@ def _meter(seen: Seen) -> dict[str, Any] | None:
     return {"statement": told[-1]["statement"], **told[-1]["evidence"]} if told else None
 
 
+def summary_of_every_driver(
+    seen: Seen,
+    devices: Collection[str],
+    lacking: Mapping[str, str],
+    emulated: Mapping[str, Mapping[str, int]],
+    exit_code: int | None,
+) -> dict[str, Any]:
+    """Summarise the cell of all drivers: sources, their emulators' counts, and drivers left out with the reason."""
+    sources = sources_of(seen)
+    problems = problems_of(seen, sources, devices, exit_code)
+    for name, source in sources.items():
+        source["emulated"] = dict(emulated.get(name, {}))
+    return {
+        "ok": not problems,
+        "problems": problems,
+        "left_out": dict(lacking),
+        "sources": sources,
+        "frames": seen.samples["frame"],
+    }
+
+
 def sources_of(seen: Seen) -> dict[str, dict[str, Any]]:
     """Account, losses, polls that fell due while this PC stood still, and streams, by source.
 

@@ -134,6 +134,7 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("new-driver", "My-Meter"), USAGE, "found 'My-Meter' as a name, expected small letters"),
         (("new-driver", "skeleton"), USAGE, "there is a driver named 'skeleton' already"),
         (("demo", "--seconds", "3"), USAGE, "at least 20 s are needed"),
+        (("demo", "--cell", "all", "--seconds", "0.5"), USAGE, "at least 1 s is needed"),
         (("emulate", "skeleton", "--recording", "untimed.csv"), ERROR, "no column t, timestamp or time for the time"),
         (("emulate", "skeleton", "--option", "noise"), USAGE, "found 'noise' as an option, expected KEY=VALUE"),
         (("emulate", "skeleton", "--option", "noise=1"), USAGE, "unknown options: noise; there are none"),
