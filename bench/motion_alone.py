@@ -278,9 +278,6 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
                 delay, at = float(rng.uniform(0.018, 0.04)), None
             case "coulomb_friction":
                 lacks.setdefault(joint, []).append(6)
-            case "viscous_friction":
-                lacks.setdefault(joint, []).append(7)
-                rows[joint][7] *= 2.5
             case "rotor_inertia":
                 lacks.setdefault(joint, []).append(5)
             case "drive_gain":
@@ -352,9 +349,9 @@ def _limit(plant: Plant, arm: Table, joint: int, seed: int) -> float:
 
 LEVELS = ("null", "single", "pair", "triple", "unknown", "pair", "single", "triple", "beside unknown", "pair")
 """In turn, for each arm."""
-EFFECTS = (
+EFFECTS = (  # A lack of viscous friction is no more than a servo's damping may be off by.
     *("payload", "coulomb_friction", "drive_gain", "stribeck_friction", "drive_dead_band", "time_delay"),
-    *("torque_saturation", "gravity_tilt", "spring_load", "viscous_friction", "rotor_inertia", "backlash"),
+    *("torque_saturation", "gravity_tilt", "spring_load", "rotor_inertia", "backlash"),
     *("position_periodic_torque", "load_dependent_friction", "external_contact", "asymmetric_friction"),
     *("nonlinear_viscous_friction", "payload_change"),
 )
