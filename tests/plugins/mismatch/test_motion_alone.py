@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.robot.servo.law import servo_of
+from tests.daemon.logs import making
 from tests.plugins.robot import planar_arm as arm
 
 mujoco = pytest.importorskip("mujoco")
@@ -88,13 +89,15 @@ def logs():
 
 
 def explained(folder, log, *words):
-    time, told, seen = log
-    columns = {"t": time}
-    for j in range(2):
-        columns |= {f"command_{j + 1}": told[:, j], f"q_{j + 1}": seen[:, j]}
-    pq.write_table(pa.table(columns), folder / "log.parquet")
+    if isinstance(log, tuple):
+        time, told, seen = log
+        columns = {"t": time}
+        for j in range(2):
+            columns |= {f"command_{j + 1}": told[:, j], f"q_{j + 1}": seen[:, j]}
+        log = folder / "log.parquet"
+        pq.write_table(pa.table(columns), log)
     (folder / "arm.xml").write_text(mjcf())
-    given = [str(folder / "log.parquet"), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
+    given = [str(log), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
     words = words or ("--no-report",)
     done = CliRunner().invoke(explain, [*given, "-q", *words], catch_exceptions=False)
     assert done.exit_code == 0, done.output
@@ -167,3 +170,41 @@ def test_what_is_missing_is_named(tmp_path, logs, plant, place, number, value):
     _, named = explained(tmp_path, logs[plant])
     assert named.keys() == {place}
     assert named[place][number]["value"] == pytest.approx(value, rel=0.15)
+
+
+@pytest.fixture
+def soft(logs, monkeypatch):
+    """The log of a soft loop in the hands of the reference writers."""
+    time, told, seen = logs["gain"]
+    speed = np.gradient(seen, ROW, axis=0)
+    names = {"JOINTS": ("shoulder", "elbow"), "N": len(time), "TIME": time, "POSITION": seen, "VELOCITY": speed}
+    for name, value in (names | {"COMMAND": told}).items():
+        monkeypatch.setattr(making, name, value)
+
+
+def topics(types, order):
+    return {
+        "/joint_states": ("sensor_msgs/msg/JointState", making.states(types, order, effort=False)),
+        "/arm/state": (making.CONTROLLER, making.controls(types, order)),
+    }
+
+
+def test_a_bag_with_joints_in_another_order_is_explained_byte_for_byte_alike(tmp_path, soft):
+    types, said = making.store(), []
+    for order in (("shoulder", "elbow"), ("elbow", "shoulder")):
+        folder = tmp_path / order[0]
+        folder.mkdir()
+        _, named = explained(folder, making.bag(folder / "log", topics(types, order), types))
+        assert named.keys() == {("drive_gain", 2)}
+        said.append((folder / "out" / "findings.json").read_bytes())
+    assert said[0] == said[1]
+
+
+@pytest.mark.parametrize("form", ["mcap", "lerobot"])
+def test_an_mcap_and_a_lerobot_data_set_are_explained(tmp_path, soft, form):
+    types, order = making.store(), ("elbow", "shoulder")
+    if form == "mcap":
+        log = making.mcap(tmp_path / "log.mcap", topics(types, order), types)
+    else:
+        log = making.lerobot(tmp_path / "log", names=("shoulder", "elbow"))
+    assert explained(tmp_path, log)[1].keys() == {("drive_gain", 2)}
