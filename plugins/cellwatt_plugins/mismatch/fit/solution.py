@@ -38,7 +38,7 @@ class Thresholds:
     """Mean square residual, in units of the noise."""
     better: float = 0.4
     """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
-    certain: float = 10.0
+    certain: float = 8.0
     """Standard errors from which an unusual term stays that takes less off than it leaves beyond the noise."""
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""
