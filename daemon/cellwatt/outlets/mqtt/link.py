@@ -44,7 +44,7 @@ _REFUSED: Final = 0x80
 _AUTHENTICATION: Final = (134, 135)
 """Reason codes: bad user name or password, not authorised."""
 _library = logging.getLogger("cellwatt.mqtt")
-_library.setLevel(logging.CRITICAL)
+_library.disabled = True
 T = TypeVar("T")
 
 
