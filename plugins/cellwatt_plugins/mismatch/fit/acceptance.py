@@ -89,9 +89,7 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
         share = 0.0 if near else thresholds.share
         # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
         solved = float(np.max(left)) < thresholds.near and found.again
-        # Of what is in no library, each name takes a little; what rings or clacks is never followed to the noise.
-        murky = bool(np.min(left) > thresholds.much_left) and not term.effect.form.sample_by_sample
-        steady = solved or found.sure > (thresholds.sure if near or murky else thresholds.steady)
+        steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:

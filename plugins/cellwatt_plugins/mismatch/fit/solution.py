@@ -32,8 +32,8 @@ class Thresholds:
     much: float = 0.15
     """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
     murky: float = 0.0
-    """Share that a term must take off a channel of which ``much_left`` is left beside all terms: of something that is
-    in no library, each name takes a little."""
+    """Share that a term must take off a joint, ``sure``, of which ``much_left`` is left beside all terms: of something
+    that is in no library, each name takes a little."""
     much_left: float = 10.0
     """Mean square residual, in units of the noise."""
     better: float = 0.4
