@@ -92,9 +92,7 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
         share = SOLVED if shaped and np.min(left) > thresholds.much_left else share
         # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
         solved = float(np.max(left)) < thresholds.near and found.again
-        # Of what is in no library, each name takes a little.
-        murky = bool(np.min(left) > thresholds.much_left)
-        steady = solved or found.sure > (thresholds.sure if near or murky else thresholds.steady)
+        steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
