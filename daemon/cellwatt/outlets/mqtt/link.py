@@ -43,8 +43,7 @@ _REFUSED: Final = 0x80
 """Least reason code of a refusal."""
 _AUTHENTICATION: Final = (134, 135)
 """Reason codes: bad user name or password, not authorised."""
-_library = logging.getLogger("cellwatt.mqtt")
-_library.setLevel(logging.CRITICAL)
+_library = logging.Logger("cellwatt.mqtt", logging.CRITICAL)
 T = TypeVar("T")
 
 
