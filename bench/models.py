@@ -54,11 +54,6 @@ def _epochs(_: Path, __: Path) -> Told:
     return Told(tables, page.epochs(tables), {"static-epochs": epochs.picture(tables)})
 
 
-def _epochs_recorded(data: Path, _: Path) -> Told:
-    found = epochs.recorded(data / epochs.FOLDER)
-    return Told({m: {n: asdict(s) for n, s in each.items()} for m, each in found.items()}, page.epochs_recorded(found))
-
-
 def _power(_: Path, work: Path) -> Told:
     errors = power.emulated(work)
     return Told(errors, page.power(errors))
@@ -88,7 +83,6 @@ def _speed(_: Path, work: Path) -> Told:
 PARTS: Mapping[str, Part] = {
     "static": Part(_static),
     "epochs": Part(_epochs),
-    "epochs-recorded": Part(_epochs_recorded, epochs.FOLDER),
     "power": Part(_power),
     "curve": Part(_curve),
     "ur3e": Part(_ur3e, ur3e.FOLDER),

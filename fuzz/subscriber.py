@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from cellwatt.outlets.zenoh.asking import Question
+
 from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.order import Gap, Part

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from scipy.signal import lfilter
 
 from concealed.arms import Array
 from concealed.plant import Trace
@@ -149,6 +148,8 @@ def draw_interface(rng: np.random.Generator, noise: Array, power_noise: float, r
 def low_pass(x: Array, time_constant: float, tick: float) -> Array:
     """First-order filter along time, started at the first value."""
     keep = np.exp(-tick / time_constant)
+    from scipy.signal import lfilter
+
     return np.asarray(lfilter([1 - keep], [1, -keep], x, axis=0, zi=keep * x[:1])[0])
 
 
@@ -185,6 +186,8 @@ def report_torque(way: Interface, t: Array, grid: Array, torque: Array) -> Array
 def coloured(rng: np.random.Generator, n: int, joints: int, share: float, rate: float) -> Array:
     """(n, joints) unit noise of which `share` of the variance has a correlation time of 25 ms."""
     keep = np.exp(-1.0 / (rate * 0.025))
+    from scipy.signal import lfilter
+
     slow = lfilter([np.sqrt(1 - keep**2)], [1, -keep], rng.normal(size=(n + 200, joints)), axis=0)[200:]
     return np.asarray(np.sqrt(1 - share) * rng.normal(size=(n, joints)) + np.sqrt(share) * slow)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from concealed.arms import Arm, Array
 
@@ -100,6 +99,8 @@ class Supply:
         if self.winding is None:
             return loss
         keep = np.exp(-dt / self.winding.time_constant)
+        from scipy.signal import lfilter
+
         return np.asarray(loss * (1 + COPPER * lfilter([1 - keep], [1, -keep], loss * self.winding.rise, axis=0)))
 
 

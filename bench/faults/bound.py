@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from concealed.arms import Array
 from scipy.optimize import lsq_linear
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from faults.tasks import Path
 
@@ -15,7 +15,7 @@ ACCEPTED = 1e-4
 """Share of healthy intervals in which a false alarm is accepted."""
 LEVEL = 2.0
 """W by which a supply's standing power may differ from cycle to cycle (one sigma)."""
-THRESHOLD = float(norm.isf(ACCEPTED))
+THRESHOLD = -float(ndtri(ACCEPTED))
 """Standard deviations of the meter's noise that noise alone exceeds in that share."""
 
 
@@ -47,4 +47,4 @@ def signal_to_spread(path: Path, move: int, effect: Array, harmless: Sequence[Ar
 
 def told_at_best(signal_to_noise_: float) -> float:
     """Probability that the best detector tells it, at ``ACCEPTED`` false alarms (Neyman and Pearson)."""
-    return float(norm.sf(THRESHOLD - signal_to_noise_))
+    return float(ndtr(signal_to_noise_ - THRESHOLD))

@@ -22,10 +22,10 @@ from tests.plugins.faults.paper.patterns import pattern_of  # noqa: E402
 
 from cellwatt.emulation import ArmSignals  # noqa: E402
 from cellwatt_plugins.faults.api import learn_from  # noqa: E402
-from cellwatt_plugins.faults.paper import rivals  # noqa: E402
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms  # noqa: E402
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train  # noqa: E402
 from cellwatt_plugins.faults.recordings import frames_of_files  # noqa: E402
+from faults import rivals  # noqa: E402
 from faults.printed import power_17  # noqa: E402
 from faults.tables import PICK_AND_PLACE, POLISHING  # noqa: E402
 

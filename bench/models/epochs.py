@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.models.static.identify import HeldArm
-from cellwatt_plugins.models.static.paper import EPOCHS, TEST, split, trained
+from cellwatt_plugins.models.static.paper import TEST, split, trained
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.models.static.scores import Scores
 from cellwatt_plugins.models.static.training import SEED
@@ -24,13 +24,8 @@ from cellwatt_plugins.robot import Arm
 from models import held_arms
 from models.static import COUNT, Spread
 
-FOLDER = "../static_poses"
-"""Beside the recordings."""
 COURSE = (10, 30, 100, 200, 500)
 """Epochs."""
-COURSE_RECORDED = (10, 30, 100, 200, 500, 1000)
-AS_PRINTED = 132 / 532
-"""Share in the test: the paper has "132 in this case" of 532, beside 80/20."""
 NEURONS = {"network": 216, "hybrid on the residual": 475, "hybrid as printed": 475}
 METHODS = ("gravity", *NEURONS)
 
@@ -68,10 +63,9 @@ class Row:
 
 @dataclass(frozen=True)
 class EpochTables:
-    """The course, the same with the paper's n, and on how many arms the hybrid beats gravity and the network."""
+    """The course, and on how many arms the hybrid beats gravity and the network."""
 
     rows: tuple[Row, ...]
-    as_printed: tuple[Row, ...]
     in_order: dict[int, tuple[int, int]]
     """Epochs → arms on which the hybrid is best, on the residual and as printed."""
     arms: int
@@ -89,23 +83,6 @@ def collected(seed: int) -> Held:
     return Held(poses.q, gravity, poses.total)
 
 
-def of_recording(folder: Path) -> Held:
-    """Held poses that others emulated: samples.parquet and robot.yaml."""
-    described = Arm.load(folder / "robot.yaml")
-    poses = read_poses([folder / "samples.parquet"], described.description)
-    arm = HeldArm.of(described, poses.q)
-    return Held(poses.q, arm.basis(poses).vertical @ arm.effects(poses).cad, poses.total)
-
-
-def recorded(folder: Path) -> dict[str, dict[int, Scores]]:
-    """Method → epochs → scores on the fifth left out of one recording."""
-    held = of_recording(folder)
-    with threadpool_limits(1):
-        return {
-            method: {epochs: scores(held, method, epochs, TEST) for epochs in COURSE_RECORDED} for method in METHODS
-        }
-
-
 def scores(held: Held, method: str, epochs: int, share: float) -> Scores:
     """On the share left out."""
     rows, test = split(len(held.q), SEED, share)
@@ -121,10 +98,8 @@ def run(arms: int = 3) -> EpochTables:
             for method in METHODS
             for epochs in (COURSE if method in NEURONS else COURSE[:1])
         }
-        printed = {method: [scores(each, method, EPOCHS, AS_PRINTED) for each in held] for method in METHODS}
     return EpochTables(
         tuple(_row(method, epochs, TEST, found) for (method, epochs), found in course.items()),
-        tuple(_row(method, EPOCHS, AS_PRINTED, found) for method, found in printed.items()),
         {epochs: _in_order(course, epochs, arms) for epochs in COURSE},
         arms,
     )

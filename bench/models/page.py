@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from cellwatt_plugins.models.static.scores import Scores
 from models.epochs import EpochTables, Row
 from models.power import ECBOT, PUBLISHED, Errors, Size, Speed
 from models.static import StaticTables
@@ -55,7 +54,7 @@ def static(tables: StaticTables) -> str:
 
 
 def epochs(tables: EpochTables) -> str:
-    """The course of the paper's networks, then the same with as many poses left out as it has."""
+    """The course of the paper's networks."""
     gravity, *rows = tables.rows
     methods = list(dict.fromkeys(row.method for row in rows))
     found = {(row.method, row.epochs): row for row in rows}
@@ -67,23 +66,8 @@ def epochs(tables: EpochTables) -> str:
         (str(n), *(cell(found[m, n]) for m in methods), "{}, {}".format(*tables.in_order[n])) for n in tables.in_order
     ]
     head = ("epochs", *methods, "arms in the paper's order")
-    printed = [
-        (row.method, _spread(row.rmse_nm, 2), _spread(row.r2, 3), _spread(row.mape_percent, 1))
-        for row in tables.as_printed
-    ]
     told = f"Gravity: {cell(gravity)} on the same poses. {tables.arms} arms, {gravity.left_out} poses left out."
-    also = f"With {tables.as_printed[0].left_out} poses left out, after {tables.as_printed[0].epochs} epochs:"
-    return "\n\n".join([_table(head, course), told, also, _table(("method", "RMSE, Nm", "R²", "MAPE, %"), printed)])
-
-
-def epochs_recorded(found: Mapping[str, Mapping[int, Scores]]) -> str:
-    """RMSE, R² and MAPE of each method by epochs on one recording."""
-    counts = next(iter(found.values()))
-    rows = [
-        (str(n), *(f"{each[n].rmse:.2f} / {each[n].r2:.3f} / {each[n].mape:.1f}" for each in found.values()))
-        for n in counts
-    ]
-    return _table(("epochs", *found), rows)
+    return "\n\n".join([_table(head, course), told])
 
 
 def power(errors: Sequence[Errors]) -> str:

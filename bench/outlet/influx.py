@@ -12,9 +12,8 @@ from typing import Any
 import aiohttp
 
 from cellwatt.outlets.historian.client import Client
-from cellwatt.outlets.historian.influx import Lines
 from cellwatt.outlets.historian.line_protocol import row_line
-from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.outlet import HistorianOutlet, Lines
 from cellwatt.outlets.historian.settings import HistorianSettings, InfluxSettings
 from cellwatt.outlets.past import read
 from cellwatt.outlets.selection import Picker
@@ -38,7 +37,7 @@ async def offered(url: str, seconds: float) -> dict[str, float]:
     view: Any = View()
     outlet = HistorianOutlet("historian", HistorianSettings(influx=settings_for(url)), view)
     assert outlet._influx is not None
-    items = outlet._influx.forwarder._items
+    items = outlet._influx._items
 
     async def work() -> dict[str, float]:
         given, began = 0, time.monotonic()

@@ -17,8 +17,7 @@ from typing import Any
 
 import psutil
 
-from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet
-from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
+from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet, OpcUaOutletSettings
 from outlet.children import Child, child
 from outlet.figures import Figures, computed, spread
 from outlet.loop import off_loop, served, until

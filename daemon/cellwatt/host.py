@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 from typing import Annotated, Final
+from urllib.parse import SplitResult, urlsplit
 
 from pydantic import AfterValidator
 
@@ -37,6 +38,26 @@ def stays_here(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def web_address(url: str, like: str) -> SplitResult:
+    """Parts of an address of the web, one like ``like``. Raises ``ValueError``, without the address, if it is none."""
+    try:
+        parts = urlsplit(url)
+        good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        good = False
+    if not good or re.search(r"\s", url):
+        raise ValueError(f"expected an address like {like}")
+    if parts.username is not None or parts.password is not None:
+        raise ValueError("write no user or password into the address; they have keys of their own")
+    return parts
+
+
+def in_the_clear(url: str) -> bool:
+    """True if what goes to an address of the web leaves this PC without encryption."""
+    parts = urlsplit(url)
+    return parts.scheme == "http" and not stays_here(parts.hostname or "")
 
 
 def _mistake(host: str) -> str:

@@ -21,7 +21,6 @@ from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
 from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.procedure.cube import load_cube
-from cellwatt_plugins.energy.procedure.log import read_log
 from cellwatt_plugins.energy.recordings import read_reading
 from cellwatt_plugins.faults import reference
 from cellwatt_plugins.faults.api import _described
@@ -48,7 +47,6 @@ READERS: dict[str, tuple[str, Read]] = {
     "--robot": ("arm.yaml", lambda path: _described(str(path))),
     "cube": ("cube.yaml", lambda path: load_cube("ur10e", path)),
     "energy.json": ("energy.json", lambda path: load_known(path, SimpleNamespace())),  # type: ignore[arg-type]
-    "campaign.json": ("campaign.json", read_log),
     "campaign's table": ("run.csv", read_reading),
     "campaign's Parquet": ("run.parquet", read_reading),
     "table": ("poses.csv", read_table),

@@ -9,7 +9,7 @@ import pytest
 
 from cellwatt_plugins.energy.campaign import disaggregate
 from cellwatt_plugins.energy.fixed import AtRest, steady_power
-from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_states
+from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
 from cellwatt_plugins.energy.procedure.recorded import Recorded
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
 from tests.plugins.energy.running import MEASURED
@@ -39,9 +39,10 @@ def measured(robot, folder, seed=1):
     for payload in (0.0, plant.cube.payload):
         taped.programme(payload, *plant.programme(payload, speeds, REPETITIONS, taped.rng))
     recorded = Recorded(taped.write(), arm)
-    cut_states(recorded, taped.log, folder)
-    for programme in taped.log.programmes:
-        runs = cut_programme(recorded, arm, programme, speeds, REPETITIONS, REPETITIONS, folder)
+    for name, span in taped.states.items():
+        cut_state(recorded, span, folder / f"{name}.parquet")
+    for payload, span in taped.programmes.items():
+        runs = cut_programme(recorded, arm, span, payload, speeds, REPETITIONS, REPETITIONS, folder)
         assert all(run.written and not run.refused for run in runs)
     return plant, disaggregated(arm, folder)
 

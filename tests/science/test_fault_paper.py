@@ -7,9 +7,9 @@ import pytest
 from bench.faults.paper import judge
 from bench.faults.tables import PICK_AND_PLACE, POLISHING
 
+from bench.faults import rivals
 from cellwatt.emulation import ArmSignals
 from cellwatt_plugins.faults.criteria import Tolerance, ternary
-from cellwatt_plugins.faults.paper import rivals
 from cellwatt_plugins.faults.paper.bevf import ITERATIONS, ORDERS, fit, rms
 from cellwatt_plugins.faults.paper.expected import fault_table
 from cellwatt_plugins.faults.paper.judging import by_agreement

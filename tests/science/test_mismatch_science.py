@@ -4,12 +4,11 @@ import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import lfilter
-from scipy.stats import norm
 
 from cellwatt_plugins.mismatch.fit.coordinate_search import climb
 from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
@@ -118,6 +117,8 @@ def drawn(states, seed, rho):
     )
     excess, speed = random.uniform(2, 5), random.uniform(0.1, 0.3)
     sticky = excess * np.exp(-((states.qd[:, 1] / speed) ** 2)) * plant.turned(states.qd[:, 1])
+    from scipy.signal import lfilter
+
     noise = lfilter([np.sqrt(1 - rho**2)], [1, -rho], random.standard_normal(states.q.shape), axis=0)
     torque = plant.motors(real, states.q, states.qd, states.qdd) + plant.column(sticky, 2) + plant.TORQUE_NOISE * noise
     return Run("run_01", states.time, states.q, states.qd, torque), excess, speed
@@ -153,7 +154,7 @@ def test_stated_intervals_hold_the_truth_about_as_often_as_they_say(arm, rho):
         for name, true in (("excess", excess), ("velocity", speed)):
             off[name].append((parameters[name].value - true) / parameters[name].std)
     for name, scores in off.items():
-        held = np.mean(np.abs(scores) < norm.ppf(0.975))
+        held = np.mean(np.abs(scores) < NormalDist().inv_cdf(0.975))
         # Of 40, 34 or fewer would come from true 95 % intervals once in fifty times.
         assert held > 0.85, (name, held, np.std(scores))
         # Intervals that are far too wide hold everything and say nothing.

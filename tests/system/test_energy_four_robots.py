@@ -16,7 +16,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.emulation import EmulatorProcess
-from cellwatt_plugins.energy.procedure.log import AtRest, Log, Programme, StateName, write_log
+from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
+from cellwatt_plugins.energy.procedure.recorded import Recorded, Span
+from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import MEASURED
 from tests.system.running import Audience, free_port, running
 
@@ -58,23 +60,10 @@ class Day:
     arm: Path
     supply: Path
     seconds: float
-    states: dict[StateName, tuple[float, float]]
+    states: dict[str, tuple[float, float]]
     """Beginning and end of each reading, s after the epoch."""
     programmes: dict[float, tuple[float, float]]
     """The same of each program, by its payload."""
-
-    def log(self, robot: str, epoch: float) -> Log:
-        """What the guide would have written down."""
-        log = Log(robot=robot)
-
-        def at(span: tuple[float, float]) -> dict[str, int]:
-            return {"start": round((epoch + span[0]) * 1e9), "end": round((epoch + span[1]) * 1e9)}
-
-        for name, span in self.states.items():
-            log = log.with_state(name, AtRest(**at(span), power=0.0, uncertainty=0.0, drift=0.0))
-        for payload, span in self.programmes.items():
-            log = log.with_programme(Programme(**at(span), payload=payload))
-        return log
 
 
 def write_day(folder: Path, plant) -> Day:
@@ -82,7 +71,7 @@ def write_day(folder: Path, plant) -> Day:
     rng = np.random.default_rng(5)
     made = plant.made
     every = round(500 / RATE)
-    levels: dict[StateName, float] = {"connected": made.controller + made.electronics, "released": made.fixed + HOLD}
+    levels: dict[str, float] = {"connected": made.controller + made.electronics, "released": made.fixed + HOLD}
     if made.separate:
         levels = {"controller": made.controller, **levels}
     programmes = {p: plant.programme(p, SPEEDS, REPETITIONS, rng) for p in (0.0, plant.cube.payload)}
@@ -100,7 +89,7 @@ def write_day(folder: Path, plant) -> Day:
         return add(np.repeat(still, count, axis=0), np.full(count, watt))
 
     rest(made.fixed, LEAD)
-    states: dict[StateName, tuple[float, float]] = {}
+    states: dict[str, tuple[float, float]] = {}
     for name, watt in levels.items():
         rest(watt, PAUSE)
         states[name] = rest(watt, READ)
@@ -174,14 +163,20 @@ def cellwatt(*words: str | Path) -> str:
     return done.stdout
 
 
-def split(folder: Path, plant, robot: Path, states: dict[StateName, tuple[float, float]]) -> dict:
-    """`energy-campaign cut` and `disaggregate`: what is in energy.json."""
-    log, out = folder / "campaign.json", folder / "campaign"
-    words = ["--robot", robot, "--campaign", log, "--out", out, "--json"]
-    words += ["--speeds", ",".join(f"{s:g}" for s in SPEEDS), "--repetitions", str(REPETITIONS), "--least", str(LEAST)]
-    cut = json.loads(cellwatt("energy-campaign", "cut", folder / "record", *words))
-    assert [run["written"] for run in cut["runs"]] == [True] * 2 * len(SPEEDS), cut
-    files = [word for name in states for word in (f"--{name}", out / f"{name}.parquet")]
+def split(folder: Path, robot: Path, day: Day, epoch: float) -> dict:
+    """What is cut from the recording, through `disaggregate`: what is in energy.json."""
+    arm, out = Arm.load(robot), folder / "campaign"
+    recorded = Recorded(folder / "record", arm)
+
+    def at(begin: float, end: float) -> Span:
+        return Span(round((epoch + begin) * 1e9), round((epoch + end) * 1e9))
+
+    for name, span in day.states.items():
+        cut_state(recorded, at(*span), out / f"{name}.parquet")
+    for payload, span in day.programmes.items():
+        runs = cut_programme(recorded, arm, at(*span), payload, SPEEDS, REPETITIONS, LEAST, out)
+        assert all(run.written for run in runs), runs
+    files = [word for name in day.states for word in (f"--{name}", out / f"{name}.parquet")]
     given = ["--robot", robot, *files, "--runs", out / "runs", "--out", folder / "report"]
     return json.loads(cellwatt("disaggregate", *given, "--json"))
 
@@ -212,14 +207,13 @@ def errors(plant, found: dict) -> dict[str, float]:
 @pytest.mark.parametrize("robot", list(DEVICES))
 async def test_what_the_emulated_arm_truly_spent(robot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(BENCH))
-    from tests.plugins.energy.procedure.plant import ROBOTS, Arm
+    from tests.plugins.energy.procedure import plant as plants
 
-    plant = Arm(ROBOTS[robot])
+    plant = plants.Arm(plants.ROBOTS[robot])
     described = plant.describe(tmp_path / "robot")
     day = write_day(tmp_path, plant)
     epoch = await record(tmp_path, day, robot)
-    write_log(day.log(robot, epoch), tmp_path / "campaign.json")
-    worst = errors(plant, split(tmp_path, plant, described, day.states))
+    worst = errors(plant, split(tmp_path, described, day, epoch))
     print(robot, {name: round(value, 3) for name, value in worst.items()})
     assert max(worst[name] for name in (*MEASURED, "regeneration")) < 1.0, worst
     assert worst["epsilon"] < 0.3, worst

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,14 +32,58 @@ _OPTIONS: Final = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Where:
+    """What the options say of a cell, or of a site whose cells are asked for."""
+
+    file: Path | None
+    connect: str | None
+    site: str | None
+    cell: str | None
+    tls: TlsSettings | None
+    verify: Path | None
+
+    @property
+    def whole_site(self) -> tuple[str, LinkSettings] | None:
+        """The site and its link where all of its cells are asked for."""
+        if self.file is None and self.connect and self.site and not self.cell:
+            return self.site, _client(self.connect, self.tls)
+        return None
+
+    def target(self, config: CellConfig | None = None) -> tuple[str, str, LinkSettings]:
+        """Site, name and link of the cell of its settings (``config``, or those of FILE), or of the other options."""
+        if config is None and self.file is not None:
+            config = load(self.file)
+        if config is not None:
+            return config.site, config.cell, link_to(config, self.connect, "; or use --connect", self.tls)
+        if not (self.connect and self.site and self.cell):
+            raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
+        return self.site, self.cell, _client(self.connect, self.tls)
+
+
 def cell_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Put the options that name a cell, and the link to it, before those of a command."""
+    """Put the options that name a cell, and the link to it, before those of a command, which gets a ``where``."""
+
+    @wraps(command)
+    def called(
+        file: Path | None,
+        connect: str | None,
+        site: str | None,
+        cell: str | None,
+        ca: Path | None,
+        certificate: Path | None,
+        key: Path | None,
+        verify: Path | None,
+        **more: Any,
+    ) -> Any:
+        return command(where=Where(file, connect, site, cell, _tls_of(ca, certificate, key), verify), **more)
+
     for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
+        called = option(called)
+    return called
 
 
-def tls_of(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSettings | None:
+def _tls_of(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSettings | None:
     """The certificates given on the command line. Raises ``click.UsageError`` where one is missing."""
     if ca is None and certificate is None and key is None:
         return None
@@ -46,23 +92,7 @@ def tls_of(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSe
     return TlsSettings(root_ca=ca, certificate=certificate, key=key)
 
 
-def target(
-    file: Path | None, connect: str | None, site: str | None, cell: str | None, tls: TlsSettings | None
-) -> tuple[str, str, LinkSettings]:
-    """Site, name and link of the cell of a settings file, or of the other options."""
-    if file is not None:
-        return target_of(load(file), connect, tls)
-    if not (connect and site and cell):
-        raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
-    return site, cell, client(connect, tls)
-
-
-def target_of(config: CellConfig, connect: str | None, tls: TlsSettings | None) -> tuple[str, str, LinkSettings]:
-    """Site, name and link of the cell of settings that are read."""
-    return config.site, config.cell, link_to(config, connect, "; or use --connect", tls)
-
-
-def client(connect: str, tls: TlsSettings | None) -> LinkSettings:
+def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
     """The link to an endpoint. Raises ``click.UsageError`` where it needs certificates and has none."""
     if connect.startswith(("tls/", "quic/")) and tls is None:
         raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")

@@ -12,7 +12,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from cellwatt.commands.cell_link import cell_options, client, target, target_of, tls_of
+from cellwatt.commands.cell_link import Where, cell_options
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import ConfigError, why
@@ -42,14 +42,7 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
 @click.option("--hash-password", is_flag=True, help="Ask for a password and print what to write under users.")
 @click.option("--seconds", type=SECONDS, help="How long (default: until Ctrl-C).")
 def command(
-    file: Path | None,
-    connect: str | None,
-    site: str | None,
-    cell: str | None,
-    ca: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    verify: Path | None,
+    where: Where,
     listen: str | None,
     page: Path | None,
     arms: tuple[str, ...],
@@ -65,8 +58,7 @@ def command(
     if hash_password:
         click.echo(str(hash_of(click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True))))
         return
-    tls = tls_of(ca, certificate, key)
-    config = None if file is None else load(file)
+    config = None if where.file is None else load(where.file)
     if layout is not None:
         _write_layout(layout, config)
         return
@@ -77,19 +69,17 @@ def command(
         values = own.told() if isinstance(own, PageSettings) else {}
         values.pop("listen", None)  # there the cell's own page is
     settings = _settings(values, listen, arms, page)
-    if config is None and connect and site and not cell:
+    if (plant := where.whole_site) is not None:
         if foxglove:
             raise click.UsageError("--foxglove shows one cell: give --cell, too")
-        _run(settings, client(connect, tls), site, None, None, seconds)
+        site, link = plant
+        _run(settings, link, site, None, None, seconds)
         return
-    if config is None:
-        site, cell, link = target(None, connect, site, cell, tls)
-    else:
-        site, cell, link = target_of(config, connect, tls)
+    site, cell, link = where.target(config)
     if foxglove:
-        _foxglove(link, site, cell, settings, seconds, verify, elsewhere=listen is not None)
+        _foxglove(link, site, cell, settings, seconds, where.verify, elsewhere=listen is not None)
     else:
-        _run(settings, link, site, cell, verify, seconds)
+        _run(settings, link, site, cell, where.verify, seconds)
 
 
 def _write_layout(out: Path, config: CellConfig | None) -> None:

@@ -9,14 +9,13 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import click
 from rich.console import Console
 from rich.live import Live
 
-from cellwatt.commands.cell_link import cell_options, client, target, tls_of
+from cellwatt.commands.cell_link import Where, cell_options
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.errors import OutletError
 from cellwatt.live.as_json import line_of
@@ -62,14 +61,7 @@ SITE = 2.0
 @click.option("--wait", is_flag=True, help="Wait for the cell as long as it takes.")
 @click.option("--seconds", type=SECONDS, help="How long, once connected (default: until Ctrl-C).")
 def command(
-    file: Path | None,
-    connect: str | None,
-    site: str | None,
-    cell: str | None,
-    ca: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    verify: Path | None,
+    where: Where,
     topics: tuple[str, ...],
     as_json: bool,
     channels: tuple[str, ...],
@@ -84,21 +76,20 @@ def command(
     alarm, interval, task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not
     heard.
     """
-    tls = tls_of(ca, certificate, key)
     screen = not as_json and not topics and sys.stdin.isatty() and sys.stdout.isatty()
-    if file is None and connect and site and not cell:
-        link = client(connect, tls)
+    if (plant := where.whole_site) is not None:
+        site, link = plant
         with contextlib.suppress(KeyboardInterrupt), open_session(link, patience=patience) as session:
             if screen:
                 _show_site(session, site, seconds)
             else:
                 _print_site(session, site, as_json=as_json)
         return
-    site, cell, link = target(file, connect, site, cell, tls)
+    site, cell, link = where.target()
     want = topics or (SHOWN if screen else QUIET)
     with contextlib.suppress(KeyboardInterrupt):
         _await(link, site, cell, patience, wait=wait)
-        with Subscriber(site, cell, link, want=want, verify=verify) as subscriber:
+        with Subscriber(site, cell, link, want=want, verify=where.verify) as subscriber:
             messages = _messages(subscriber, seconds)
             if as_json:
                 _print_json(messages)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from pydantic import Field, PositiveInt
 
@@ -55,23 +55,23 @@ class NotNowError(OutletError):
         self.wait = wait
 
 
-class Peer(Protocol[M]):
+class Peer(ABC, Generic[M]):
     """What is particular to one kind of peer: how entries become messages, and how these are sent."""
 
+    @abstractmethod
     def row(self, row: Row, units: Mapping[str, str]) -> M | None:
         """The message of a row; ``None`` where the peer has no use for it. Pure: called again for the past."""
-        ...
 
     def result(self, result: Archived) -> M | None:
         """The message of an alarm, task or energy, or ``None``."""
-        ...
+        return None
 
+    @abstractmethod
     async def send(self, messages: Sequence[M]) -> Mapping[str, int]:
         """Return once the peer has the messages, with the number of those that it refuses for good, by reason.
 
         Raises ``NotNowError`` where it takes nothing now: all of them are sent again.
         """
-        ...
 
 
 class Flow(Selection):
@@ -306,7 +306,7 @@ class ForwardSettings(OutletSettings, Flow):
 F = TypeVar("F", bound=ForwardSettings)
 
 
-class ForwardOutlet(Outlet[F], Generic[F, M]):
+class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
     """An outlet that only says what a message is (``row``, ``result``) and how it is sent (``send``), see ``Peer``.
 
     It has what the record has: order, each at least once, what was missed beside what is new, limits, health, and an
@@ -324,18 +324,6 @@ class ForwardOutlet(Outlet[F], Generic[F, M]):
     def place(self) -> str:
         """The peer's address: to another one nothing that this one has is owed."""
         return ""
-
-    @abstractmethod
-    def row(self, row: Row, units: Mapping[str, str]) -> M | None:
-        """See ``Peer.row``."""
-
-    def result(self, result: Archived) -> M | None:
-        """See ``Peer.result``."""
-        return None
-
-    @abstractmethod
-    async def send(self, messages: Sequence[M]) -> Mapping[str, int]:
-        """See ``Peer.send``."""
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:

@@ -9,7 +9,7 @@ import csv
 import json
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -56,17 +56,7 @@ class _Disaggregate(click.Command):
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @with_progress
 @with_scheduler
-def disaggregate(
-    robot: Path,
-    controller: Path | None,
-    connected: Path,
-    released: Path,
-    runs: Path,
-    out: Path,
-    units: tuple[str, ...],
-    as_json: bool,
-    no_report: bool,
-) -> None:
+def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bool, **asked: Any) -> None:
     """Say where a robot's energy goes: electronics, brakes, mechanical and electrical losses, chopper.
 
     Files are Parquet or CSV: t (s) and power (W) of the analyzer; t, q_1 …, qd_1 …, tau_1 … (rad, rad/s, Nm) of the
@@ -74,7 +64,7 @@ def disaggregate(
     """
     from cellwatt_plugins.energy import api
 
-    outcome = api.disaggregate(robot=robot, controller=controller, connected=connected, released=released, runs=runs)
+    outcome = api.disaggregate(**asked)
     _write(outcome, out)
     if not no_report:
         with stage("writing the report"):

@@ -37,7 +37,6 @@ class Learned:
     tasks: tuple[Task, ...]
     note: str | None = None
     """Why it has no intervals, if it has none."""
-    inputs: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The report that ``cellwatt reference --json`` prints, without the file."""
@@ -60,14 +59,6 @@ class Learned:
     def save(self, path: Place) -> None:
         """Write the reference file. Raises ``ModelError``."""
         save(self.reference, Path(path))
-
-    def report(self, path: Place) -> None:
-        """Write the page of the reference. Raises ``CellwattError`` where that fails or plotly is missing."""
-        from cellwatt.report import Provenance
-        from cellwatt_plugins.faults.reference_report import report
-
-        left_out = self.as_json()["cycles_left_out"]
-        report(self.reference, left_out, self.note, Provenance.here(self.inputs)).write(Path(path))
 
 
 @dataclass(frozen=True)
@@ -111,13 +102,10 @@ def reference(
     described = _described(robot)
     blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
     if robot is not None and described is not None and described.urdf and described.joints:
-        learned = _learned_with_cycles(blocks, Path(robot), arm, power)
-    else:
-        name = robot if described is None else described.robot
-        found, tasks = learn_from(blocks, None if name is None else str(name), arm, power)
-        learned = Learned(found, tuple(tasks))
-    description = [robot_file(robot)] if robot is not None and described is not None else []
-    return replace(learned, inputs=(*paths_of(recordings), *paths_of(meter), *description))
+        return _learned_with_cycles(blocks, Path(robot), arm, power)
+    name = robot if described is None else described.robot
+    found, tasks = learn_from(blocks, None if name is None else str(name), arm, power)
+    return Learned(found, tuple(tasks))
 
 
 def faults(

@@ -1,4 +1,7 @@
-"""``cellwatt reference`` learns healthy cycles; ``cellwatt faults`` judges others against them."""
+"""``cellwatt reference`` learns healthy cycles; ``cellwatt faults`` judges others against them.
+
+Options without a parameter of their own are the arguments of the function of ``api``.
+"""
 
 from __future__ import annotations
 
@@ -38,36 +41,22 @@ METER = "Power (t, power) that a meter logged on its own clock, one a table."
     shell_complete=lambda ctx, parameter, incomplete: or_files(packaged(), incomplete),
     help="Name of the robot, or its YAML description (or its folder).",
 )
-@click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
+@click.option("--meter", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
-@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
 @with_scheduler
-def reference(
-    recordings: tuple[Path, ...],
-    out: Path,
-    robot: str | None,
-    meters: tuple[Path, ...],
-    arm: str | None,
-    power: str,
-    page: Path | None,
-    as_json: bool,
-) -> None:
+def reference(out: Path, as_json: bool, **asked: Any) -> None:
     """Learn the healthy reference from RECORDINGs of healthy running.
 
     Recordings are cellwatt's own (.mcap, or their folder) or tables (.parquet, .csv) with columns t (s),
     q_1 … q_n (rad) and power (W). Each task must be seen three times or more at each speed.
     """
-    learned = api.reference(recordings, robot=robot, meter=meters, arm=arm, power=power)
+    learned = api.reference(**asked)
     if learned.note:
         click.echo(learned.note, err=True)
     learned.save(out)
-    if page is not None:
-        with stage("writing the report"):
-            learned.report(page)
-        click.echo(f"written to {page}", err=True)
     report = {"file": str(out), **learned.as_json()}
     click.echo(json.dumps(report) if as_json else _in_words(report))
 
@@ -88,10 +77,10 @@ def faults() -> None:
 
 @faults.command(JUDGE)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
-@click.option("--reference", "file", required=True, type=INPUT, help="File made by `cellwatt reference`.")
+@click.option("--reference", required=True, type=INPUT, help="File made by `cellwatt reference`.")
 @click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
-@click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
+@click.option("--meter", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
 @click.option(
@@ -105,31 +94,12 @@ def faults() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 @with_progress
 @with_scheduler
-def judge(
-    recordings: tuple[Path, ...],
-    file: Path,
-    robot: Path,
-    out: Path | None,
-    meters: tuple[Path, ...],
-    arm: str | None,
-    power: str | None,
-    false_alarms: float,
-    page: Path | None,
-    as_json: bool,
-) -> None:
+def judge(out: Path | None, page: Path | None, as_json: bool, **asked: Any) -> None:
     """Judge every cycle of RECORDINGs against healthy ones: what is harmless, and which joint or encoder is faulty.
 
     RECORDINGs as for `cellwatt reference`, which must have been given the same description of the robot.
     """
-    found = api.faults(
-        recordings,
-        reference=file,
-        robot=robot,
-        meter=meters,
-        arm=arm,
-        power=power,
-        false_alarms=false_alarms,
-    )
+    found = api.faults(**asked)
     content = found.as_json()
     if out is not None:
         try:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -47,16 +48,7 @@ from cellwatt.progress import stage
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @with_scheduler
 @with_progress
-def fleet(
-    lake: Path,
-    robots: tuple[str, ...],
-    weeks: int | None,
-    chance: float,
-    least: float,
-    out: Path,
-    as_json: bool,
-    no_report: bool,
-) -> None:
+def fleet(lake: Path, out: Path, as_json: bool, no_report: bool, **asked: Any) -> None:
     """Say which cells of a LAKE of recordings drift and which joints wear.
 
     LAKE holds a folder for each cell, with .mcap, .parquet or .csv, or is the lake of the historian. Writes fleet.json,
@@ -66,7 +58,7 @@ def fleet(
     from cellwatt_plugins.fleet.report import report_of
     from cellwatt_plugins.fleet.written import in_words, write_csv, write_json
 
-    found = compare(lake, robots, weeks, chance, least)
+    found = compare(lake, **asked)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from cellwatt_plugins.fleet.adjusted import Course
 from cellwatt_plugins.fleet.courses import Courses, Place
@@ -111,7 +111,7 @@ def _steps(each: _Prepared, rho: float, chance: float, floor: float) -> dict[Pla
 
 def _smallest(trends: Mapping[Place, Trend], chance: float) -> float:
     """Slope that half the joints would show at a ``chance`` of a false one in each."""
-    return float(np.median([student.isf(chance / 2, t.free) * t.error for t in trends.values()] or [np.nan]))
+    return float(np.median([-float(stdtrit(t.free, chance / 2)) * t.error for t in trends.values()] or [np.nan]))
 
 
 def _holm(trends: Sequence[Trend], chance: float) -> set[Place]:

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit
 
 from cellwatt_plugins.fleet.adjusted import Course
 from cellwatt_plugins.fleet.courses import Place
@@ -49,7 +49,7 @@ class Trend:
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Return the ends of the interval of the slope."""
-        wide = float(student.ppf((1 + level) / 2, self.free)) * self.error
+        wide = float(stdtrit(self.free, (1 + level) / 2)) * self.error
         return self.slope - wide, self.slope + wide
 
 
@@ -108,7 +108,7 @@ def trends_of(own: Mapping[Place, Course], steps: Mapping[Place, Sequence[Step]]
 
 def _trends(lines: Mapping[Place, Line], slopes: Float, squares: Float, free: Float) -> dict[Place, Trend]:
     errors = np.sqrt(squares)
-    chances = np.asarray(2 * student.sf(np.abs(slopes) / errors, free))
+    chances = np.asarray(2 * stdtr(free, -np.abs(slopes) / errors))
     rows = zip(lines.items(), slopes.tolist(), errors.tolist(), free.tolist(), chances.tolist(), strict=True)
     return {place: Trend(place, each, *row) for (place, each), *row in rows}
 

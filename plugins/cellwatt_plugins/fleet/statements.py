@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from cellwatt_plugins.fleet.courses import Place, Usual
 from cellwatt_plugins.fleet.findings import Cause, Finding
@@ -76,7 +76,7 @@ def _of_step(
 ) -> Finding:
     quantity = each.courses.quantity
     scale, change = (1.0 if quantity == "load" else 100.0), each.courses.change
-    wide = float(student.ppf(0.975, max(len(each.own[place].weeks) - 3, 3))) * step.error
+    wide = float(stdtrit(max(len(each.own[place].weeks) - 3, 3), 0.975)) * step.error
     low, size, high = (scale * change(x) for x in (step.size - wide, step.size, step.size + wide))
     week = monday(step.week).isoformat()
     unit, digits = ("kg", 1) if quantity == "load" else ("%", 0)

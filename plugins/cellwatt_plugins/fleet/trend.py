@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from cellwatt_plugins.fleet.adjusted import Course
 
@@ -180,7 +180,7 @@ def _step(course: Course, rho: float, known: Sequence[Step], scatter: float) -> 
     _, _, found, covariance = _likely(course, matrix, rho, scatter)
     error = float(np.sqrt(covariance[-1, -1]))
     free = _remembered(len(weeks) - matrix.shape[1], rho)
-    chance = min(1.0, 2 * float(student.sf(abs(found[-1]) / error, free)) * len(places))
+    chance = min(1.0, 2 * float(stdtr(free, -abs(found[-1]) / error)) * len(places))
     return Step(best, float(found[-1]), error, chance)
 
 

@@ -108,7 +108,7 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("replay", "recordings", "--speed", "-1"), USAGE, "-1.0 is not in the range x>=0"),
         (("plot", "recordings", "--from", "nan"), USAGE, "found 'nan', expected a finite number"),
         (("emulate", "skeleton", "--epoch", "1e999"), USAGE, "found '1e999', expected a finite number"),
-        (("energy-campaign", "measure", "weld.yaml", "--seconds", "nan"), USAGE, "expected a finite number"),
+        (("energy-campaign", "cut", "weld.yaml", "--payload", "nan"), USAGE, "expected a finite number"),
         (("emulate", "skeleton", "--seed", "-1"), USAGE, "-1 is not in the range x>=0"),
         (("secure", "init", "x" * 300, "--site", "plant"), ERROR, "File name too long"),
         (("new-driver", "x" * 300), ERROR, "cannot be written: File name too long"),

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import multivariate_normal
 
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.regression import Prior
@@ -47,13 +46,15 @@ class Case:
         self.noise = (self.variance * self.factor).T.ravel()
 
     def log_evidence(self, blocks):
+        from scipy import stats
+
         """Of the target under the blocks' priors and the noise, each coefficient integrated out."""
         mean, covariance = np.zeros(CHANNELS * ROWS), np.diag(self.noise)
         for block in blocks:
             columns = full(block)
             mean = mean + columns @ block.prior.mean
             covariance = covariance + columns @ block.prior.covariance @ columns.T
-        return multivariate_normal.logpdf(self.target.T.ravel(), mean, covariance)
+        return stats.multivariate_normal.logpdf(self.target.T.ravel(), mean, covariance)
 
     def posterior(self, blocks):
         """Mean and covariance of all coefficients by conditioning the joint normal distribution."""

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from scipy.stats import multivariate_normal
 
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, Whitener, gauss_newton, solve, variance_of
 
@@ -22,8 +21,10 @@ class Case:
         self.fit = solve(self.matrix, self.target, self.variance, self.prior)
 
     def log_evidence(self, prior, matrix):
+        from scipy import stats
+
         covariance = matrix @ prior.covariance @ matrix.T + np.diag(self.variance)
-        return multivariate_normal.logpdf(self.target, matrix @ prior.mean, covariance)
+        return stats.multivariate_normal.logpdf(self.target, matrix @ prior.mean, covariance)
 
 
 @settings(max_examples=25, deadline=None)
@@ -43,8 +44,10 @@ def test_the_posterior_is_the_joint_distribution_given_the_target(seed):
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6))
 def test_the_evidence_is_the_ratio_of_the_likelihoods(seed):
+    from scipy import stats
+
     case = Case(seed)
-    none = multivariate_normal.logpdf(case.target, np.zeros(30), np.diag(case.variance))
+    none = stats.multivariate_normal.logpdf(case.target, np.zeros(30), np.diag(case.variance))
     assert case.fit.evidence == pytest.approx(case.log_evidence(case.prior, case.matrix) - none, abs=1e-7)
 
 
@@ -129,14 +132,16 @@ def test_the_variance_of_a_group_is_its_mean_square_and_no_less_than_the_least()
 
 
 def test_evidence_under_shared_noise_is_that_of_its_covariance():
+    from scipy import stats
+
     random = np.random.default_rng(3)
     y, columns, shared = random.normal(size=12), random.normal(size=(12, 2)), random.normal(size=(12, 3))
     noise = random.uniform(0.5, 2.0, 12)
     without = np.diag(noise**2) + shared @ shared.T
-    within = multivariate_normal(cov=without + columns @ columns.T).logpdf(y)
+    within = stats.multivariate_normal(cov=without + columns @ columns.T).logpdf(y)
     white = Whitener.of(noise, shared)
     found = solve(white(columns), white(y), 1.0, Prior.spread(np.ones(2)))
-    assert found.evidence == pytest.approx(within - multivariate_normal(cov=without).logpdf(y))
+    assert found.evidence == pytest.approx(within - stats.multivariate_normal(cov=without).logpdf(y))
 
 
 def test_sizes_are_found_beside_shared_noise():

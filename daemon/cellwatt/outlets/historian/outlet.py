@@ -2,20 +2,91 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+import contextlib
+import logging
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Any, ClassVar, Final
 
-from cellwatt.errors import OutletError
+from cellwatt.errors import OutletError, why
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.forward import framed_record
-from cellwatt.outlets.historian.influx import Influx
+from cellwatt.outlets.aside import put_aside
+from cellwatt.outlets.cursor import Cursor
+from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
+from cellwatt.outlets.historian.client import Client
 from cellwatt.outlets.historian.lake import Lake
+from cellwatt.outlets.historian.line_protocol import result_line, row_line
 from cellwatt.outlets.historian.settings import HistorianSettings
+from cellwatt.outlets.past import Archived
+from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
 
 if find_spec("aiohttp") is None:  # a lake alone does without it, but what is missing is told at once
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
+
+log = logging.getLogger(__name__)
+
+FILE: Final = "historian-influx.json"
+REFUSED: Final = "historian-refused.txt"
+"""File of the lines that the server will never take, with the reasons."""
+LARGEST: Final = 16_000_000
+"""Bytes of it."""
+TRIES: Final = 64
+"""Requests by which the bad lines of a batch are looked for; then what is left of it is refused as a whole."""
+
+
+class Lines(Peer[str]):
+    """Lines of one database or bucket; those that it refuses are kept in ``folder``."""
+
+    def __init__(self, client: Client, measurement: str, tags: Mapping[str, str], folder: Path | None) -> None:
+        self._client, self._folder = client, folder
+        self._measurement, self._tags = measurement, tags
+
+    def row(self, row: Row, units: Mapping[str, str]) -> str | None:
+        """See ``Peer.row``."""
+        return row_line(self._measurement, self._tags, row) or None
+
+    def result(self, result: Archived) -> str | None:
+        """See ``Peer.result``."""
+        return result_line(self._measurement, self._tags, result) or None
+
+    async def send(self, messages: Sequence[str]) -> Mapping[str, int]:
+        """See ``Peer.send``; where the server refuses some lines, those are found by halves.
+
+        A batch with a bad line is sent again in parts: a point that was written already is the same point.
+        """
+        parts, found = [list(messages)], Counter[str]()
+        tries = 0
+        while parts:
+            part = parts.pop()
+            outcome = await self._client.write(part)
+            tries += 1
+            match outcome.kind:
+                case "written":
+                    continue
+                case "later":
+                    raise NotNowError(f"{self._client.url}: {outcome.reason}", outcome.wait)
+                case "refused" | "too large" if len(part) > 1 and tries < TRIES:
+                    half = len(part) // 2
+                    parts += [part[half:], part[:half]]
+                case _:
+                    await asyncio.to_thread(_refused, self._folder, part, outcome.reason)
+                    found[outcome.kind] += len(part)
+        return found
+
+
+def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
+    """Put lines aside, below the reason; without a folder the log alone tells. Blocks."""
+    log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
+    if folder is not None:
+        content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
+        try:
+            put_aside(folder / REFUSED, content, LARGEST, 0o644)
+        except OSError as error:
+            log.warning("influx: %s cannot be written: %s", folder / REFUSED, why(error))
 
 
 class HistorianOutlet(Outlet[HistorianSettings]):
@@ -28,7 +99,13 @@ class HistorianOutlet(Outlet[HistorianSettings]):
         super().__init__(name, settings, view)
         self._record = framed_record(view)
         influx = settings.influx
-        self._influx = None if influx is None else Influx(influx, view, self._record, self.account)
+        self._influx: Forwarder[str] | None = None
+        if influx is not None:
+            self._client = Client(influx)
+            place = f"{influx.url} {influx.database or influx.bucket} {influx.org or ''}".strip()
+            cursor = Cursor(None if self._record is None else self._record / FILE, self.account, place)
+            peer = Lines(self._client, influx.measurement, {"site": view.site, "cell": view.cell}, self._record)
+            self._influx = Forwarder("influx", peer, influx, view.cell, self._record, cursor, self.account)
         self._lake: Lake | None = None
         if settings.lake is not None and self._record is not None:
             told = {"record": str(self._record), "folder": str(view.folder), "site": view.site, "cell": view.cell}
@@ -44,7 +121,7 @@ class HistorianOutlet(Outlet[HistorianSettings]):
 
     def trouble(self) -> str | None:
         """Reason why InfluxDB or the lake takes nothing; ``None`` if all is well."""
-        said = [] if self._influx is None else list(self._influx.forwarder.troubles)
+        said = [] if self._influx is None else list(self._influx.troubles)
         said += [] if self._lake is None else [self._lake.problem]
         return "; ".join(filter(None, said)) or None
 
@@ -52,4 +129,5 @@ class HistorianOutlet(Outlet[HistorianSettings]):
         """Write until cancelled. Raises ``OutletError`` where there is no record to fill the lake from."""
         if self.settings.lake is not None and self._record is None:
             raise OutletError("lake: it is filled from the record: set record, with frames (record: {frames: true})")
-        await until_one_ends(*(part.run() for part in (self._influx, self._lake) if part is not None))
+        async with self._client if self._influx is not None else contextlib.nullcontext():
+            await until_one_ends(*(part.run() for part in (self._influx, self._lake) if part is not None))

@@ -6,13 +6,12 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
-from urllib.parse import urlsplit
 
 from pydantic import ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
-from cellwatt.host import stays_here
+from cellwatt.host import in_the_clear, web_address
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.forward import Flow
 from cellwatt.outlets.selection import Selection
@@ -23,15 +22,10 @@ _STRICT: Final = ConfigDict(extra="forbid", frozen=True, use_attribute_docstring
 
 
 def _web(url: str) -> str:
-    try:
-        parts = urlsplit(url)
-        good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-    except ValueError:
-        good = False
-    if not good or re.search(r"\s", url) or parts.query or parts.fragment:
-        raise ValueError("expected an address like https://influx.plant.example:8086")
-    if parts.username is not None or parts.password is not None:
-        raise ValueError("write no user or password into the address; they have keys of their own")
+    like = "https://influx.plant.example:8086"
+    parts = web_address(url, like)
+    if parts.query or parts.fragment:
+        raise ValueError(f"expected an address like {like}")
     return url.rstrip("/")
 
 
@@ -91,8 +85,7 @@ class InfluxSettings(Flow):
     @property
     def clear(self) -> bool:
         """True if data leave this PC without encryption."""
-        parts = urlsplit(self.url)
-        return parts.scheme == "http" and not stays_here(parts.hostname or "")
+        return in_the_clear(self.url)
 
 
 class LakeSettings(Selection):
@@ -148,8 +141,7 @@ class LakeSettings(Selection):
     @property
     def clear(self) -> bool:
         """True if data leave this PC without encryption."""
-        parts = urlsplit(self.endpoint or "https://")
-        return parts.scheme == "http" and not stays_here(parts.hostname or "")
+        return self.endpoint is not None and in_the_clear(self.endpoint)
 
 
 class HistorianSettings(OutletSettings):

@@ -19,6 +19,9 @@ from cellwatt.outlets.metrics.meter import Meter, Sample
 from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.results import Energy
 
+if find_spec("aiohttp") is None:  # only the process that serves imports it, but what is missing is told at once
+    raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
+
 
 class CellCollector(Collector):
     """Gives the families of a meter; ``constant`` labels are on each series."""
@@ -57,10 +60,6 @@ def exposed(collector: CellCollector, accept: str) -> tuple[bytes, str]:
     """Text and its content type; ``accept`` is the reader's header: OpenMetrics, or Prometheus' own text."""
     encode, content_type = choose_encoder(accept)
     return encode(collector), content_type
-
-
-if find_spec("aiohttp") is None:  # only the process that serves imports it, but what is missing is told at once
-    raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
 
 
 class MetricsOutlet(Apart[MetricsSettings]):

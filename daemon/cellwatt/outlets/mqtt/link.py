@@ -43,7 +43,8 @@ _REFUSED: Final = 0x80
 """Least reason code of a refusal."""
 _AUTHENTICATION: Final = (134, 135)
 """Reason codes: bad user name or password, not authorised."""
-_library = logging.Logger("cellwatt.mqtt", logging.CRITICAL)
+_library = logging.getLogger("cellwatt.mqtt")
+_library.disabled = True
 T = TypeVar("T")
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import count
+from typing import Any, Final, cast
 
 from cellwatt.outlets.mqtt.payload import DataType, Metric, Value
 from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
@@ -81,61 +82,53 @@ Values = Mapping[str, tuple[DataType, Value | None, str | None]]
 """Datatype, value and unit by name."""
 
 
+_TEXT, _WHOLE, _NUMBER, _AT = DataType.STRING, DataType.INT64, DataType.DOUBLE, DataType.DATE_TIME
+_METRICS: Final[Mapping[type, tuple[tuple[str, DataType, str | None], ...]]] = {
+    Task: (
+        ("name", _TEXT, None), ("variant", _TEXT, None), ("repetition", _WHOLE, None), ("speed", _NUMBER, None),
+        ("start", _AT, None), ("end", _AT, None),
+    ),
+    Energy: (
+        ("task", _TEXT, None), ("variant", _TEXT, None), ("repetition", _WHOLE, None), ("total", _NUMBER, "J"),
+        ("uncertainty", _NUMBER, "J"), ("total_per_part", _NUMBER, "J"),
+    ),
+    Interval: (
+        ("number", DataType.UINT64, None), ("moving", _TEXT, None), ("start", _AT, None), ("end", _AT, None),
+        ("complete", DataType.BOOLEAN, None),
+    ),
+    Alarm: (
+        ("id", _TEXT, None), ("kind", _TEXT, None), ("severity", _TEXT, None), ("active", DataType.BOOLEAN, None),
+        ("since", _AT, None), ("statement", _TEXT, None), ("source", _TEXT, None),
+    ),
+}  # fmt: skip
+"""Fields of results that become metrics, with their units."""
+_NAMES: Final = {"total_per_part": "per_part"}
+
+
 def values_of(item: Result | Event) -> tuple[int, Values]:
     """Time, UTC ms, and values of a result by the names of their metrics; none of what Sparkplug has no place for."""
-    match item:
-        case Task():
-            return item.end // MS, _below(f"{item.source}/task", dict(_task(item)))
-        case Energy():
-            return item.end // MS, _below(f"{item.source}/energy", dict(_energy(item)))
-        case Interval() if item.closed:
-            return item.end // MS, _below(f"{item.source}/interval", dict(_interval(item)))
-        case Alarm():
-            return item.time // MS, _below("alarms/last", dict(_alarm(item)))
-        case _:
-            return 0, {}
+    fields, told = _METRICS.get(type(item)), cast(Any, item)
+    if fields is None or (isinstance(item, Interval) and not item.closed):
+        return 0, {}
+    values = {_NAMES.get(name, name): (kind, _value(getattr(told, name), kind), unit) for name, kind, unit in fields}
+    if isinstance(item, Energy):
+        values |= {f"groups/{name}": (_NUMBER, finite(value), "J") for name, value in item.groups.items()}
+    folder = "alarms/last" if isinstance(item, Alarm) else f"{told.source}/{type(item).__name__.lower()}"
+    time = told.time if isinstance(item, Alarm) else told.end
+    return time // MS, {f"{folder}/{name}": value for name, value in values.items()}
 
 
-def _task(task: Task) -> Iterator[tuple[str, tuple[DataType, Value | None, str | None]]]:
-    yield "name", (DataType.STRING, task.name, None)
-    yield "variant", (DataType.STRING, task.variant, None)
-    yield "repetition", (DataType.INT64, task.repetition, None)
-    yield "speed", (DataType.DOUBLE, finite(task.speed), None)
-    yield "start", (DataType.DATE_TIME, task.start // MS, None)
-    yield "end", (DataType.DATE_TIME, task.end // MS, None)
-
-
-def _energy(energy: Energy) -> Iterator[tuple[str, tuple[DataType, Value | None, str | None]]]:
-    yield "task", (DataType.STRING, energy.task, None)
-    yield "variant", (DataType.STRING, energy.variant, None)
-    yield "repetition", (DataType.INT64, energy.repetition, None)
-    yield "total", (DataType.DOUBLE, finite(energy.total), "J")
-    yield "uncertainty", (DataType.DOUBLE, finite(energy.uncertainty), "J")
-    yield "per_part", (DataType.DOUBLE, finite(energy.total_per_part), "J")
-    for name, value in energy.groups.items():
-        yield f"groups/{name}", (DataType.DOUBLE, finite(value), "J")
-
-
-def _interval(interval: Interval) -> Iterator[tuple[str, tuple[DataType, Value | None, str | None]]]:
-    yield "number", (DataType.UINT64, interval.number, None)
-    yield "moving", (DataType.STRING, " ".join(map(str, interval.moving)), None)
-    yield "start", (DataType.DATE_TIME, interval.start // MS, None)
-    yield "end", (DataType.DATE_TIME, interval.end // MS, None)
-    yield "complete", (DataType.BOOLEAN, interval.complete, None)
-
-
-def _alarm(alarm: Alarm) -> Iterator[tuple[str, tuple[DataType, Value | None, str | None]]]:
-    yield "id", (DataType.STRING, alarm.id, None)
-    yield "kind", (DataType.STRING, alarm.kind, None)
-    yield "severity", (DataType.STRING, alarm.severity, None)
-    yield "active", (DataType.BOOLEAN, alarm.active, None)
-    yield "since", (DataType.DATE_TIME, alarm.since // MS, None)
-    yield "statement", (DataType.STRING, alarm.statement, None)
-    yield "source", (DataType.STRING, alarm.source or "", None)
-
-
-def _below(folder: str, values: Values) -> Values:
-    return {f"{folder}/{name}": value for name, value in values.items()}
+def _value(value: Any, kind: DataType) -> Value | None:
+    """A field as a metric has it."""
+    match kind:
+        case DataType.DATE_TIME:
+            return int(value) // MS
+        case DataType.DOUBLE:
+            return finite(value)
+        case DataType.STRING:
+            return " ".join(map(str, value)) if isinstance(value, tuple) else value or ""
+    found: Value = value
+    return found
 
 
 def finite(value: float | None) -> float | None:

@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
-from urllib.parse import SplitResult, urlsplit
+from urllib.parse import SplitResult
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
-from cellwatt.host import Host, stays_here
+from cellwatt.host import Host, in_the_clear, stays_here, web_address
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.notify.quiet import QuietSettings, check_zone
 from cellwatt.quantity import Seconds
@@ -34,23 +34,13 @@ Address = Annotated[str, AfterValidator(_address)]
 """A mail address without a name in front."""
 
 
-def split_url(url: str) -> SplitResult:
-    """Parts of an address of the web. Raises ``ValueError``, without the address itself, if it is none."""
-    try:
-        parts = urlsplit(url)
-        good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-    except ValueError:
-        good = False
-    if not good or re.search(r"\s", url):
-        raise ValueError("expected an address like https://plant.example/alarms")
-    if parts.username is not None or parts.password is not None:
-        raise ValueError("write no user or password into the address; tokens have a key of their own")
-    return parts
+def _parts(url: str) -> SplitResult:
+    return web_address(url, "https://plant.example/alarms")
 
 
-def shown_url(url: str) -> str:
+def _shown(url: str) -> str:
     """An address of the web as it may be told: without its path, which may be a secret."""
-    parts = split_url(url)
+    parts = _parts(url)
     return f"{parts.scheme}://{parts.netloc}"
 
 
@@ -100,8 +90,8 @@ class _Web(_Settings):
     """Allow http without TLS beyond this PC: whoever is in between reads everything."""
 
     def _check(self, url: str) -> None:
-        parts = split_url(url)
-        if parts.scheme == "http" and not stays_here(parts.hostname or "") and not self.open:
+        _parts(url)
+        if in_the_clear(url) and not self.open:
             raise ValueError("http is for this PC alone: use https, or set open: true")
 
 
@@ -230,7 +220,7 @@ class RecipientSettings(_Settings):
     def place(self) -> str:
         """Kind and server of the channel, without secrets."""
         channel = self.channel
-        where = f"{channel.host}:{channel.at}" if isinstance(channel, MailSettings) else shown_url(channel.address)
+        where = f"{channel.host}:{channel.at}" if isinstance(channel, MailSettings) else _shown(channel.address)
         return f"{self.kind} by {where}"
 
     @property
@@ -275,7 +265,7 @@ class NotifySettings(OutletSettings):
     @field_validator("page")
     @classmethod
     def _page(cls, page: str | None) -> str | None:
-        if page is not None and (split_url(page).query or split_url(page).fragment):
+        if page is not None and (_parts(page).query or _parts(page).fragment):
             raise ValueError("expected an address without ? and #")
         return page
 
@@ -297,8 +287,6 @@ def _secrets(channel: Channel) -> Iterator[str]:
 
 
 def _doubts(channel: Channel) -> Iterator[str]:
-    if not isinstance(channel, MailSettings):
-        parts = split_url(channel.address)
-        if parts.scheme == "http" and not stays_here(parts.hostname or ""):
-            yield f"{parts.scheme}://{parts.netloc}: alarms and tokens pass in the clear (open: true)"
+    if not isinstance(channel, MailSettings) and in_the_clear(channel.address):
+        yield f"{_shown(channel.address)}: alarms and tokens pass in the clear (open: true)"
     yield from unreadable({"ca": channel.ca})

@@ -16,7 +16,7 @@ import aiohttp
 from pydantic import SecretStr
 
 from cellwatt.outlets.notify.channels import Answer, FailedError, RefusedError, distrusted, trust
-from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings, split_url
+from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings
 from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
 from cellwatt.outlets.notify.told import Message
 from cellwatt.version import __version__
@@ -72,7 +72,7 @@ class WebChannel:
         """See ``Channel.send``."""
         settings = self._settings
         content, head = request(settings, self._about, message, int(time.time()))
-        safe = split_url(settings.address).scheme == "https"
+        safe = settings.address.startswith("https:")
         context: ssl.SSLContext | bool = await trust(settings.ca) if safe else True
         try:
             async with (

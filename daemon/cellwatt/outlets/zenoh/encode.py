@@ -39,8 +39,22 @@ JSON: Final = "application/json"
 """Zenoh encoding of all else."""
 BATCH_FORMAT: Final = "cellwatt.batch/1"
 FRAMES_FORMAT: Final = "cellwatt.frames/1"
-_BATCH_COLUMNS: Final = ("time", "device_time", "bound", "quality", "values")
-_FRAMES_COLUMNS: Final = ("time", "values", "quality", "bound")
+_COLUMNS: Final = {
+    Batch: (
+        ("time", np.int64, False),
+        ("device_time", np.int64, False),
+        ("bound", np.int64, False),
+        ("quality", np.uint8, False),
+        ("values", np.float64, True),
+    ),
+    Frames: (
+        ("time", np.int64, False),
+        ("values", np.float64, True),
+        ("quality", np.uint8, True),
+        ("bound", np.int64, True),
+    ),
+}
+"""Columns in order: name, type, and whether a row has one value of each channel. ``device_time`` may be null."""
 
 _KEY: Final = b"cellwatt"
 _END: Final = b"\xff\xff\xff\xff\x00\x00\x00\x00"
@@ -69,19 +83,15 @@ _STREAM: Final[TypeAdapter[Stream]] = TypeAdapter(Stream)
 _LAYOUT: Final[TypeAdapter[Layout]] = TypeAdapter(Layout)
 
 
-def encode_batch(batch: Batch) -> bytes:
-    """Encode a batch as an Arrow stream: time, device_time (null without a device clock), bound, quality, values."""
-    return _whole(*_batch(batch))
-
-
-def encode_frames(frames: Frames) -> bytes:
-    """Encode frames as an Arrow stream: time, values, quality, bound."""
-    return _whole(*_frames(frames))
+def encode(block: Batch | Frames) -> bytes:
+    """Encode a block as an Arrow stream; the device time of a batch without a device clock is null."""
+    front, columns = _parts(block)
+    return b"".join((front.schema, front.head, *columns, _END))
 
 
 def encode_apart(block: Batch | Frames) -> tuple[int, bytes, bytes]:
     """Encode a block in two: its schema, after the CRC-32 of that, and its record batch."""
-    front, columns = _batch(block) if isinstance(block, Batch) else _frames(block)
+    front, columns = _parts(block)
     return front.check, front.schema, b"".join((front.head, *columns))
 
 
@@ -90,31 +100,20 @@ def schema_in(payload: bytes) -> bytes:
     return payload[: 8 + int.from_bytes(payload[4:8], "little")]
 
 
-def _whole(front: _Front, columns: Sequence[bytes]) -> bytes:
-    return b"".join((front.schema, front.head, *columns, _END))
-
-
-def _batch(batch: Batch) -> tuple[_Front, Sequence[bytes]]:
-    n, width, device = len(batch), len(batch.stream.channels), batch.device_time
+def _parts(block: Batch | Frames) -> tuple[_Front, Sequence[bytes]]:
+    """Front and columns of a block."""
+    n, timed = len(block), True
+    of: _Declared
+    if isinstance(block, Batch):
+        of, source, timed = block.stream, block.source, block.device_time is not None
+    else:
+        of, source = block.layout, ""
+    width = len(of.channels)
     columns = [
-        _buffer("time", batch.time, (n,), np.int64),
-        bytes(_padded(-(-n // 8)) + 8 * n) if device is None else _buffer("device_time", device, (n,), np.int64),
-        _buffer("bound", batch.bound, (n,), np.int64),
-        _buffer("quality", batch.quality, (n,), np.uint8),
-        _buffer("values", batch.values, (n, width), np.float64),
+        _buffer(name, getattr(block, name), (n, width) if wide else (n,), dtype)
+        for name, dtype, wide in _COLUMNS[type(block)]
     ]
-    return _front(batch.stream, batch.source, n, device is not None), columns
-
-
-def _frames(frames: Frames) -> tuple[_Front, Sequence[bytes]]:
-    n, width = len(frames), len(frames.layout.channels)
-    columns = [
-        _buffer("time", frames.time, (n,), np.int64),
-        _buffer("values", frames.values, (n, width), np.float64),
-        _buffer("quality", frames.quality, (n, width), np.uint8),
-        _buffer("bound", frames.bound, (n, width), np.int64),
-    ]
-    return _front(frames.layout, "", n, True), columns
+    return _front(of, source, n, timed), columns
 
 
 def decode(payload: bytes, mark: Mark) -> Batch | Frames:
@@ -135,8 +134,9 @@ def decode(payload: bytes, mark: Mark) -> Batch | Frames:
             raise ValueError(f"its channels take {len(metadata)} bytes to name")
         about = _about(metadata)
         if isinstance(about, Layout):
-            return _to_frames(table, about, mark)
-        return _to_batch(table, *about, mark)
+            return Frames(about, mark.sequence, **_arrays(table, Frames, len(about.channels)))
+        source, stream = about
+        return Batch(source, stream, mark.sequence, mark.arrival, **_arrays(table, Batch, len(stream.channels)))
     except (pa.ArrowException, ValueError, KeyError, TypeError, OSError, StopIteration, RecursionError) as error:
         reason = " ".join(str(error).split())[:LONGEST_REASON]
         raise ProtocolError(f"a message is not a cellwatt Arrow stream: {reason}") from error
@@ -171,7 +171,9 @@ def _padded(length: int) -> int:
     return -(-length // 8) * 8
 
 
-def _buffer(name: str, values: NDArray[Any], shape: tuple[int, ...], dtype: Any) -> bytes:
+def _buffer(name: str, values: NDArray[Any] | None, shape: tuple[int, ...], dtype: Any) -> bytes:
+    if values is None:
+        return bytes(_padded(-(-shape[0] // 8)) + 8 * shape[0])
     if values.shape != shape:
         raise ValueError(f"{name}: expected an array of {shape}, found {values.shape}")
     data = np.ascontiguousarray(values, dtype).tobytes()
@@ -196,7 +198,7 @@ def _make_front(of: _Declared, source: str, n: int, timed: bool) -> _Front:
     """Make the front of a message: pyarrow writes rows of zeros, and the zeros are cut off."""
     import pyarrow as pa
 
-    schema = _batch_schema(of, source) if isinstance(of, Stream) else _frames_schema(of)
+    schema = _schema(of, source)
     columns = [pa.nulls(n, f.type) if f.nullable and not timed else _zeros(f.type, n) for f in schema]
     message = pa.RecordBatch.from_arrays(columns, schema=schema).serialize().to_pybytes()
     metadata = int.from_bytes(message[4:8], "little")
@@ -213,49 +215,29 @@ def _zeros(kind: pa.DataType, n: int) -> Any:
     return pa.Array.from_buffers(kind, n, [None, pa.py_buffer(bytes(n * kind.bit_width // 8))])
 
 
-def _batch_schema(stream: Stream, source: str) -> pa.Schema:
+def _schema(of: _Declared, source: str) -> pa.Schema:
     import pyarrow as pa
 
-    about = {
-        "format": BATCH_FORMAT,
-        "source": source,
-        "stream": stream.name,
-        "rate": stream.rate,
-        "clock": stream.clock,
-        "channels": [_told(c, _CHANNEL) for c in stream.channels],
-    }
-    columns = [
-        pa.field("time", pa.int64(), nullable=False),
-        pa.field("device_time", pa.int64()),
-        pa.field("bound", pa.int64(), nullable=False),
-        pa.field("quality", pa.uint8(), nullable=False),
-        pa.field("values", pa.list_(pa.float64(), len(stream.channels)), nullable=False),
-    ]
-    return pa.schema(columns, metadata={_KEY: json.dumps(about, separators=(",", ":"), ensure_ascii=False)})
+    kind: type[Batch | Frames]
+    about: dict[str, Any]
+    if isinstance(of, Stream):
+        kind, names = Batch, _CHANNEL
+        about = {"format": BATCH_FORMAT, "source": source, "stream": of.name, "rate": of.rate, "clock": of.clock}
+    else:
+        kind, names, about = Frames, _FRAME_CHANNEL, {"format": FRAMES_FORMAT, "rate": of.rate}
+    about["channels"] = [_told(channel, names) for channel in of.channels]
+    fields = []
+    for name, dtype, wide in _COLUMNS[kind]:
+        plain = pa.from_numpy_dtype(dtype)
+        whole = pa.list_(plain, len(of.channels)) if wide else plain
+        fields.append(pa.field(name, whole, nullable=name == "device_time"))
+    return pa.schema(fields, metadata={_KEY: json.dumps(about, separators=(",", ":"), ensure_ascii=False)})
 
 
 def _told(channel: Channel | FrameChannel, names: Sequence[str]) -> list[Any]:
     """A channel as JSON-ready metadata; its window comes last, and only if it has one."""
     about = [getattr(channel, name) for name in names]
     return about if about[-1] else about[:-1]
-
-
-def _frames_schema(layout: Layout) -> pa.Schema:
-    import pyarrow as pa
-
-    about = {
-        "format": FRAMES_FORMAT,
-        "rate": layout.rate,
-        "channels": [_told(c, _FRAME_CHANNEL) for c in layout.channels],
-    }
-    width = len(layout.channels)
-    columns = [
-        pa.field("time", pa.int64(), nullable=False),
-        pa.field("values", pa.list_(pa.float64(), width), nullable=False),
-        pa.field("quality", pa.list_(pa.uint8(), width), nullable=False),
-        pa.field("bound", pa.list_(pa.int64(), width), nullable=False),
-    ]
-    return pa.schema(columns, metadata={_KEY: json.dumps(about, separators=(",", ":"), ensure_ascii=False)})
 
 
 @lru_cache(maxsize=_KEPT)
@@ -271,32 +253,16 @@ def _about(metadata: bytes) -> Layout | tuple[str, Stream]:
     return about["source"], _STREAM.validate_python(plain)
 
 
-def _to_batch(table: Any, source: str, stream: Stream, mark: Mark) -> Batch:
-    time, device, bound, quality, values = (table.column(name) for name in _BATCH_COLUMNS)
-    return Batch(
-        source=source,
-        stream=stream,
-        sequence=mark.sequence,
-        arrival=mark.arrival,
-        time=_numbers(time, np.int64),
-        bound=_numbers(bound, np.int64),
-        values=_matrix(values, len(stream.channels), np.float64),
-        quality=_numbers(quality, np.uint8),
-        device_time=None if device.null_count else _numbers(device, np.int64),
-    )
-
-
-def _to_frames(table: Any, layout: Layout, mark: Mark) -> Frames:
-    time, values, quality, bound = (table.column(name) for name in _FRAMES_COLUMNS)
-    width = len(layout.channels)
-    return Frames(
-        layout=layout,
-        sequence=mark.sequence,
-        time=_numbers(time, np.int64),
-        values=_matrix(values, width, np.float64),
-        quality=_matrix(quality, width, np.uint8),
-        bound=_matrix(bound, width, np.int64),
-    )
+def _arrays(table: Any, kind: type[Batch | Frames], width: int) -> dict[str, Any]:
+    """The arrays of a message of ``width`` channels, by name."""
+    found: dict[str, Any] = {}
+    for name, dtype, wide in _COLUMNS[kind]:
+        column = table.column(name)
+        if column.null_count and name == "device_time":
+            found[name] = None
+        else:
+            found[name] = _matrix(column, width, dtype) if wide else _numbers(column, dtype)
+    return found
 
 
 def _numbers(column: Any, dtype: Any) -> NDArray[Any]:

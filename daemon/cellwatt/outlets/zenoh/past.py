@@ -11,7 +11,7 @@ from cellwatt.blocks import Block, cut, join
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView
 from cellwatt.outlets.zenoh.backlog import Backlog, time_of
-from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode_batch, encode_frames
+from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode
 from cellwatt.outlets.zenoh.keys import ALARM, FRAME, raw_topic, series_of_topic
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item
@@ -57,7 +57,7 @@ class Past:
             if not frames:
                 raise NothingKeptError(f"no frames are kept from {first} in session {session}")
             mark = Mark(session, frames.sequence, len(frames), int(frames.time[-1]), backfill=True)
-            return Answer(encode_frames(frames), ARROW, mark, FRAME)
+            return Answer(encode(frames), ARROW, mark, FRAME)
         source, stream = text_of(asked, "source"), text_of(asked, "stream")
         topic = raw_topic(source, stream)
         batch = self._cut_out(
@@ -67,7 +67,7 @@ class Past:
             about = f"{source}/{stream}"
             raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
         mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
-        return Answer(encode_batch(batch), ARROW, mark, topic)
+        return Answer(encode(batch), ARROW, mark, topic)
 
     def _cut_out(self, topic: str, first: int, whole: int, look: Callable[[int], Sequence[Block]]) -> Block | None:
         """The first of ``first`` … ``first + whole``, as many as one answer may have; ``look`` is given a count."""

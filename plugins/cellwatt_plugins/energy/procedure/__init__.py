@@ -1,1 +1,1 @@
-"""The guided measurement of ECDP: pose of least gravity, cube, readings at rest, runs cut from a recording."""
+"""What a measurement by ECDP needs: pose of least gravity, programs of the cube, files cut from recordings."""

@@ -1,11 +1,9 @@
-"""``cellwatt energy-campaign``: the guided measurement whose files ``cellwatt disaggregate`` reads."""
+"""``cellwatt energy-campaign``: what a measurement needs whose files ``cellwatt disaggregate`` reads."""
 
 from __future__ import annotations
 
 import json
-import sys
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +11,7 @@ import click
 
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
-from cellwatt.errors import CellwattError, ConfigError, why
-from cellwatt.progress import steps
+from cellwatt.errors import CellwattError, why
 from cellwatt_plugins.energy.procedure.cube import REPETITIONS, SPEEDS, load_cube
 from cellwatt_plugins.energy.procedure.programs import minutes, programs
 
@@ -26,8 +23,9 @@ FILE = click.Path(exists=True, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 _robot = click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or its folder.")
 _json = click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
-_source = click.option("--source", help="The arm's source, where several have joints.")
-_supply = click.option("--supply", help="The analyzer's source, where several have supply.power.")
+STATES = ("controller", "connected", "released")
+KNOWN = 0.05
+"""W: the mean of a reading should be known so well, one standard deviation."""
 
 
 def _speeds(context: click.Context, parameter: click.Parameter, value: str) -> tuple[float, ...]:
@@ -45,16 +43,13 @@ _speed = click.option(
     "--speeds", default=_all, show_default=True, callback=_speeds, help="mm/s, means of a repetition."
 )
 _count = click.option("--repetitions", default=REPETITIONS, show_default=True, type=click.IntRange(1), help="Each.")
-_least = click.option(
-    "--least", type=click.IntRange(1), help="Whole repetitions in a row that a run needs (default: all of them)."
-)
 
 
 @click.group("energy-campaign", short_help="Measure a robot's energy step by step.")
 def campaign() -> None:
-    """Measure where a robot's energy goes: step by step, with the power analyzer and the cell running.
+    """Prepare a measurement of where a robot's energy goes, and cut its files from recordings.
 
-    cellwatt only watches and records: the operator moves the arm and starts the programs.
+    cellwatt only records: the operator moves the arm and starts the programs.
     """
 
 
@@ -127,69 +122,26 @@ def write_programs(
     click.echo("Try each at low speed first: points are the paper's, your cell may have less room.")
 
 
-@campaign.command("measure")
-@click.argument("cell", type=FILE)
-@_robot
-@click.option("--out", required=True, type=FOLDER, help="Folder of the campaign; the same one goes on.")
-@_speed
-@_count
-@_least
-@click.option("--again", multiple=True, help="Repeat a step: controller, connected, released, 0kg, …")
-@click.option("--seconds", default=60.0, show_default=True, type=FiniteRange(2), help="Length of a reading.")
-@click.option("--patience", default=900.0, show_default=True, type=FiniteRange(2), help="s to wait for steadiness.")
-@_source
-@_supply
-def measure(
-    cell: Path,
-    robot: Path,
-    out: Path,
-    speeds: tuple[float, ...],
-    repetitions: int,
-    least: int | None,
-    again: tuple[str, ...],
-    seconds: float,
-    patience: float,
-    source: str | None,
-    supply: str | None,
-) -> None:
-    """Go through a campaign on the running cell CELL (its settings file) and write what `disaggregate` reads."""
-    from cellwatt_plugins.energy.drive import MOTOR
-    from cellwatt_plugins.energy.procedure.guide import Places, Plan, guide
-    from cellwatt_plugins.energy.procedure.live import cell_of
-    from cellwatt_plugins.energy.procedure.log import STATES
-    from cellwatt_plugins.energy.procedure.recorded import Recorded
-    from cellwatt_plugins.robot import Arm
-
-    arm = Arm.load(robot, MOTOR)
-    if not arm.description.payload > 0:
-        raise ConfigError(f"{robot}: payload: write the maximum payload's mass, kg")
-    running = cell_of(cell)
-    pose, _ = _rest_pose(arm, 32)
-    plan = Plan(arm, pose, speeds, repetitions, least or repetitions, seconds, patience)
-    opened = partial(Recorded, running.record, arm, source, supply)
-    guide(plan, Places(lambda: running.feed(supply, source), opened, out), _Click(), again)
-    states = [name for name in STATES if (out / f"{name}.parquet").exists()]
-    files = " ".join(f"--{name} {out / name}.parquet" for name in states)
-    click.echo("\nAll is measured. Next:")
-    click.echo(f"cellwatt disaggregate --robot {robot} {files} --runs {out / 'runs'} --out {out / 'report'}")
-
-
 @campaign.command("cut")
 @click.argument("recording", type=FILE)
 @_robot
-@click.option("--campaign", "log_file", required=True, type=FILE, help="campaign.json, which says what was when.")
-@click.option("--out", required=True, type=FOLDER, help="Folder to write.")
+@click.option("--state", type=click.Choice(STATES), help="It holds a reading at rest, in this state.")
+@click.option("--payload", type=FiniteRange(0), help="It holds a program, with a payload of so many kg.")
+@click.option("--out", required=True, type=FOLDER, help="Folder of the campaign.")
 @_speed
 @_count
-@_least
-@_source
-@_supply
+@click.option(
+    "--least", type=click.IntRange(1), help="Whole repetitions in a row that a run needs (default: all of them)."
+)
+@click.option("--source", help="The arm's source, where several have joints.")
+@click.option("--supply", help="The analyzer's source, where several have supply.power.")
 @_json
 @with_progress
 def cut(
     recording: Path,
     robot: Path,
-    log_file: Path,
+    state: str | None,
+    payload: float | None,
     out: Path,
     speeds: tuple[float, ...],
     repetitions: int,
@@ -198,25 +150,30 @@ def cut(
     supply: str | None,
     as_json: bool,
 ) -> None:
-    """Cut the files of a campaign from RECORDING (a file or folder) once more, e.g. with fewer repetitions."""
+    """Cut the files that `disaggregate` reads from RECORDING (a file or folder of the cell).
+
+    With --state it is the power of the robot at rest; with --payload the runs of a program, one a speed.
+    """
     from cellwatt_plugins.energy.drive import MOTOR
-    from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_states, report
-    from cellwatt_plugins.energy.procedure.log import read_log
+    from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
     from cellwatt_plugins.energy.procedure.recorded import Recorded
     from cellwatt_plugins.robot import Arm
 
-    arm, log = Arm.load(robot, MOTOR), read_log(log_file)
+    if (state is None) == (payload is None):
+        raise click.UsageError("expected either --state or --payload, which says what the recording holds")
+    arm = Arm.load(robot, MOTOR)
     recorded = Recorded(recording, arm, source, supply)
-    states = cut_states(recorded, log, out)
-    runs = [
-        run
-        for programme in steps(log.programmes, "cutting programme")
-        for run in cut_programme(recorded, arm, programme, speeds, repetitions, least or repetitions, out)
-    ]
-    if as_json:
-        click.echo(json.dumps(report(runs, states)))
-    else:
-        click.echo("\n".join([f"at rest: {', '.join(states) or 'nothing'}", *(run.in_words() for run in runs)]))
+    if payload is not None:
+        runs = cut_programme(recorded, arm, recorded.span, payload, speeds, repetitions, least or repetitions, out)
+        click.echo(json.dumps([asdict(run) for run in runs]) if as_json else "\n".join(r.in_words() for r in runs))
+        return
+    found = cut_state(recorded, recorded.span, out / f"{state}.parquet")
+    words = f"{state}: {found.power:.2f} ± {found.uncertainty:.3f} W, drift {found.drift:+.2f} W"
+    click.echo(json.dumps(asdict(found)) if as_json else words)
+    if not found.steady:
+        click.echo("not steady: let it warm up, and record it again", err=True)
+    elif found.uncertainty > KNOWN:
+        click.echo("the mean is not well known: something switches; look what it is", err=True)
 
 
 def _rest_pose(arm: Arm, starts: int) -> tuple[RestPose, tuple[float, ...]]:
@@ -232,27 +189,3 @@ def _rest_pose(arm: Arm, starts: int) -> tuple[RestPose, tuple[float, ...]]:
         found = least_gravity(arm, limits, Checker(arm, limits), starts)
     place = arm.forward(found.q[None])[0, -1, :3, 3]
     return found, tuple(place.tolist())
-
-
-@dataclass
-class _Click:
-    """The operator's terminal."""
-
-    _shown: bool = False
-
-    def say(self, text: str) -> None:
-        """See ``Terminal.say``."""
-        click.echo(f"\n{text}" if self._shown else text)
-        self._shown = False
-
-    def show(self, text: str) -> None:
-        """See ``Terminal.show``; nothing where the output is kept in a file."""
-        if sys.stdout.isatty():
-            click.echo(f"\r{text:<70s}", nl=False)
-            self._shown = True
-
-    def ask(self, question: str, answers: str) -> str:
-        """See ``Terminal.ask``."""
-        choice = click.Choice(list(answers), case_sensitive=False)
-        given: str = click.prompt(question, type=choice, default=answers[0], show_choices=False, show_default=False)
-        return given

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
-from cellwatt_plugins.energy.procedure.log import STATES, Log, Programme
+from cellwatt_plugins.energy.fixed import Steady, steady_power
 from cellwatt_plugins.energy.procedure.loops import Loop, find_loops
-from cellwatt_plugins.energy.procedure.recorded import Recorded, Rows
-from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.procedure.recorded import Recorded, Rows, Span
+from cellwatt_plugins.energy.recordings import Motion, Reading
 from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
@@ -59,49 +59,47 @@ class Stretch:
     rows: Rows
 
 
-def cut_states(recorded: Recorded, log: Log, out: Path) -> list[str]:
-    """Write controller, connected and released as far as they were read. Raises ``RecordingError``."""
-    written: list[str] = []
-    for name in STATES:
-        if (span := log.states.get(name)) is not None:
-            power = recorded.power(span)
-            columns = {"t": _seconds(power.time, span.start), "power": power.values[:, 0]}
-            write_table(out / f"{name}.parquet", columns)
-            written.append(name)
-    return written
+def cut_state(recorded: Recorded, span: Span, path: Path) -> Steady:
+    """Write the power of a robot at rest as a table, and say how well its mean is known. Raises ``RecordingError``."""
+    power = recorded.power(span)
+    time = _seconds(power.time, span.start)
+    write_table(path, {"t": time, "power": power.values[:, 0]})
+    return steady_power(Reading(str(path), time, power.values[:, 0]))
 
 
 def cut_programme(
-    recorded: Recorded, arm: Arm, programme: Programme, speeds: Sequence[float], repetitions: int, least: int, out: Path
+    recorded: Recorded,
+    arm: Arm,
+    span: Span,
+    payload: float,
+    speeds: Sequence[float],
+    repetitions: int,
+    least: int,
+    out: Path,
 ) -> list[CutRun]:
-    """Write the runs of one program to ``out/runs``; each needs ``least`` whole repetitions in a row.
+    """Write the runs of one program with a ``payload`` in kg to ``out/runs``.
 
-    Raises ``RecordingError`` where not one repetition is recognised.
+    Each needs ``least`` whole repetitions in a row. Raises ``RecordingError`` where not one repetition is recognised.
     """
-    rows, power = recorded.motion(programme), recorded.power(programme)
-    motion = _motion(rows, programme.start, arm.joints)
+    rows, power = recorded.motion(span), recorded.power(span)
+    motion = _motion(rows, span.start, arm.joints)
     loops, notes = find_loops(arm, motion, speeds)
     if not loops:
-        raise RecordingError(f"payload {programme.payload:g} kg: {notes[0]}")
-    measured = _seconds(power.time, programme.start)
+        raise RecordingError(f"payload {payload:g} kg: {notes[0]}")
+    measured = _seconds(power.time, span.start)
     loops = [_with_power(loop, measured) for loop in loops]
     stray = tuple(_sentence(loop) for loop in loops if not loop.speed)
     runs = []
     for i, speed in enumerate(speeds):
-        name = f"{speed:g}_{programme.payload:g}kg"
+        name = f"{speed:g}_{payload:g}kg"
         best = _longest(loops, speed, motion)
         refused = tuple(_sentence(loop) for loop in loops if loop.speed == speed and loop.problem)
         also = (*stray, *notes) if i == 0 else ()
         enough = len(best) >= least
         if enough:
-            _write_run(Stretch(tuple(best), motion, power), programme, name, out / "runs")
+            _write_run(Stretch(tuple(best), motion, power), span, name, out / "runs")
         runs.append(CutRun(name, len(best), repetitions, (*refused, *also), enough))
     return runs
-
-
-def report(runs: Sequence[CutRun], states: Sequence[str]) -> dict[str, Any]:
-    """For ``--json``."""
-    return {"states": list(states), "runs": [asdict(run) for run in runs]}
 
 
 def _motion(rows: Rows, start: int, joints: int) -> Motion:
@@ -140,7 +138,7 @@ def _sentence(loop: Loop) -> str:
     return f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}"
 
 
-def _write_run(stretch: Stretch, programme: Programme, name: str, folder: Path) -> None:
+def _write_run(stretch: Stretch, span: Span, name: str, folder: Path) -> None:
     motion, power = stretch.motion, stretch.rows
     first, last = _edges(stretch)
     every = max(1, int(1 / (motion.step * RATE) + 1e-6))
@@ -152,7 +150,7 @@ def _write_run(stretch: Stretch, programme: Programme, name: str, folder: Path) 
     }
     begin = float(motion.time[first])
     write_table(folder / f"{name}.robot.parquet", {"t": motion.time[part] - begin, **columns})
-    measured = _seconds(power.time, programme.start)
+    measured = _seconds(power.time, span.start)
     inside = (measured >= begin - MARGIN) & (measured <= float(motion.time[last - 1]) + MARGIN)
     write_table(folder / f"{name}.analyzer.parquet", {"t": measured[inside] - begin, "power": power.values[inside, 0]})
 

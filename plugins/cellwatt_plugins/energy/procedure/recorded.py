@@ -11,13 +11,20 @@ from numpy.typing import NDArray
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.record import Recording
-from cellwatt_plugins.energy.procedure.log import Span
 from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
 
 POWER = "supply.power"
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of the cell's time, UTC ns."""
+
+    start: int
+    end: int
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,11 @@ class Recorded:
         self._arm_at = _stream_with(self._whole, "joint_1.position", source, folder)
         self._supply_at = _stream_with(self._whole, POWER, supply, folder)
         self._columns, self._gain = _joint_columns(self._arm_at[1], arm, folder)
+
+    @property
+    def span(self) -> Span:
+        """All of it."""
+        return Span(self._whole.start, self._whole.end)
 
     def motion(self, span: Span) -> Rows:
         """Positions, velocities and torques, (N, 3 n) rad, rad/s, Nm."""

@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import qmc
 
 from cellwatt.errors import ConfigError
 from cellwatt.progress import steps
@@ -53,6 +52,8 @@ def rest_pose(arm: Arm, limits: Float, checker: Checker, starts: int = STARTS) -
 
     The least of the minima from ``starts`` places. Raises ``ConfigError`` where none of them is clear.
     """
+    from scipy.stats import qmc  # a second to load, for this search alone
+
     edge = 1e-6 * np.ptp(limits, axis=1)
     lower, upper = limits[:, 0] + edge, limits[:, 1] - edge
     shares = qmc.Sobol(len(limits), scramble=False).random(starts)

@@ -1,4 +1,4 @@
-"""``cellwatt train pattern``: the power equation of each task, beside the fits that the paper compares it with."""
+"""``cellwatt train pattern``: the power equation of each task."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.errors import ModelError, why
 from cellwatt.scheduler import spread
-from cellwatt_plugins.faults.paper import equation, rivals
+from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
 from cellwatt_plugins.faults.reference import Variant, load
 
 PUBLISHED: Final = {"BEVF 24": 19.26, "BEVF 34": 6.44, "BEVF 44": 0.2715}
-"""rms errors (19) of the paper's pick-and-place, W; those of the other fits are in a legend that is not legible."""
+"""rms errors (19) of the paper's pick-and-place, W."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None
     """Write the power pattern of each task of REFERENCE as an equation, by vector fitting (BEVF).
 
     REFERENCE is a file made by `cellwatt reference`. The stage faults_by_paper takes the folder as `equations` and
-    compares power with them in place of the mean of healthy cycles. Prints how well they fit, beside other families.
+    compares power with them in place of the mean of healthy cycles. Prints how well they fit.
     """
     learned = load(reference)
     try:
@@ -72,7 +72,6 @@ def _fitted(known: tuple[str, Variant], order: int) -> tuple[Fitted, PowerEquati
         if each == order or len(t) > 2 * each:  # an order that nobody asked for is left out where points are few
             fits[each] = fit(t, power, order=each)
     errors = {f"BEVF {each}": rms(power, fitted.power(t)) for each, fitted in fits.items()}
-    errors |= {name: rms(power, curve) for name, curve in rivals.fits(t, power).items()}
     found = Fitted(task, variant.speed, float(t[-1]), len(t), float(np.std(power)), errors, "")
     return found, replace(fits[order], task=task, speed=variant.speed)
 

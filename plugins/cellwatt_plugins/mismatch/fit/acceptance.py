@@ -132,7 +132,7 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     if term.joint is not None and relieves_tension(before, after, thresholds):
         return True
     found = held(before, after, term)
-    return found.sure > thresholds.certain or found.share * left > (1 - found.share) * (left - 1)
+    return found.sure > thresholds.certain or found.most * left > (1 - found.most) * (left - 1)
 
 
 def held(before: Solution, after: Solution, term: Term) -> Held:

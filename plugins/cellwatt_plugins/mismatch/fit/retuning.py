@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
@@ -52,8 +54,12 @@ def all_fixed(problem: Problem) -> Freedom:
 
 def loose(problem: Problem, looseness: float) -> Problem:
     """The problem with the tolerances of the links, or of all that the supply draws, times ``looseness``."""
-    joints = problem.states[0].arm.body.joints if problem.side == "torque" else len(problem.nuisance)
-    return Freedom(tuple(looseness if i < joints else 1.0 for i in range(len(problem.nuisance)))).of(problem)
+    priors = [_scaled(block.prior, looseness) for block in problem.nuisance]
+    if problem.side == "torque":
+        robot, links = problem.states[0].robot, problem.states[0].arm.body.parameters().reshape(-1, PER_LINK)
+        own = [link_prior(link, looseness * robot.tolerances.link) for link in links]
+        priors = [*own, *(block.prior for block in problem.nuisance[len(links) :])]
+    return problem.with_priors(priors)
 
 
 def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:

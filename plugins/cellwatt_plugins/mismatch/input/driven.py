@@ -26,7 +26,7 @@ def driven(run: Run, simulator: Simulator) -> Run:
     if servo is None:
         return run
     command = earlier(held(run.command), servo.delay, run.step)
-    drive = Drive(servo, command, *filtered(run.position, run.step), run.step)
+    drive = Drive(servo, command, *filtered(run.position, run.step), run.step, run.command)
     drive = replace(drive, late=_late(drive, simulator))
     return replace(run, drive=drive, torque=drive.torque)
 

@@ -126,14 +126,17 @@ def _joined(spans: list[Span]) -> list[Span]:
     return out
 
 
+def between(found: LackOfFit, unit: str) -> str:
+    """Where a channel in ``unit`` mostly lacks fit, to end a sentence; empty where that is everywhere."""
+    if found.position is None:
+        return ""
+    return f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} {'m' if unit == 'N' else 'rad'}"
+
+
 def unexplained_channel(found: LackOfFit, name: str, unit: str, looked_at: bool = True) -> UnexplainedChannel:
     """An unexplained channel as ``findings.json`` has it; ``looked_at`` is False where the time was up before."""
     times = found.rms / found.floor
-    where = (
-        ""
-        if found.position is None
-        else f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} {'m' if unit == 'N' else 'rad'}"
-    )
+    where = between(found, unit)
     size, noise = f"{found.rms:.3g} {unit.replace('*', '')}", f"{times:.1f} times its noise"
     said = (
         f"{name} keeps {size} that no known effect explains, {noise}{where}."

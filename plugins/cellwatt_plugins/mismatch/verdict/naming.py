@@ -16,7 +16,7 @@ from cellwatt_plugins.mismatch.verdict.cascade import Added, Falling
 from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
-from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, mostly
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, between, mostly
 from cellwatt_plugins.robot.curves import Curve
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
@@ -160,11 +160,8 @@ def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | N
     best = solution.best
     after = float(best.problem.rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
-    where = ""
-    if left.position is not None:
-        of = solution.problem.states[0].robot.unit(left.channel, "rad")
-        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} {of}"
-    elif left.times and left.times[0].start > AT_ONCE:
+    where = between(left, unit)
+    if not where and left.times and left.times[0].start > AT_ONCE:
         where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
     parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
     tone = hum(parts, [rows.step for rows in solution.problem.rows])

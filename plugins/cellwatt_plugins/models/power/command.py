@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,9 +18,7 @@ from cellwatt.report.page import PAGE
 @click.command("power")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
-@click.option(
-    "--meter", "meters", multiple=True, type=INPUT, help="Power (t, power) of a meter's own clock, one a recording."
-)
+@click.option("--meter", multiple=True, type=INPUT, help="Power (t, power) of a meter's own clock, one a recording.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the networks' first weights."
@@ -28,15 +27,7 @@ from cellwatt.report.page import PAGE
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
 @with_scheduler
-def train_power(
-    recordings: tuple[Path, ...],
-    robot: Path,
-    meters: tuple[Path, ...],
-    out: Path,
-    seed: int,
-    page: Path | None,
-    as_json: bool,
-) -> None:
+def train_power(out: Path, page: Path | None, as_json: bool, **asked: Any) -> None:
     """Make a model of the currents and the supply power of a moving arm, from RECORDINGs of its moves.
 
     RECORDINGs are tables (Parquet, CSV) with t, q_i, qd_i, current_i and power, and move where a file holds several;
@@ -46,7 +37,7 @@ def train_power(
     from cellwatt_plugins.models.power import api
     from cellwatt_plugins.models.power.wording import in_words
 
-    model = api.train_power(recordings, robot=robot, meter=meters, seed=seed)
+    model = api.train_power(**asked)
     files = [str(file) for file in model.save(out)]
     if page is not None:
         with stage("writing the report"):

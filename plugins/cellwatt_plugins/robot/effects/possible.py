@@ -23,6 +23,12 @@ class Bound:
 
 
 BOUNDS: Mapping[str, Bound] = {
+    "payload": Bound(
+        lambda c: float(np.linalg.norm(c[1:4]) / c[0]) if c[0] > 0 else np.inf,
+        0.0,
+        1.0,
+        "a load whose centre is more than a metre from the flange is an error of the links",
+    ),
     "torque_gain": Bound(
         lambda c: float(c[0]),
         -0.35,

@@ -35,10 +35,14 @@ class DriveDeadBand(Effect):
         return [(float(width), way) for width in widths if width > 0 for way in (FROM_EDGE, FROM_CENTRE)]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        drive, at = run.servos, joint or 0
-        error, (width, way) = drive.error[:, at], shape
-        lost = np.where(np.abs(error) < width, error, 0.0 if way == FROM_CENTRE else width * np.sign(error))
-        return np.asarray(drive.servo.stiffness[at] * lost)[:, None]
+        servo, at, (width, way) = run.servos.servo, joint or 0, shape
+
+        def lost(command: Float, position: Float, velocity: Float) -> Float:
+            error = servo.pull[at] * command - servo.stiffness[at] * position
+            band = servo.stiffness[at] * width
+            return np.where(np.abs(error) < band, error, 0.0 if way == FROM_CENTRE else band * np.sign(error))
+
+        return run.servos.over_rows(at, lost)[:, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.5 * shape[0], 2 * shape[0]), (shape[1], shape[1])]

@@ -8,7 +8,7 @@ half a row late beside the positions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,8 +19,12 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.motion import Moved
+from cellwatt_plugins.robot.servo.motion import held
 
 Float = NDArray[np.float64]
+
+WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Parts of a row at which a drive is looked at."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,8 @@ class Drive:
     """(N, n, k): what the sign of the velocity would be if friction turned over in less speed, or in more, less it."""
     step: float
     """s between samples."""
+    told_at: Float
+    """(N, n), the commands themselves: each holds until the next."""
     late: float = 0.0
     """s by which commands act later, about: so much later the law reaches its limits."""
 
@@ -70,9 +76,34 @@ class Drive:
     @cached_property
     def torque(self) -> Float:
         """Torque (N, n) Nm that the law gives; what its limits take off is told by the commands ``late`` s before."""
-        asked = self.asked(self.command)
-        before = asked if self.late == 0 else self.asked(earlier(self.command, self.late, self.step))
-        return np.asarray(asked + np.clip(before, self.servo.low, self.servo.high) - before)
+        off = [
+            self.beyond(j, low, high) for j, (low, high) in enumerate(zip(self.servo.low, self.servo.high, strict=True))
+        ]
+        return np.asarray(self.asked(self.command) - np.stack(off, axis=1))
+
+    def beyond(self, joint: int, low: float, high: float) -> Float:
+        """Torque (N,) Nm that a joint's law asks for beyond limits."""
+        servo = self.servo
+
+        def excess(command: Float, position: Float, velocity: Float) -> Float:
+            asked = servo.pull[joint] * command - servo.stiffness[joint] * position - servo.damping[joint] * velocity
+            return np.asarray(asked - np.clip(asked, low, high))
+
+        return self.over_rows(joint, excess)
+
+    def over_rows(self, joint: int, law: Callable[[Float, Float, Float], Float]) -> Float:
+        """Means (N,) over rows of what a ``law`` says of command, position and velocity (N,), at the rows' instants.
+
+        A command holds while the joint moves on: what is no straight line is not that of the mean command.
+        """
+        rows, late = np.arange(len(self.told_at)), (self.late + self.servo.delay[joint]) / self.step
+        position, velocity = self.moved.position[:, joint], self.moved.velocity[:, joint]
+        ways = np.append(np.diff(position), 0.0), np.append(np.diff(velocity), 0.0)
+        out = np.zeros(len(rows))
+        for part in WITHIN:
+            command = self.told_at[np.maximum(np.floor(rows + part - late).astype(np.intp), 0), joint]
+            out += law(command, position + part * ways[0], velocity + part * ways[1])
+        return held(out[:, None] / len(WITHIN))[:, 0]
 
     def asked(self, command: Float) -> Float:
         """Torque (N, n) Nm that the law asks for with a ``command`` (N, n), before its limits."""

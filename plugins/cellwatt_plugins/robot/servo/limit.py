@@ -44,8 +44,7 @@ class DriveLimit(Effect):
         return float(off @ given[beyond]) <= FOLLOWS * float(off @ off)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        torque = run.servos.torque[:, joint or 0]
-        return (torque - np.clip(torque, -shape[0], shape[0]))[:, None]
+        return run.servos.beyond(joint or 0, -shape[0], shape[0])[:, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.7 * shape[0], 1.3 * shape[0])]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from cellwatt.outlets.historian.influx import FILE
-from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.outlet import FILE, HistorianOutlet
 from cellwatt.testing import OutletConformance, OutletRig
 from tests.daemon.outlets.historian.parsing import parse
 from tests.daemon.outlets.historian.server import Fake, fake

@@ -16,8 +16,7 @@ from pydantic import ValidationError
 from cellwatt import RecordingError
 from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
 from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of, place_of, reason_of, wait_of
-from cellwatt.outlets.historian.influx import FILE, REFUSED
-from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.outlet import FILE, REFUSED, HistorianOutlet
 from tests.daemon.outlets.historian.made import CELL, SESSION, SITE, Recorded, S, alarm, energy, frames, row_truth, task
 from tests.daemon.outlets.historian.server import Fake, fake, influxd, real
 from tests.daemon.outlets.zenoh.fake_cell import FakeView
@@ -138,7 +137,7 @@ async def test_after_a_cut_what_is_new_goes_first_then_all_that_was_missed_in_or
             await cell.seconds(40, outlet, results=False)
             await eventually(lambda: outlet.trouble(), "the trouble")
             assert "503" in str(outlet.trouble())
-            await eventually(lambda: len(outlet._influx.forwarder._pending) == 5, "the queue")  # type: ignore[union-attr]
+            await eventually(lambda: len(outlet._influx._pending) == 5, "the queue")  # type: ignore[union-attr]
             seen = len(server.batches)
             server.down = False
             await settled(server, 45)
@@ -332,8 +331,8 @@ async def _count(server: Any, count: int) -> bool:
 @real
 async def test_debians_influxdb_reads_our_escapes_and_refuses_what_it_must(tmp_path: Path) -> None:
     from cellwatt.outlets.historian.client import Client
-    from cellwatt.outlets.historian.influx import Lines
     from cellwatt.outlets.historian.line_protocol import line
+    from cellwatt.outlets.historian.outlet import Lines
 
     nasty = ["a b", "a,b=c", 'say "hi"', "tab\tü", "back\\slash", "trailing\\", "=", ", ,"]
     lines = [line("odd, one", {"t g": tag}, {"a=b": n, 'c"d': tag}, 1000 + n) for n, tag in enumerate(nasty)]
@@ -444,4 +443,4 @@ async def test_much_that_waits_does_not_hold_up_the_loop(record: Path) -> None:
     for second in range(60):
         outlet.offer(frames(50 * second, 50))
     async with running(outlet):
-        await eventually(lambda: not outlet._influx.forwarder._items, "the lines")  # type: ignore[union-attr]
+        await eventually(lambda: not outlet._influx._items, "the lines")  # type: ignore[union-attr]

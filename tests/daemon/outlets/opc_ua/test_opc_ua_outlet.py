@@ -21,8 +21,7 @@ from cellwatt.errors import CellwattError, OutletError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.bounds import OPERATIONS, SUBSCRIPTIONS_OF_SESSION
-from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet
-from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
+from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet, OpcUaOutletSettings
 from cellwatt.results import Energy, Event
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm

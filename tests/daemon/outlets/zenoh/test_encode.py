@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from cellwatt import Batch, Channel, Frames, Layout, ProtocolError, Stream
 from cellwatt.blocks import concatenate, cut, follows, join
-from cellwatt.outlets.zenoh.encode import decode, encode_apart, encode_batch, encode_frames, named, schema_in
+from cellwatt.outlets.zenoh.encode import decode, encode, encode_apart, named, schema_in
 from cellwatt.outlets.zenoh.mark import Mark
 from tests.daemon.outlets.zenoh.fake_cell import HOST_STREAM, LAYOUT, STREAM, batch, frames
 
@@ -59,7 +59,7 @@ def batches(draw: st.DrawFn) -> Batch:
 @given(batches())
 @settings(max_examples=60, deadline=None)
 def test_batch_survives_the_wire(made: Batch) -> None:
-    found = decode(encode_batch(made), mark_of(made, made.arrival))
+    found = decode(encode(made), mark_of(made, made.arrival))
     if not len(made):
         made = replace(made, device_time=found.device_time)  # type: ignore[union-attr]
     assert_same(found, made)
@@ -69,19 +69,19 @@ def test_frames_survive_the_wire() -> None:
     made = frames(40, 7)
     slow = replace(made.layout.channels[0], method="hold", window=0.1)
     made = replace(made, layout=Layout((slow, *made.layout.channels[1:]), made.layout.rate))
-    assert_same(decode(encode_frames(made), mark_of(made)), made)
+    assert_same(decode(encode(made), mark_of(made)), made)
 
 
 def test_views_and_columns_in_any_memory_order_are_encoded_as_seen() -> None:
     whole = batch(0, 20)
     fortran = replace(whole, values=np.asfortranarray(whole.values))
-    assert encode_batch(fortran) == encode_batch(whole)
-    assert_same(decode(encode_batch(cut(whole, 3, 9)), Mark(1, 3, 6, whole.arrival)), cut(whole, 3, 9))
+    assert encode(fortran) == encode(whole)
+    assert_same(decode(encode(cut(whole, 3, 9)), Mark(1, 3, 6, whole.arrival)), cut(whole, 3, 9))
 
 
 def test_a_payload_is_a_whole_arrow_stream_for_those_who_know_nothing_of_us() -> None:
     made = batch(10, 4)
-    table = pa.ipc.open_stream(encode_batch(made)).read_all()
+    table = pa.ipc.open_stream(encode(made)).read_all()
     assert table.column_names == ["time", "device_time", "bound", "quality", "values"]
     about = json.loads(table.schema.metadata[b"cellwatt"])
     assert about["format"] == "cellwatt.batch/1"
@@ -93,7 +93,7 @@ def test_a_payload_is_a_whole_arrow_stream_for_those_who_know_nothing_of_us() ->
 
 def test_no_device_clock_is_null() -> None:
     made = batch(0, 2, "meter", HOST_STREAM)
-    payload = encode_batch(made)
+    payload = encode(made)
     assert pa.ipc.open_stream(payload).read_all()["device_time"].to_pylist() == [None, None]
     found = decode(payload, mark_of(made))
     assert isinstance(found, Batch)
@@ -104,7 +104,7 @@ def test_streams_of_one_name_are_not_mixed_up() -> None:
     """The schema is kept by the identity of a stream; another stream at the same address must not get it."""
     for width in range(1, 300):
         stream = Stream("s", tuple(Channel(f"c{i}", "W") for i in range(width % 7 + 1)), 1.0, "host")
-        found = decode(encode_batch(batch(0, 1, "x", stream)), Mark(1, 0, 1, 0))
+        found = decode(encode(batch(0, 1, "x", stream)), Mark(1, 0, 1, 0))
         assert isinstance(found, Batch)
         assert found.stream == stream
 
@@ -128,7 +128,7 @@ def test_named_columns_carry_units() -> None:
 )
 def test_a_batch_whose_arrays_do_not_fit_is_refused(broken: Batch) -> None:
     with pytest.raises(ValueError, match="found"):
-        encode_batch(broken)
+        encode(broken)
 
 
 @pytest.mark.parametrize("payload", [b"", b"x", b"\xff\xff\xff\xff\x00\x00\x00\x00", b'{"json": true}' * 9])
@@ -148,13 +148,13 @@ def test_foreign_arrow_is_refused() -> None:
 
 def test_a_mark_that_disagrees_with_the_payload_is_refused() -> None:
     with pytest.raises(ProtocolError, match="3 rows, but 4"):
-        decode(encode_batch(batch(0, 3)), Mark(1, 0, 4, 0))
+        decode(encode(batch(0, 3)), Mark(1, 0, 4, 0))
 
 
 @given(st.data())
 @settings(max_examples=300, deadline=None)
 def test_damaged_payloads_never_do_worse_than_be_refused(data: st.DataObject) -> None:
-    payload = bytearray(encode_batch(batch(0, 3)))
+    payload = bytearray(encode(batch(0, 3)))
     for _ in range(data.draw(st.integers(1, 4))):
         payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
     payload = payload[: data.draw(st.integers(len(payload) // 2, len(payload)))]
@@ -192,7 +192,7 @@ def test_a_mark_of_a_message_without_its_schema_names_it_as_documented() -> None
 @pytest.mark.parametrize("block", [batch(0, 3), batch(0, 2, "meter", HOST_STREAM), frames(0, 4)])
 def test_schema_and_record_batch_are_the_pieces_of_the_stream(block: Batch | Frames) -> None:
     check, schema, rows = encode_apart(block)
-    whole = encode_batch(block) if isinstance(block, Batch) else encode_frames(block)
+    whole = encode(block)
     assert whole == schema + rows + b"\xff\xff\xff\xff\0\0\0\0"
     assert schema_in(schema + rows) == schema
     assert check == crc32_bit_by_bit(schema)

@@ -20,7 +20,7 @@ import zenoh
 
 from cellwatt import ProtocolError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
-from cellwatt.outlets.zenoh.encode import decode, encode_batch
+from cellwatt.outlets.zenoh.encode import decode, encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json, health
@@ -49,7 +49,7 @@ class Stranger:
         self.session.put(f"{ROOT}/{path}", payload, attachment=attachment)
 
     def raw(self, session: int, first: int, count: int = 5, topic: str = RAW) -> None:
-        self.put(topic, encode_batch(batch(0, count)), Mark(session, first, count, EPOCH))
+        self.put(topic, encode(batch(0, count)), Mark(session, first, count, EPOCH))
 
     def alarm(self, session: int, number: int, count: int = 1) -> None:
         mark = Mark(session, number, count, EPOCH)
@@ -226,7 +226,7 @@ async def test_a_true_restart_is_followed_beside_a_forged_one(cell: Cell, strang
 def packed(compression: str) -> bytes:
     """A batch of 20 million zeros, packed."""
     rows = 2_000_000
-    real = pa.ipc.open_stream(encode_batch(batch(0, 1))).schema
+    real = pa.ipc.open_stream(encode(batch(0, 1))).schema
     columns = [
         pa.array(np.zeros(rows, np.int64)),
         pa.nulls(rows, pa.int64()),
@@ -264,8 +264,8 @@ MARK = Mark(EPOCH, 0, 1, EPOCH)
         ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, sequence=-1)),
         ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, session=-1)),
         ("event", b"1" + b"0" * 5000, MARK),
-        (RAW, encode_batch(batch(0, 5)), replace(MARK, sequence=2**63 - 2, count=5)),
-        (RAW, encode_batch(batch(0, 0)), replace(MARK, count=0)),
+        (RAW, encode(batch(0, 5)), replace(MARK, sequence=2**63 - 2, count=5)),
+        (RAW, encode(batch(0, 0)), replace(MARK, count=0)),
         ("health", DEEP, MARK),
         ("health", b'{"session": 1e999, "time": 1, "positions": {}, "status": {}}', MARK),
         ("health", b'{"session": 1, "time": 1, "positions": {"frame": [1, 1e400]}, "status": {}}', MARK),
@@ -323,7 +323,7 @@ async def test_an_answer_about_something_else_is_not_taken(cell: Cell, monkeypat
 def forged_answer() -> Any:
     from cellwatt.outlets.zenoh.past import Answer
 
-    payload = encode_batch(batch(0, 5))
+    payload = encode(batch(0, 5))
     return Answer(payload, "application/vnd.apache.arrow.stream", Mark(FUTURE, LEAP, 5, EPOCH, True), RAW)
 
 

@@ -16,7 +16,7 @@ import pytest
 from cellwatt import Alarm, Batch, ConfigError, OutletError
 from cellwatt.errors import RepairingError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
-from cellwatt.outlets.zenoh.encode import encode_batch
+from cellwatt.outlets.zenoh.encode import encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
@@ -286,7 +286,7 @@ async def test_what_others_put_on_the_cells_keys_is_counted_and_ignored(
 
 
 async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Cell) -> None:
-    payload = encode_batch(batch(0, 5))
+    payload = encode(batch(0, 5))
     damaged = payload[:-40] + bytes(b ^ 0x5A for b in payload[-40:])
     with await asyncio.to_thread(open_session, cell.link) as between:
         async with cell.subscriber(want=("raw",)) as subscriber:
@@ -308,7 +308,7 @@ async def test_an_answer_that_cannot_be_read_is_a_gap_after_some_patience(
 ) -> None:
     async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
         await joined(subscriber)
-        monkeypatch.setattr("cellwatt.outlets.zenoh.past.encode_batch", lambda _: b"not Arrow")
+        monkeypatch.setattr("cellwatt.outlets.zenoh.past.encode", lambda _: b"not Arrow")
         cell.give(0, 4, live=False)
         cell.give(4, 5)
         gap, live = await read(subscriber, 2)

@@ -11,7 +11,7 @@ from cellwatt.record import Header
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt_plugins.energy.procedure.log import AtRest, Log, Programme
+from cellwatt_plugins.energy.procedure.recorded import Span
 
 SESSION = 1_795_000_000_000_000_000
 BLOCK = 5000
@@ -34,7 +34,7 @@ class Taped:
         self.rng = np.random.default_rng(seed)
         self.noise, self.lag = noise, lag
         self.now = SESSION
-        self.log = Log(robot=arm.made.name)
+        self.states, self.programmes = {}, {}
         self.stream = arm_stream(arm.made.joints, arm.made.by_current, 500.0)
         self._arm, self._supply = [], []
 
@@ -42,7 +42,7 @@ class Taped:
         """A reading at rest; the arm says nothing."""
         end = self.now + round(seconds * 1e9)
         self._power(np.full(round(seconds * 500), power))
-        self.log = self.log.with_state(name, AtRest(start=self.now, end=end, power=power, uncertainty=0.01, drift=0.0))
+        self.states[name] = Span(self.now, end)
         self.now = end + 30_000_000_000
 
     def programme(self, payload, rows, watts):
@@ -54,7 +54,7 @@ class Taped:
         self._arm.append((time, values))
         self._power(watts)
         end = int(time[-1])
-        self.log = self.log.with_programme(Programme(payload=payload, start=self.now, end=end))
+        self.programmes[payload] = Span(self.now, end)
         self.now = end + 30_000_000_000
 
     def _power(self, watts):
@@ -68,7 +68,7 @@ class Taped:
         """Forgets a source's samples between two times, s after the last program's start."""
         kept = self._arm if source == "arm" else self._supply
         time, values = kept[-1]
-        begun = self.log.programmes[-1].start
+        begun = list(self.programmes.values())[-1].start
         gone = (time > begun + start * 1e9) & (time < begun + end * 1e9)
         kept[-1] = (time[~gone], values[~gone])
 

@@ -3,7 +3,6 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.errors import ConfigError
 from cellwatt_plugins.energy.procedure.command import campaign
 from tests.plugins.energy.procedure.recording import Taped
 
@@ -36,40 +35,24 @@ def test_the_rest_pose_is_told(plant, tmp_path):
     assert "gravity leaves" in run("rest-pose", "--robot", file, "--starts", "1").output
 
 
-def test_files_are_cut_by_the_log(plant, programme, tmp_path):
+def test_files_are_cut_from_recordings(plant, programme, tmp_path):
     file = plant.describe(tmp_path / "robot")
     (tmp_path / "record").mkdir()
     taped = Taped(tmp_path / "record", plant)
-    taped.state("connected", 81.4)
     taped.programme(0.0, *programme)
     taped.write()
-    log = tmp_path / "campaign.json"
-    log.write_text(taped.log.model_dump_json())
-    words = ["cut", tmp_path / "record", "--robot", file, "--campaign", log, "--out", tmp_path / "cut"]
-    words += ["--speeds", "200,250", "--repetitions", "30"]
-    told = json.loads(run(*words, "--json").stdout)
-    assert told["states"] == ["connected"]
-    assert [(r["run"], r["repetitions"], r["written"]) for r in told["runs"]] == [
+    words = ["cut", tmp_path / "record", "--robot", file, "--out", tmp_path / "cut"]
+    runs = [*words, "--payload", "0", "--speeds", "200,250", "--repetitions", "30"]
+    told = json.loads(run(*runs, "--json").stdout)
+    assert [(r["run"], r["repetitions"], r["written"]) for r in told] == [
         ("200_0kg", 3, False),
         ("250_0kg", 3, False),
     ]
-    assert "3 of 30 repetitions, too few" in run(*words).output
-    told = json.loads(run(*words, "--least", "3", "--json").stdout)
-    assert all(one["written"] for one in told["runs"])
+    assert "3 of 30 repetitions, too few" in run(*runs).output
+    told = json.loads(run(*runs, "--least", "3", "--json").stdout)
+    assert all(one["written"] for one in told)
     assert len(list((tmp_path / "cut" / "runs").iterdir())) == 4
-
-
-def test_a_cell_that_does_not_record_cannot_be_measured(plant, tmp_path):
-    file = plant.describe(tmp_path / "robot")
-    cell = tmp_path / "cell.yaml"
-    text = "site: s\ncell: c\nsources:\n  supply: {driver: scpi_analyzer, host: 192.0.2.11}\n"
-    cell.write_text(f"{text}zenoh: {{listen: [tcp/127.0.0.1:7447]}}\n")
-    with pytest.raises(ConfigError, match="the cell does not record: add record"):
-        run("measure", cell, "--robot", file, "--out", tmp_path / "out")
-
-
-def test_a_robot_without_a_payload_is_asked_for_it(plant, tmp_path):
-    file = plant.describe(tmp_path / "robot")
-    file.write_text("\n".join(line for line in file.read_text().splitlines() if not line.startswith("payload")))
-    with pytest.raises(ConfigError, match="payload: write the maximum payload's mass"):
-        run("measure", file, "--robot", file, "--out", tmp_path / "out")
+    done = run(*words, "--state", "released")  # of an arm that moves
+    assert done.output.startswith("released: ") and "look what it is" in done.output
+    assert (tmp_path / "cut" / "released.parquet").exists()
+    assert "expected either --state or --payload" in run(*words).output

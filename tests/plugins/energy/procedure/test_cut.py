@@ -8,9 +8,8 @@ import pytest
 
 from cellwatt import Channel, Stream
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_states
-from cellwatt_plugins.energy.procedure.log import Programme
-from cellwatt_plugins.energy.procedure.recorded import Recorded
+from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
+from cellwatt_plugins.energy.procedure.recorded import Recorded, Span
 from cellwatt_plugins.energy.recordings import read_motion
 from cellwatt_plugins.energy.repetitions import find_repetitions
 from tests.plugins.energy.procedure.conftest import SPEEDS
@@ -39,7 +38,8 @@ def cut(plant, arm, tmp_path):
         if silent:
             taped.without(*silent)
         recorded = Recorded(taped.write(), arm)
-        runs = cut_programme(recorded, arm, taped.log.programmes[0], speeds, repetitions, least, tmp_path)
+        span = taped.programmes[payload]
+        runs = cut_programme(recorded, arm, span, payload, speeds, repetitions, least, tmp_path)
         return {one.run: one for one in runs}
 
     return run
@@ -161,14 +161,15 @@ def test_an_arm_that_never_moves(cut, programme):
         cut(rows[:1000], watts[:1000])
 
 
-def test_states_are_cut_where_the_log_says(plant, arm, programme, tmp_path):
+def test_a_reading_at_rest_is_cut_with_its_mean(plant, arm, programme, tmp_path):
     taped = Taped(tmp_path, plant)
     taped.state("controller", 54.0)
     taped.state("connected", 81.4)
     taped.programme(0.0, programme[0][:2000], programme[1][:2000])
     recorded = Recorded(taped.write(), arm)
-    assert cut_states(recorded, taped.log, tmp_path) == ["controller", "connected"]
     for name, watt in (("controller", 54.0), ("connected", 81.4)):
+        found = cut_state(recorded, taped.states[name], tmp_path / f"{name}.parquet")
+        assert found.steady and found.power == pytest.approx(watt, abs=0.02)
         table = pq.read_table(tmp_path / f"{name}.parquet")
         assert table["power"].to_numpy().mean() == pytest.approx(watt, abs=0.02)
         assert table["t"].to_numpy()[-1] == pytest.approx(60, abs=0.2)
@@ -179,7 +180,7 @@ def test_a_time_that_was_not_recorded(plant, arm, programme, tmp_path):
     taped.programme(0.0, programme[0][:2000], programme[1][:2000])
     recorded = Recorded(taped.write(), arm)
     with pytest.raises(RecordingError, match="nothing of arm in the recording at that time"):
-        recorded.motion(Programme(payload=0.0, start=0, end=10))
+        recorded.motion(Span(0, 10))
 
 
 def test_a_source_that_is_not_there(plant, arm, programme, tmp_path):

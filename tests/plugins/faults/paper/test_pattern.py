@@ -47,12 +47,10 @@ def _off(t, power, true):
     return float(np.sqrt(np.mean((np.interp(t + period(POLISHING), true.t, true.power) - power) ** 2)))
 
 
-def test_the_command_shows_the_fit_beside_its_four_rivals(reference):
+def test_the_command_writes_the_equation_and_its_fit(reference):
     (told,) = json.loads((reference.parent / "told.json").read_text())
     ours = [told["rms"].pop(f"BEVF {order}") for order in (24, 34, 44)]
     assert ours == sorted(ours, reverse=True)
-    assert sorted(told["rms"]) == ["Fourier 8", "Gaussian 8", "polynomial 9", "sum of sines 8"]
-    assert min(told["rms"].values()) > ours[-1]
     t, power = cycle_pattern(load(reference).tasks[0].variants[0])
     file = yaml.safe_load(Path(told["file"]).read_text())
     p, r = (np.array([complex(*pair) for pair in file[name]]) for name in "pr")
@@ -63,7 +61,7 @@ def test_the_command_shows_the_fit_beside_its_four_rivals(reference):
 
 def test_words_name_the_papers_figures(reference):
     said = _in_words(Fitted(**json.loads((reference.parent / "told.json").read_text())[0]))
-    for part in ("task_1 at speed 1.00", "BEVF 44", "(0.27)", "Gaussian 8", "written to"):
+    for part in ("task_1 at speed 1.00", "BEVF 44", "(0.27)", "written to"):
         assert part in said
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.paper import rivals
+from bench.faults import rivals
 
 T = np.arange(0, 8, 0.04)
 

@@ -8,6 +8,7 @@ from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.possible import impossible
 from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
@@ -44,6 +45,12 @@ def test_a_small_real_term_holds_near_the_noise(problem):
 @pytest.mark.parametrize("ripple", RIPPLES, ids=lambda t: f"joint {t.joint + 1}, {t.shape[0]} a turn")
 def test_a_ripple_that_is_not_there_does_not(problem, ripple):
     assert judged(problem, OFFSET, ripple) is not None
+
+
+@pytest.mark.parametrize(("centre", "possible"), [(0.3, True), (1.8, False)])
+def test_a_load_far_from_the_flange_is_none(centre, possible):
+    coefficients = np.array([2.0, 0.0, 0.0, 2.0 * centre, *np.zeros(6)])
+    assert (impossible("payload", coefficients) is None) == possible
 
 
 def test_samples_that_tell_little_do_not_hide_what_is_left(problem):

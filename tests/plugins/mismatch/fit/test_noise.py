@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter
 
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, hum, tones
 
@@ -14,6 +13,8 @@ def white(seed, count=6000, channels=2):
 def autoregressive(rho, seed, count=40000):
     """Noise whose neighbours correlate by ``rho``, of variance 1."""
     drawn = np.random.default_rng(seed).standard_normal((count, 1))
+    from scipy.signal import lfilter
+
     return lfilter([np.sqrt(1 - rho**2)], [1, -rho], drawn, axis=0)
 
 

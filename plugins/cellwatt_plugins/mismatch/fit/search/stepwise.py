@@ -54,15 +54,10 @@ def search(
     """
     state = start(make, channels, thresholds, effects, until, powered)
     now = _found(state, ())
-    if effects and not state.spent():
-        # Links that are far off hide the friction of their joints, and that they are off shows beside it alone. What
-        # they leave is no noise, which would count against them.
-        plain = plain_terms(state, now)
-        if (loose := looseness(plain.problem, plain.terms, plain.problem.factor(plain.residual))) > 1:
-            state.loosen(loose)
-            now = _found(state, plain.terms)
-        else:
-            now = reweigh(state, now)
+    loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
+    if loose > 1 and not state.spent():
+        state.loosen(loose)
+        now = _found(state, now.terms)
     free, others = state.problem, _rivals(state, now)
     state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
     now = drop_unconfirmed(state, solve(state, now.terms))
