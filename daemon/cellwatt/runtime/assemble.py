@@ -27,7 +27,8 @@ from cellwatt.stage import CellInfo, Stage
 TYPICAL = {"host": "192.0.2.10", "port": "/dev/ttyUSB0"}
 """Stands for the address that nearly every driver requires."""
 
-T, Made = TypeVar("T"), TypeVar("Made")
+T = TypeVar("T")
+Made = TypeVar("Made")
 StageMaker = Callable[[], Stage[Any]]
 
 
