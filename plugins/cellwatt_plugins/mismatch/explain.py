@@ -98,7 +98,9 @@ class Explained:
             from cellwatt_plugins.mismatch.report import motion
 
             joints, file = [joint.name for joint in self.model.robot.joints], self.model.robot.urdf
-            page = replace(page, sections=[motion.section(self.runs, joints, file, mended), *page.sections])
+            numbers, cascade, *more = page.sections
+            moved = motion.section(self.runs, joints, file, mended)
+            page = replace(page, sections=[numbers, cascade, moved, *more])
         page.write(Path(path))
 
 
