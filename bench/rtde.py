@@ -22,13 +22,13 @@ import sys
 import time
 
 import numpy as np
+from cellwatt_drivers.ur.receive import GETTERS
 
 from cellwatt import Account
 from cellwatt.emulation import RecordedSignals
 from cellwatt_drivers.ur import UrDriver, wire
 from cellwatt_drivers.ur.emulator import UrEmulator
 from cellwatt_drivers.ur.fields import FIELDS
-from cellwatt_drivers.ur.receive import GETTERS
 from cellwatt_drivers.ur.recipe import Decoder, Selection
 
 RATE = 500.0
