@@ -22,7 +22,6 @@ import sys
 import time
 
 import numpy as np
-from cellwatt_drivers.ur.receive import GETTERS
 
 from cellwatt import Account
 from cellwatt.emulation import RecordedSignals
