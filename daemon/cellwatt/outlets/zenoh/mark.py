@@ -51,11 +51,11 @@ class Mark:
     def decode(cls, data: bytes, payload: bytes) -> Mark:
         """Decode the attachment of a message. Raises ``ProtocolError`` if it is no mark, or does not match the payload.
 
-        Older cells send no checksum; their marks are accepted.
+        Older cells send no checksum with version 1; their marks are accepted.
         """
         bare = data[:1] == bytes([_WITH_SCHEMA])
         size = _MARK.size + _CHECK.size * bare
-        if len(data) < size or data[0] not in (_VERSION, _WITH_SCHEMA):
+        if len(data) < size + _CHECK.size * bare or data[0] not in (_VERSION, _WITH_SCHEMA):
             raise ProtocolError(f"a message's attachment is not a cellwatt mark of version 1 or 2: {data[:8].hex()}")
         if len(data) >= size + _CHECK.size:
             (said,) = _CHECK.unpack_from(data, size)

@@ -216,6 +216,11 @@ def crc32_bit_by_bit(data: bytes) -> int:
     return remainder ^ 0xFFFFFFFF
 
 
+def test_a_mark_whose_version_alone_is_damaged_is_not_one_without_a_checksum() -> None:
+    with pytest.raises(ProtocolError, match="version 1 or 2"):
+        Mark.decode(b"\2" + Mark(1, 2, 3, 4).encode(b"x")[1:], b"x")
+
+
 @settings(deadline=None)
 @given(st.binary(min_size=1, max_size=400), st.data())
 def test_damage_of_a_message_is_noticed(payload: bytes, data: st.DataObject) -> None:
