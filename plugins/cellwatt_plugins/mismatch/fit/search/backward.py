@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellwatt_plugins.mismatch.fit.acceptance import (
+    felt,
     held,
     physical,
     relieves_tension,
@@ -116,6 +117,8 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
             why = "only one channel asks for it"
         if why is None and _murky(state, rest, now, term):
             why = "takes little off a channel of which much stays unexplained"
+        if why is None and not felt(rest, now, term, state.thresholds):
+            why = "takes little off the error of every joint"
         if why is None and not stands_out(rest, now, term, state.thresholds):
             why = "is small beside what is left there"
         if why is not None:
