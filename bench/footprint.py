@@ -25,8 +25,12 @@ from typing import Any
 
 import psutil
 
+from cellwatt.demo.cells import shape_file
 from cellwatt.emulation import EmulatorProcess, Fault
 from cellwatt.record import Recording
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.browser import chromium
 
 CELLWATT = [sys.executable, "-m", "cellwatt.commands"]
 
@@ -90,8 +94,16 @@ def idle(seconds: float) -> dict[str, float]:
             return weigh(process, seconds)
 
 
-async def typical(seconds: float) -> dict[str, Any]:
-    """A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, recorded and published."""
+async def typical(seconds: float, shown: bool = False) -> dict[str, Any]:
+    """A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, recorded and published.
+
+    ``shown``: also predicted by a model, and looked at in a browser, which is not counted.
+    """
+    address, stages = f"127.0.0.1:{free_port()}", "stages:\n  segment: {arm: arm}\n"
+    if shown:
+        model = shape_file().with_name("power.onnx")
+        stages = f"robot: demo\n{stages}  power: {{stage: model, file: {model}, source: arm}}\n"
+        stages += f'page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}\n'
     async with (
         EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm,
         EmulatorProcess("power_board", "--listen", "pty") as board,
@@ -103,8 +115,13 @@ async def typical(seconds: float) -> dict[str, Any]:
             sources += f"  board: {{driver: power_board, port: {board.address}}}\n"
             host, port = meter.address.split(":")
             sources += f"  meter: {{driver: scpi_analyzer, host: {host}, port: {port}}}\n"
-            with daemon(cell(Path(name), sources, "stages: {segment: {}}\n")) as process:
+            async with contextlib.AsyncExitStack() as stack:
+                process = stack.enter_context(daemon(cell(Path(name), sources, stages)))
                 await asyncio.sleep(10)
+                if shown:
+                    page = await (await stack.enter_async_context(chromium())).new_page()
+                    await page.goto(f"http://{address}/")
+                    await asyncio.sleep(10)
                 first = await asyncio.to_thread(weigh, process, seconds / 2)
                 second = await asyncio.to_thread(weigh, process, seconds / 2)
             return second | {"growth_mb_per_h": round((second["pss_mb"] - first["pss_mb"]) * 7200 / seconds, 1)}
@@ -181,6 +198,7 @@ def main() -> None:
     figures = {
         "idle": idle(a.seconds),
         "typical": asyncio.run(typical(2 * a.seconds)),
+        "page_and_model": asyncio.run(typical(2 * a.seconds, shown=True)),
         "check_20_devices_s": sorted(round(check(), 3) for _ in range(5)),
         "first_frame": [asyncio.run(first_frame()) for _ in range(3)],
         "hung_neighbour": asyncio.run(hung_neighbour(a.seconds)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import ssl
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 from pydantic import ConfigDict, ValidationError, field_validator
 from pydantic import model_validator as model_check
@@ -22,12 +22,14 @@ _LAST_PORT: Final = 65535
 
 
 class Listening(OutletSettings):
-    """Settings of an outlet that listens: on this PC alone, or with certificate and login, unless they are ``open``.
-
-    An outlet says in ``opening`` how strangers get in by its settings, and in ``advice`` what to do about it.
-    """
+    """Settings of an outlet that listens: on this PC alone, or with certificate and login, unless they are ``open``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+
+    secured: ClassVar[str] = "TLS"
+    """What a certificate gives, in words; …"""
+    login: ClassVar[str] = "users"
+    """… and what lets people in."""
 
     listen: str
     """Address and port."""
@@ -53,7 +55,8 @@ class Listening(OutletSettings):
         if (self.certificate is None) != (self.key is None):
             raise ValueError("certificate and key are needed together")
         if not self.open and (text := self.opening):
-            kind = PydanticCustomError("value_error", "{error}", {"error": f"{text}; {self.advice}"})
+            advice = f"use 127.0.0.1, or give certificate, key and {self.login}, or set open: true"
+            kind = PydanticCustomError("value_error", "{error}", {"error": f"{text}; {advice}"})
             problem = InitErrorDetails(type=kind, loc=("listen",), input=self.listen)
             raise ValidationError.from_exception_data(type(self).__name__, [problem], hide_input=True)
         return self
@@ -74,14 +77,18 @@ class Listening(OutletSettings):
         return stays_here(self.host)
 
     @property
-    def opening(self) -> str:
-        """Words for the way in that strangers have; empty if there is none."""
-        return ""
+    def asks(self) -> bool:
+        """True if all who come have to log in."""
+        return False
 
     @property
-    def advice(self) -> str:
-        """Words for what closes it."""
-        return "use 127.0.0.1, or set open: true"
+    def opening(self) -> str:
+        """Words for the way in that strangers have; empty if there is none."""
+        lacks = [*([self.secured] if self.certificate is None else []), *([] if self.asks else [self.login])]
+        if self.local or not lacks:
+            return ""
+        harm = "passwords and data pass in the clear" if self.asks else "whoever reaches it sees the cell"
+        return f"open to the network without {' and '.join(lacks)}: {harm}"
 
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""

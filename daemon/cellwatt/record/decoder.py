@@ -7,18 +7,13 @@ from dataclasses import dataclass
 
 from mcap.opcode import Opcode
 from mcap.records import Channel
-from pydantic import TypeAdapter
 
-from cellwatt.channel import Stream
-from cellwatt.frames import Layout
 from cellwatt.record import messages
 from cellwatt.record.container import FRAMED_MESSAGE
 from cellwatt.record.encoder import FRAME_TOPIC, Item
-from cellwatt.record.rows import FrameRows, SampleRows
+from cellwatt.record.rows import FrameRows, SampleRows, declared_rows
 
 _KINDS = {topic: kind for kind, topic in messages.TOPICS.items()}
-_STREAM: TypeAdapter[Stream] = TypeAdapter(Stream)
-_LAYOUT: TypeAdapter[Layout] = TypeAdapter(Layout)
 _LATEST_FIRST = 1 << 62
 """Numbers from here on would soon not fit 64 bits."""
 _LONGEST = 200  # characters of what is wrong with a declaration
@@ -52,10 +47,10 @@ def track_of(channel: Channel) -> Track | None:
             raise ValueError(f"begins at number {first}")
         if kind is not None:
             return Track(topic, kind=kind, first=first, series=said["series"])
-        if topic == FRAME_TOPIC:
-            return Track(topic, FrameRows(_LAYOUT.validate_json(said["declaration"])), first=first, series=topic)
-        stream = _STREAM.validate_json(said["declaration"])
-        return Track(topic, SampleRows(said["source"], stream), first=first, series=topic)
+        rows = declared_rows(said)
+        if isinstance(rows, FrameRows) != (topic == FRAME_TOPIC):
+            raise ValueError("it is of another kind than its topic")
+        return Track(topic, rows, first=first, series=topic)
     except (KeyError, ValueError) as error:
         why = " ".join(str(error).split())[:_LONGEST]
         raise ValueError(f"{channel.topic} is declared in a way this version does not know: {why}") from error

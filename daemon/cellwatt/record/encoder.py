@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 from mcap.records import Schema
-from numpy.typing import NDArray
 
 from cellwatt.batch import Batch
 from cellwatt.channel import Channel
 from cellwatt.frames import FrameChannel, Frames
 from cellwatt.record import messages, protobuf
-from cellwatt.record.header import stream_to_dict
 from cellwatt.record.openfile import OpenFile
-from cellwatt.record.rows import FRAME_FIELDS, SAMPLE_FIELDS, FrameRows, SampleRows, value_fields
+from cellwatt.record.rows import BlockRows, rows_of, value_fields
 from cellwatt.results import Event, Result, series_of
 
 Item = Batch | Frames | messages.Message
@@ -40,7 +36,7 @@ class Encoder:
 
     def __init__(self, file: OpenFile) -> None:
         self._file = file
-        self._rows: dict[str, tuple[int, SampleRows | FrameRows]] = {}
+        self._rows: dict[str, tuple[int, BlockRows]] = {}
         self._messages: dict[str, tuple[int, int]] = {}
         self._names: list[str] = []
 
@@ -49,69 +45,31 @@ class Encoder:
 
         Raises ``Redeclared``, or ``ValueError`` where its contents cannot be written.
         """
-        match item:
-            case Batch():
-                self._add_batch(item)
-            case Frames():
-                self._add_frames(item)
-            case _:
-                self._add_message(item, number)
+        if isinstance(item, Batch | Frames):
+            self._add_block(item)
+        else:
+            self._add_message(item, number)
 
-    def _add_batch(self, batch: Batch) -> None:
-        topic = topic_of(batch.source, batch.stream.name)
-        number, rows = self._rows.get(topic, (0, None))
-        if isinstance(rows, SampleRows):
-            # Most often it is the same object, which spares comparing every channel.
-            if rows.stream is not batch.stream and rows.stream != batch.stream:
-                raise Redeclared
-            self._file.add_rows(number, rows.encode(batch, number))
-            return
-        rows = SampleRows(batch.source, batch.stream)
-        block = rows.encode(batch, self._file.next_channel)
-        fields = value_fields(batch.stream.names, SAMPLE_FIELDS)
-        metadata = {
-            "source": batch.source,
-            "stream": batch.stream.name,
-            "declaration": json.dumps(stream_to_dict(batch.stream)),
-            "fields": json.dumps(described(batch.stream.channels, fields)),
-            "first": str(batch.sequence),
-        }
-        self._define_rows(
-            topic, f"raw_{batch.source}_{batch.stream.name}", (*SAMPLE_FIELDS, *fields), metadata, rows, block
-        )
+    def _add_block(self, block: Batch | Frames) -> None:
+        topic = topic_of(block.source, block.stream.name) if isinstance(block, Batch) else FRAME_TOPIC
+        known: tuple[int, BlockRows] = self._rows.get(topic) or (0, rows_of(block))
+        number, rows = known
+        if not rows.fits(block):
+            raise Redeclared
+        records = rows.encode(block, number or self._file.next_channel)
+        if not number:
+            number = self._define(topic, rows, block.sequence)
+            self._rows[topic] = (number, rows)
+        self._file.add_rows(number, records)
 
-    def _add_frames(self, frames: Frames) -> None:
-        number, rows = self._rows.get(FRAME_TOPIC, (0, None))
-        if isinstance(rows, FrameRows):
-            if rows.layout is not frames.layout and rows.layout != frames.layout:
-                raise Redeclared
-            self._file.add_rows(number, rows.encode(frames, number))
-            return
-        rows = FrameRows(frames.layout)
-        block = rows.encode(frames, self._file.next_channel)
-        fields = value_fields(frames.layout.names, FRAME_FIELDS)
-        metadata = {
-            "declaration": json.dumps(asdict(frames.layout)),
-            "fields": json.dumps(described(frames.layout.channels, fields)),
-            "first": str(frames.sequence),
-        }
-        self._define_rows(FRAME_TOPIC, "frame", (*FRAME_FIELDS, *fields), metadata, rows, block)
-
-    def _define_rows(
-        self,
-        topic: str,
-        message: str,
-        fields: tuple[protobuf.Field, ...],
-        metadata: dict[str, str],
-        rows: SampleRows | FrameRows,
-        block: NDArray[np.void],
-    ) -> None:
-        (name,) = protobuf.identifiers([message], self._names)
+    def _define(self, topic: str, rows: BlockRows, first: int) -> int:
+        (name,) = protobuf.identifiers([topic.removeprefix("/").replace("/", "_")], self._names)
         self._names.append(name)
-        data = protobuf.file_descriptor_set(PACKAGE, name, fields)
-        number = self._file.define(topic, "protobuf", Schema(0, data, "protobuf", f"{PACKAGE}.{name}"), metadata)
-        self._rows[topic] = (number, rows)
-        self._file.add_rows(number, block)
+        fields = value_fields([channel.name for channel in rows.channels], rows.fixed)
+        data = protobuf.file_descriptor_set(PACKAGE, name, (*rows.fixed, *fields))
+        about = {"fields": json.dumps(described(rows.channels, fields)), "first": str(first)}
+        schema = Schema(0, data, "protobuf", f"{PACKAGE}.{name}")
+        return self._file.define(topic, "protobuf", schema, {**rows.declaration, **about})
 
     def _add_message(self, message: messages.Message, given: int | None) -> None:
         """Under its number; where it was given none, in a channel of its own, as the next of it."""

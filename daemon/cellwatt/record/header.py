@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, TypeAdapter
 
-from cellwatt.channel import Channel, Stream
+from cellwatt.channel import Stream
 from cellwatt.version import __version__
 
 PART = ".part"
@@ -45,7 +45,7 @@ class Header:
 
     def to_json(self) -> str:
         """The header as JSON text."""
-        declared = {source: [stream_to_dict(s) for s in streams] for source, streams in self.streams.items()}
+        declared = {source: [asdict(s) for s in streams] for source, streams in self.streams.items()}
         plain = {n: getattr(self, n) for n in _PLAIN}
         return json.dumps({**plain, "streams": declared})
 
@@ -53,17 +53,6 @@ class Header:
     def from_json(cls, text: str | bytes) -> Header:
         """The header back from its JSON; raises ``ValueError`` where it is none."""
         return _HEADER.validate_json(text)
-
-
-def stream_to_dict(stream: Stream) -> dict[str, Any]:
-    """A stream's declaration, JSON-ready."""
-    return asdict(stream)
-
-
-def stream_from_dict(plain: Mapping[str, Any]) -> Stream:
-    """A stream back from ``stream_to_dict``; raises ``ValueError``, ``KeyError`` or ``TypeError``."""
-    channels = tuple(Channel(**channel) for channel in plain["channels"])
-    return Stream(str(plain["name"]), channels, float(plain["rate"]), plain["clock"])
 
 
 _HEADER: TypeAdapter[Header] = TypeAdapter(Header)

@@ -7,15 +7,18 @@ an array of n packed structs, and numpy fills or reads it column by column. Bits
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from cellwatt.batch import Batch, Float
-from cellwatt.channel import Stream
-from cellwatt.frames import Frames, Layout
+from cellwatt.channel import Channel, Stream
+from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import protobuf
 from cellwatt.record.protobuf import Field, Kind
 
@@ -56,6 +59,10 @@ def value_fields(names: Sequence[str], fixed: Sequence[Field]) -> tuple[Field, .
     """One double field per channel, numbered from 16."""
     unique = protobuf.identifiers(names, (f.name for f in fixed))
     return tuple(Field(name, FIRST_VALUE + i, Kind.DOUBLE) for i, name in enumerate(unique))
+
+
+_STREAM: TypeAdapter[Stream] = TypeAdapter(Stream)
+_LAYOUT: TypeAdapter[Layout] = TypeAdapter(Layout)
 
 
 class RowType:
@@ -138,15 +145,47 @@ def _whole(sequence: int, first: int) -> int:
     return first + (sequence - first & 0xFFFFFFFF)
 
 
+class BlockRows(Protocol):
+    """Blocks of one kind as records of one MCAP channel; the same for samples and frames."""
+
+    fixed: tuple[Field, ...]
+    """Fields of every record of this kind, before those of its ``channels``."""
+    channels: tuple[Channel | FrameChannel, ...]
+
+    @property
+    def declaration(self) -> dict[str, str]:
+        """Text that ``declared_rows`` reads."""
+        ...
+
+    def fits(self, block: Any, /) -> bool:
+        """Tell whether a block is of this kind."""
+        ...
+
+    def encode(self, block: Any, channel: int, /) -> Rows:
+        """The records of a block."""
+        ...
+
+
 class SampleRows:
     """Batches of one stream as records of one MCAP channel."""
+
+    fixed: tuple[Field, ...] = SAMPLE_FIELDS
 
     def __init__(self, source: str, stream: Stream) -> None:
         self.source = source
         self.stream = stream
-        channels = len(stream.channels)
-        self._timed = RowType(SAMPLE_FIELDS, channels)
-        self._untimed = RowType(SAMPLE_FIELDS[1:], channels)
+        self.channels: tuple[Channel | FrameChannel, ...] = stream.channels
+        self._timed = RowType(SAMPLE_FIELDS, len(self.channels))
+        self._untimed = RowType(SAMPLE_FIELDS[1:], len(self.channels))
+
+    @property
+    def declaration(self) -> dict[str, str]:
+        """See ``BlockRows.declaration``."""
+        return {"source": self.source, "stream": self.stream.name, "declaration": json.dumps(asdict(self.stream))}
+
+    def fits(self, batch: Batch) -> bool:
+        """See ``BlockRows.fits``; most often it is the same object, which spares comparing every channel."""
+        return self.stream is batch.stream or self.stream == batch.stream
 
     def encode(self, batch: Batch, channel: int) -> Rows:
         """The records of a batch; those it was read from, if it has them, differ in the channel alone."""
@@ -195,9 +234,21 @@ class SampleRows:
 class FrameRows:
     """Frames of one layout as records of one MCAP channel."""
 
+    fixed: tuple[Field, ...] = FRAME_FIELDS
+
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
+        self.channels: tuple[Channel | FrameChannel, ...] = layout.channels
         self._type = RowType(FRAME_FIELDS, len(layout.channels))
+
+    @property
+    def declaration(self) -> dict[str, str]:
+        """See ``BlockRows.declaration``."""
+        return {"declaration": json.dumps(asdict(self.layout))}
+
+    def fits(self, frames: Frames) -> bool:
+        """See ``BlockRows.fits``."""
+        return self.layout is frames.layout or self.layout == frames.layout
 
     def encode(self, frames: Frames, channel: int) -> Rows:
         """The records of a block of frames."""
@@ -223,3 +274,15 @@ class FrameRows:
             bound=rows["bound"].astype(np.int64),
         )
         return frames, offset + rows.nbytes
+
+
+def rows_of(block: Batch | Frames) -> SampleRows | FrameRows:
+    """The rows that a block, and others of its kind, are."""
+    return SampleRows(block.source, block.stream) if isinstance(block, Batch) else FrameRows(block.layout)
+
+
+def declared_rows(declaration: Mapping[str, str]) -> SampleRows | FrameRows:
+    """The rows that a declaration tells of. Raises ``ValueError`` or ``KeyError`` where it is damaged."""
+    if "source" in declaration:
+        return SampleRows(declaration["source"], _STREAM.validate_json(declaration["declaration"]))
+    return FrameRows(_LAYOUT.validate_json(declaration["declaration"]))

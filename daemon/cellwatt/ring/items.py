@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from cellwatt.batch import Batch
 from cellwatt.blocks import cut
-from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.frames import Frames
 from cellwatt.record import messages
-from cellwatt.record.header import stream_from_dict, stream_to_dict
-from cellwatt.record.rows import FrameRows, SampleRows
+from cellwatt.record.rows import BlockRows, FrameRows, SampleRows, declared_rows, rows_of
 from cellwatt.ring.memory import Record, Ring
 
 _ROWS, _STATUS, _MARK, _FIRST_MESSAGE = 1, 2, 3, 16
 _KINDS = {kind: number for number, kind in enumerate(messages.TOPICS, _FIRST_MESSAGE)}
+_FRAMES = ("", "")
 _TYPES = {number: kind for kind, number in _KINDS.items()}
 
 
@@ -54,8 +54,7 @@ class ItemWriter:
 
     def __init__(self, ring: Ring) -> None:
         self._ring = ring
-        self._streams: dict[tuple[str, str], tuple[int, SampleRows]] = {}
-        self._frames: tuple[int, FrameRows] | None = None
+        self._rows: dict[tuple[str, str], tuple[int, BlockRows]] = {}
         self._count = _FIRST_MESSAGE + len(_KINDS)
         """Channels below this number are those of kinds without rows."""
         for line in ring.declared()[0]:
@@ -64,12 +63,9 @@ class ItemWriter:
     def put(self, item: Item) -> None:
         """Add one item; a block that is too large for the ring is split."""
         match item:
-            case Batch():
-                number, rows = self._rows_of_stream(item)
+            case Batch() | Frames():
+                number, rows = self._rows_of(item)
                 self._put_rows(item, number, rows.encode(item, number).tobytes())
-            case Frames():
-                number, frame_rows = self._rows_of_layout(item.layout)
-                self._put_rows(item, number, frame_rows.encode(item, number).tobytes())
             case Status():
                 self._put_message(_STATUS, json.dumps(item.figures).encode(), silent=True)
             case Mark():
@@ -80,13 +76,15 @@ class ItemWriter:
     def numbers(self) -> dict[str, dict[str, int]]:
         """Next sequence number of each stream, by source."""
         found: dict[str, dict[str, int]] = {}
-        for (source, stream), (number, _) in self._streams.items():
-            found.setdefault(source, {})[stream] = self._ring.following(number)
+        for (source, stream), (number, _) in self._rows.items():
+            if source:
+                found.setdefault(source, {})[stream] = self._ring.following(number)
         return found
 
     def frames(self) -> tuple[int, int]:
         """Next sequence number of the frames, and time of the last one, ns; zeros before the first."""
-        return (self._ring.following(self._frames[0]), self._ring.note) if self._frames is not None else (0, 0)
+        known = self._rows.get(_FRAMES)
+        return (0, 0) if known is None else (self._ring.following(known[0]), self._ring.note)
 
     def end(self) -> None:
         """Declare that no more items will come."""
@@ -104,33 +102,18 @@ class ItemWriter:
         self.put(cut(item, 0, middle))
         self.put(cut(item, middle, len(item)))
 
-    def _rows_of_stream(self, batch: Batch) -> tuple[int, SampleRows]:
-        known = self._streams.get((batch.source, batch.stream.name))
-        # Most often it is the same object, which spares comparing every channel.
-        if known is not None and (known[1].stream is batch.stream or known[1].stream == batch.stream):
+    def _rows_of(self, block: Batch | Frames) -> tuple[int, BlockRows]:
+        known = self._rows.get(_key(block))
+        if known is not None and known[1].fits(block):
             return known
-        rows = SampleRows(batch.source, batch.stream)
-        return self._declare(rows), rows
-
-    def _rows_of_layout(self, layout: Layout) -> tuple[int, FrameRows]:
-        known = self._frames
-        if known is not None and (known[1].layout is layout or known[1].layout == layout):
-            return known
-        rows = FrameRows(layout)
-        return self._declare(rows), rows
-
-    def _declare(self, rows: SampleRows | FrameRows) -> int:
-        number = self._count
-        self._ring.declare(_declaration(number, rows))
+        rows, number = rows_of(block), self._count
+        self._ring.declare(json.dumps({**rows.declaration, "number": number}).encode())
         self._know(number, rows)
-        return number
+        return number, rows
 
     def _know(self, number: int, rows: SampleRows | FrameRows) -> None:
         self._count = number + 1
-        if isinstance(rows, FrameRows):
-            self._frames = number, rows
-        else:
-            self._streams[rows.source, rows.stream.name] = number, rows
+        self._rows[_key(rows)] = number, rows
 
 
 class ItemReader:
@@ -218,15 +201,11 @@ class ItemReader:
         return self._rows[channel]
 
 
-def _declaration(number: int, rows: SampleRows | FrameRows) -> bytes:
-    if isinstance(rows, FrameRows):
-        return json.dumps({"number": number, "layout": asdict(rows.layout)}).encode()
-    return json.dumps({"number": number, "source": rows.source, "stream": stream_to_dict(rows.stream)}).encode()
+def _key(of: Batch | Frames | SampleRows | FrameRows) -> tuple[str, str]:
+    """Source and stream; of frames neither."""
+    return (of.source, of.stream.name) if isinstance(of, Batch | SampleRows) else _FRAMES
 
 
 def _read_declaration(line: bytes) -> tuple[int, SampleRows | FrameRows]:
     plain = json.loads(line)
-    if "layout" in plain:
-        channels = tuple(FrameChannel(**channel) for channel in plain["layout"]["channels"])
-        return plain["number"], FrameRows(Layout(channels, plain["layout"]["rate"]))
-    return plain["number"], SampleRows(plain["source"], stream_from_dict(plain["stream"]))
+    return plain["number"], declared_rows(plain)

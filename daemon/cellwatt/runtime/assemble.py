@@ -6,18 +6,17 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NoReturn, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
 from cellwatt.account import Account
 from cellwatt.align import Aligner
-from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, FrameSettings, SourceConfig, StageConfig
 from cellwatt.config.installed import Part
 from cellwatt.config.places import first
-from cellwatt.driver import Identity, SourceSettings
+from cellwatt.driver import Inlet, SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, Problem
 from cellwatt.frames import Layout
 from cellwatt.registry import driver as find_driver
@@ -28,6 +27,8 @@ from cellwatt.stage import CellInfo, Stage
 TYPICAL = {"host": "192.0.2.10", "port": "/dev/ttyUSB0"}
 """Stands for the address that nearly every driver requires."""
 
+T = TypeVar("T")
+Made = TypeVar("Made")
 StageMaker = Callable[[], Stage[Any]]
 
 
@@ -60,20 +61,14 @@ def declared(config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]
 
     Raises ``ConfigError`` with every source whose settings do not fit.
     """
-    problems: list[Problem] = []
-    streams: dict[str, tuple[Stream, ...]] = {}
-    for source in config.sources.values():
-        with _collecting(problems):
-            streams[source.name] = streams_of(source)
-    if problems:
-        raise ConfigError(first(problems))
+    streams = _each(streams_of, config.sources)
     return streams, layout_of(streams, config.frames)
 
 
 def streams_of(source: SourceConfig) -> tuple[Stream, ...]:
     """Streams that a source will deliver. Raises ``ConfigError`` where its settings do not fit together."""
     with _placed(source.place, f"sources.{source.name}"):
-        streams = find_driver(source.driver)(source.name, source.settings, _Unconnected()).streams
+        streams = find_driver(source.driver)(source.name, source.settings, cast("Inlet", _Unconnected())).streams
         counts = Counter(name for stream in streams for name in stream.names)
         twice = sorted(name for name, count in counts.items() if count > 1)
         if twice:
@@ -106,14 +101,8 @@ def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:
 
     Raises ``ConfigError`` with every stage whose settings do not fit the layout.
     """
-    problems: list[Problem] = []
-    chains: list[Chain] = []
-    for group in chain_names(config):
-        with _collecting(problems):
-            chains.append(make_chain(config, layout, group))
-    if problems:
-        raise ConfigError(first(problems))
-    return chains
+    groups = {" ".join(group): group for group in chain_names(config)}
+    return list(_each(lambda group: make_chain(config, layout, group), groups).values())
 
 
 def chain_names(config: CellConfig, most: int | None = None) -> list[list[str]]:
@@ -134,15 +123,9 @@ def make_chain(config: CellConfig, layout: Layout, names: Sequence[str]) -> Chai
 
     Raises ``ConfigError`` with every one of them whose settings do not fit the layout.
     """
-    problems: list[Problem] = []
-    makers = stage_makers(config, layout)
-    stages: dict[str, Stage[Any]] = {}
-    for name in names:
-        with _collecting(problems):
-            stages[name] = makers[name]()
-    if problems:
-        raise ConfigError(first(problems))
-    return Chain({n: makers[n] for n in names}, stages)
+    known = stage_makers(config, layout)
+    makers = {name: known[name] for name in names}
+    return Chain(makers, _each(lambda make: make(), makers))
 
 
 def stage_makers(config: CellConfig, layout: Layout) -> dict[str, StageMaker]:
@@ -172,12 +155,18 @@ def _placed(place: str, path: str) -> Iterator[None]:
         raise ConfigError([Problem(place, path, " ".join(str(error).split()))]) from error
 
 
-@contextmanager
-def _collecting(problems: list[Problem]) -> Iterator[None]:
-    try:
-        yield
-    except ConfigError as error:
-        problems += error.problems
+def _each(make: Callable[[T], Made], given: Mapping[str, T]) -> dict[str, Made]:
+    """What is made of each of the given. Raises ``ConfigError`` with the problems of all."""
+    problems: list[Problem] = []
+    made: dict[str, Made] = {}
+    for name, one in given.items():
+        try:
+            made[name] = make(one)
+        except ConfigError as error:
+            problems += error.problems
+    if problems:
+        raise ConfigError(first(problems))
+    return made
 
 
 class _Unconnected:
@@ -186,24 +175,5 @@ class _Unconnected:
     def __init__(self) -> None:
         self.account = Account()
 
-    def now(self) -> int:
-        raise _unconnected()
-
-    def connected(self, identity: Identity) -> None:
-        raise _unconnected()
-
-    def emit(self, reading: Reading) -> None:
-        raise _unconnected()
-
-    def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
-        raise _unconnected()
-
-    def clock_reset(self, stream: Stream, reason: str) -> None:
-        raise _unconnected()
-
-    def event(self, kind: str, text: str, **data: str | float) -> None:
-        raise _unconnected()
-
-
-def _unconnected() -> RuntimeError:
-    return RuntimeError("a driver talks only while it runs")
+    def __getattr__(self, name: str) -> NoReturn:
+        raise RuntimeError("a driver talks only while it runs")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Iterable
 from typing import Any
 
 from cellwatt.cell_clock import CellClock
@@ -48,7 +49,7 @@ class Cell:
                 heart = group.create_task(self._heart(), name="heart")
                 await self._stopping.wait()
                 await self._collector.close(tasks)
-                self._flush()
+                self._give_frames(self._framer.flush())
                 self._look()
                 await self.view.close(tasks)
                 heart.cancel()
@@ -60,15 +61,11 @@ class Cell:
     def _take(self, entry: Entry) -> None:
         self.view.take(entry)
         if not isinstance(entry, Event):
-            for frames in self._framer.take(entry):
-                self._give_frames(frames)
+            self._give_frames(self._framer.take(entry))
 
-    def _give_frames(self, frames: Frames) -> None:
-        self.view.take(frames)
-
-    def _flush(self) -> None:
-        for frames in self._framer.flush():
-            self._give_frames(frames)
+    def _give_frames(self, blocks: Iterable[Frames]) -> None:
+        for frames in blocks:
+            self.view.take(frames)
 
     async def _heart(self) -> None:
         async with Ticker(HEALTH_RATE) as ticker:
@@ -81,15 +78,11 @@ class Cell:
                     # Health is worth a lot, but never the data: it is looked at again in a second.
                     log.exception("the look at the cell's health failed")
 
-    def _look(self) -> None:
-        self.view.look(self._parts())
-
-    def _parts(self) -> dict[str, Any]:
-        """Figures of the parts for health."""
-        return {
+    def _look(self, **stages: Any) -> None:
+        parts = {
             "utc_error_ms": round(self.clock.utc_error_ns * 1e-6, 3),
             "loop_lag_ms": round(1e3 * self._lag, 3),
             "sources": self._collector.status(),
             "frames": self._framer.status(),
-            "stages": {},
         }
+        self.view.look({**parts, "stages": stages})

@@ -3,6 +3,7 @@
 import json
 import struct
 import zlib
+from dataclasses import asdict
 from io import FileIO
 
 import pytest
@@ -12,13 +13,13 @@ from cellwatt.record import Recording
 from cellwatt.record.chunks import parse_attachment
 from cellwatt.record.decoder import items, track_of, tracks_of
 from cellwatt.record.encoder import Encoder
-from cellwatt.record.header import Header, stream_to_dict
+from cellwatt.record.header import Header
 from cellwatt.record.openfile import OpenFile
 from cellwatt.record.scan import header_of, read_at
 
 from .making import ARM, CELL, HEADER, SESSION, batch_of, name_of
 
-DECLARED = stream_to_dict(ARM)
+DECLARED = asdict(ARM)
 DEEP = "[" * 100_000
 GOOD = json.loads(HEADER.to_json())
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -82,10 +82,11 @@ class Cell(cell.Cell):
         self._look()
         await self.view.close(self._tasks)
 
-    def _give_frames(self, frames: Frames) -> None:
-        super()._give_frames(frames)
-        for worker in self._workers:
-            worker.offer(frames)
+    def _give_frames(self, blocks: Iterable[Frames]) -> None:
+        for frames in blocks:
+            super()._give_frames((frames,))
+            for worker in self._workers:
+                worker.offer(frames)
 
     def _give_results(self, results: Sequence[Result]) -> None:
         for result in results:
@@ -100,16 +101,15 @@ class Cell(cell.Cell):
             self._tasks.spawn(f"stages {'+'.join(chain.names)}", worker.run())
 
     async def _end_frames(self) -> None:
-        self._flush()
+        self._give_frames(self._framer.flush())
         workers, self._workers = self._workers, []
         for worker in workers:
             worker.offer(None)
         await asyncio.gather(*(worker.ended.wait() for worker in workers))
-        self._flush()  # what sources that stay gave meanwhile
+        self._give_frames(self._framer.flush())  # what sources that stay gave meanwhile
 
-    def _parts(self) -> dict[str, Any]:
-        stages = {name: figures for w in self._workers for name, figures in w.chain.status().items()}
-        return super()._parts() | {"stages": stages}
+    def _look(self, **stages: Any) -> None:
+        super()._look(**{name: figures for w in self._workers for name, figures in w.chain.status().items()})
 
     async def reload(self, config: CellConfig) -> str:
         """Apply what changed and nothing else; gives a line that says what was done."""

@@ -25,6 +25,8 @@ _SHORT: Final = 16
 class MetricsSettings(Listening):
     """Metrics for Prometheus, and probes of the cell's health."""
 
+    login = "a token"
+
     listen: str = LOCAL
     """Address and port; beyond this PC only with a certificate and a token or password."""
     certificate: Path | None = None
@@ -72,20 +74,6 @@ class MetricsSettings(Listening):
     def asks(self) -> bool:
         """True if readers must show a token or password."""
         return self.token is not None or self.password is not None
-
-    @property
-    def opening(self) -> str:
-        """See ``Listening.opening``."""
-        lacks = (["TLS"] if self.certificate is None else []) + ([] if self.asks else ["a token"])
-        if self.local or not lacks:
-            return ""
-        harm = "tokens pass in the clear" if self.asks else "whoever reaches it reads what the cell does"
-        return f"open to the network without {' and '.join(lacks)}: {harm}"
-
-    @property
-    def advice(self) -> str:
-        """See ``Listening.advice``."""
-        return "use 127.0.0.1, or give certificate, key and token, or set open: true"
 
     def warnings(self) -> tuple[str, ...]:
         """See ``Listening.warnings``; also a token or password that can be guessed."""

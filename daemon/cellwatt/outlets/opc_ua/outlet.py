@@ -24,6 +24,8 @@ from cellwatt.results import Alarm, Energy, Event, Result
 class OpcUaOutletSettings(Listening, Selection):
     """The cell as an OPC UA server."""
 
+    secured, login = "a certificate", "users or trusted certificates"
+
     listen: str = "127.0.0.1:4840"
     """Address and port; port 0 is any that is free."""
     path: str = Field("/cellwatt", pattern=r"^/[A-Za-z0-9/_.-]*$")
@@ -46,24 +48,15 @@ class OpcUaOutletSettings(Listening, Selection):
         return self
 
     @property
-    def opening(self) -> str:
-        """See ``Listening.opening``."""
-        lacks = ["a certificate"] if self.certificate is None else []
-        lacks += [] if self.users or self.trusted else ["users or trusted certificates"]
-        if self.local or not lacks:
-            return ""
-        return f"open to the network without {' and '.join(lacks)}: whoever reaches it sees the cell"
+    def asks(self) -> bool:
+        """See ``Listening.asks``."""
+        return bool(self.users or self.trusted)
 
     def told(self) -> dict[str, Any]:
         """What the process that serves needs, with passwords, JSON-ready, for it and nobody else."""
         users = {name: password.get_secret_value() for name, password in self.users.items()}
         own = self.model_dump(mode="json", include={"path", "certificate", "key", "trusted"})
         return {**own, "host": self.host, "port": self.port, "users": users}
-
-    @property
-    def advice(self) -> str:
-        """See ``Listening.advice``."""
-        return "use 127.0.0.1, or give certificate, key, and users or trusted, or set open: true"
 
 
 if find_spec("asyncua") is None:  # only the process that serves imports it, but what is missing is told at once

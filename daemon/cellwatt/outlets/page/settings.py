@@ -76,18 +76,9 @@ class PageSettings(Listening):
         return users
 
     @property
-    def opening(self) -> str:
-        """See ``Listening.opening``."""
-        lacks = (["TLS"] if self.certificate is None else []) + ([] if self.users else ["users"])
-        if self.local or not lacks:
-            return ""
-        harm = "whoever reaches it sees the cell" if not self.users else "passwords and data pass in the clear"
-        return f"open to the network without {' and '.join(lacks)}: {harm}"
-
-    @property
-    def advice(self) -> str:
-        """See ``Listening.advice``."""
-        return "use 127.0.0.1, or give certificate, key and users, or set open: true"
+    def asks(self) -> bool:
+        """See ``Listening.asks``."""
+        return bool(self.users)
 
     def warnings(self) -> tuple[str, ...]:
         """See ``Listening.warnings``; also a page of this PC that a proxy may bring to others."""
