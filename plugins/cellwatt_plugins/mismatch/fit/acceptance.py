@@ -81,9 +81,6 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     upon = any(t.joint == term.joint and term.effect.name in t.effect.relations.upon for t in after.terms)
     if enough and upon and found.share > -thresholds.rise:
         return None
-    felt = thresholds.felt if term.joint is None else thresholds.share
-    if not term.effect.usual and after.problem.side == "torque" and found.most < felt:
-        return f"takes {100 * max(found.most, 0.0):.1f} % off the mean square error where it does most"
     channels = channels_of(after, term)
     chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)
@@ -114,6 +111,17 @@ def _seldom(solution: Solution, term: Term) -> bool:
     size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
     there = size > THERE * np.max(size)
     return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
+
+
+def felt(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
+    """False for a term of ``after`` that is no usual thing, where it takes little off the error of every joint.
+
+    On the way to what is there such a term may make room for others; at the end nobody has use for it.
+    """
+    exempt = term.effect.usual or _seldom(after, term) or np.isfinite(term.effect.acceptance.by_evidence)
+    if exempt or after.problem.side == "supply" or relieves_tension(before, after, thresholds):
+        return True
+    return held(before, after, term).most >= (thresholds.felt if term.joint is None else thresholds.share)
 
 
 def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:

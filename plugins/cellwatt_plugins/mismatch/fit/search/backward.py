@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellwatt_plugins.mismatch.fit.acceptance import (
+    felt,
     held,
     physical,
     relieves_tension,
@@ -116,12 +117,24 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
             why = "only one channel asks for it"
         if why is None and _murky(state, rest, now, term):
             why = "takes little, or not surely, off a channel of which much stays unexplained"
+        if why is None and _as_friction(state, now, term):
+            why = "is less than friction may pull either way"
+        if why is None and not felt(rest, now, term, state.thresholds):
+            why = "takes little off the error of every joint"
         if why is None and not stands_out(rest, now, term, state.thresholds):
             why = "is small beside what is left there"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest
     return now
+
+
+def _as_friction(state: SearchState, now: Solution, term: Term) -> bool:
+    """True of what is there once, of a motion without a plan, and no stronger than the friction of its joint."""
+    if term.joint is None or not term.effect.form.intermittent or not now.problem.states[0].unplanned:
+        return False
+    friction = state.turning[term.joint] + state.robot.column("coulomb_friction")[term.joint]
+    return bool(np.max(np.abs(now.added(term))) < friction)
 
 
 def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> bool:
