@@ -14,6 +14,8 @@ from cellwatt_plugins.robot.regression import Prior
 
 LIKELY = 0.3
 """Share by which a gain is off, one standard deviation, where it is."""
+LEAST = 0.06
+"""Share from which it is: three times what a gain that is right may be off by."""
 
 
 class DriveGain(Effect):
@@ -40,8 +42,8 @@ class DriveGain(Effect):
         return Prior.spread(np.full(columns.shape[-1], LIKELY))
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
-        """A loop that pulls, within reason."""
-        return bool(-0.8 < coefficients[0] < 4.0)
+        """A loop that pulls, within reason, and not as the file says."""
+        return bool(-0.8 < coefficients[0] < 4.0 and abs(coefficients[0]) > LEAST)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         share = estimate.coefficient(0, "")
