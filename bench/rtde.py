@@ -22,7 +22,6 @@ import sys
 import time
 
 import numpy as np
-from cellwatt_drivers.ur.receive import GETTERS
 
 from cellwatt import Account
 from cellwatt.emulation import RecordedSignals
@@ -106,7 +105,7 @@ def library(address: str, seconds: float, stalled: bool, polled: bool) -> dict[s
     from rtde_receive import RTDEReceiveInterface
 
     receive = RTDEReceiveInterface(address.partition(":")[0], RATE, ["timestamp", *FIELDS_17])
-    read = [getattr(receive, GETTERS[f]) for f in FIELDS_17]
+    read = [getattr(receive, "get" + "".join(word.capitalize() for word in f.split("_"))) for f in FIELDS_17]
     time.sleep(0.5)
     first = last = receive.getTimestamp()
     seen = 0

@@ -35,8 +35,8 @@ import pyarrow.dataset as ds
 import yaml
 from aiohttp import web
 from asyncua import Client as OpcUa
-from capacity.bus import SITE, free_port
-from capacity.cells import CELL, Device, Kind, emulated
+from outlet.cell import CELL, SITE, emulated
+from outlet.children import free_port
 from outlet.servers import DATABASE, influxd, mosquitto
 from websockets import connect
 from websockets.typing import Subprotocol
@@ -47,7 +47,6 @@ from cellwatt.results import Alarm
 from cellwatt.subscriber import Gap, Health, LinkSettings, Subscriber
 from cellwatt.testing.outlet_rig import Line, State, line_to
 
-KIND = Kind("", {"arm": Device("ur", {"rate": "125 Hz"}), "board": Device("power_board", listen="pty")}, 20.0)
 SPAN = 10**8
 """ns between two rows of those that are sent 10 a second."""
 KILLED = ("collect", "judge", "tell")
@@ -233,7 +232,7 @@ def settings(lines: dict[str, Line], ports: dict[str, int], sources: dict[str, A
         "cell": CELL,
         "sources": {**sources, "absent": {"driver": "scpi_analyzer", "host": "127.0.0.1", "port": free_port()}},
         "stages": {"segment": {}},
-        "frames": {"rate": f"{KIND.frames:g} Hz"},
+        "frames": {"rate": "20 Hz"},
         "record": {"folder": str(folder / "record")},
         "zenoh": {"listen": [f"tcp/127.0.0.1:{ports['zenoh']}"]},
         "mqtt": {
@@ -289,7 +288,8 @@ async def soaked(minutes: float, kills: int, seed: int, folder: Path) -> dict[st
         for name, port in targets.items():
             peer: Any = argparse.Namespace(address=f"127.0.0.1:{port}")
             lines[name] = await stack.enter_async_context(line_to(peer))
-        sources = await stack.enter_async_context(emulated(KIND))
+        sources = await stack.enter_async_context(emulated())
+        sources["arm"]["rate"] = "125 Hz"
         file = folder / "cell.yaml"
         file.write_text(yaml.safe_dump(settings(lines, ports, sources, folder)))
         daemon = await stack.enter_async_context(process(folder / "log", "run", str(file), PYTHONPATH=_hook(folder)))

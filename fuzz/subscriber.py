@@ -6,11 +6,10 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 
-from cellwatt.outlets.zenoh.asking import Question
-
 from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.order import Gap, Part
+from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Event
 from fuzz.items import SESSION
 from fuzz.target import Target

@@ -30,16 +30,6 @@ AROUND = 0.3
 """s of rest that belong to a cycle on either side."""
 
 
-def judge_by_paper(reference: Sequence[Readings], cycle: Readings) -> tuple[NamedFault, ...]:
-    """Faults that the method names in a cycle, given healthy cycles of the same task at the same speed.
-
-    Times are s from the first motion; the table is that of the task's own intervals, since no faulty run of it is
-    known. Raises `ModelError` where nothing can be learnt from the reference.
-    """
-    expected = from_cycles(reference)
-    return judge(expected, cycle, of_the_motion(expected), AS_IN_THE_PAPER)
-
-
 def of_the_motion(expected: Sequence[ExpectedInterval]) -> Isolation:
     """Isolation by the paper's network on the table of the task's motion."""
     return by_network(fault_table(expected))

@@ -221,10 +221,3 @@ def write_arm(lake: Path, arm: Arm, weeks: int) -> None:
             time = np.arange(len(columns["power"])) / RATE
             place = folder / f"{when:%Y-%m-%dT%H-%M-%S}_{number}.parquet"
             pq.write_table(pa.table({"t": time, **columns}), place, compression="zstd")
-
-
-def write_fleet(lake: Path, arms: list[Arm], weeks: int) -> None:
-    """The lake of a fleet."""
-    write_kinds(lake)
-    for arm in arms:
-        write_arm(lake, arm, weeks)

@@ -23,7 +23,7 @@ from cellwatt.demo import cells, processes
 from cellwatt.demo.fault import FAULTY
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt_plugins.models.metadata import Metadata
-from cellwatt_plugins.models.power.exported import write
+from cellwatt_plugins.models.power.api import write
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.training import model_of
 from cellwatt_plugins.robot import Arm

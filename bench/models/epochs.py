@@ -18,8 +18,7 @@ from threadpoolctl import threadpool_limits
 from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.paper import TEST, split, trained
 from cellwatt_plugins.models.static.poses import read_poses
-from cellwatt_plugins.models.static.scores import Scores
-from cellwatt_plugins.models.static.training import SEED
+from cellwatt_plugins.models.static.training import SEED, Scores
 from cellwatt_plugins.robot import Arm
 from models import held_arms
 from models.static import COUNT, Spread

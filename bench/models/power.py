@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tests.plugins.models.power.emulated_arm import ARMS, write_case
 
 from cellwatt_plugins.models.network import open_network
-from cellwatt_plugins.models.power.exported import write
+from cellwatt_plugins.models.power.api import write
 from cellwatt_plugins.models.power.fitting import Fitted
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.nls import Nls

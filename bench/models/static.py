@@ -18,8 +18,7 @@ from threadpoolctl import threadpool_limits
 from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import Poses, read_poses
-from cellwatt_plugins.models.static.scores import Scores
-from cellwatt_plugins.models.static.training import PUBLISHED, SEED, Trained, train, write
+from cellwatt_plugins.models.static.training import PUBLISHED, SEED, Scores, Trained, train, write
 from cellwatt_plugins.robot import Arm
 from models import held_arms
 

@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from cellwatt_plugins.mismatch.demo import plant
 from cellwatt_plugins.mismatch.demo.command import write_files
+from tests.plugins.mismatch import servos
 
 from .conftest import ROOT
 
@@ -33,8 +36,8 @@ def run(notebook: Path) -> tuple[dict[str, Any], list[Any]]:
     return names, shown
 
 
-def test_there_are_three():
-    assert [notebook.name[0] for notebook in NOTEBOOKS] == ["1", "2", "3"]
+def test_there_are_four():
+    assert [notebook.name[0] for notebook in NOTEBOOKS] == ["1", "2", "3", "4"]
 
 
 @pytest.mark.timeout(120)
@@ -64,3 +67,15 @@ def test_an_arm(workspace):
     assert shown[0] == 3
     assert names["flange"].shape == (301, 3)
     assert names["energy"]["standby"] == pytest.approx(90 * 1.5, rel=1e-6)
+
+
+@pytest.mark.timeout(120)
+def test_a_desktop_arm(workspace):
+    pytest.importorskip("mujoco")
+    [(time, told, seen)] = servos.integrated([servos.PLANTS["gain"]])
+    columns = {f"command_{j + 1}": told[:, j] for j in (0, 1)} | {f"q_{j + 1}": seen[:, j] for j in (0, 1)}
+    pq.write_table(pa.table({"t": time} | columns), workspace / "log.parquet")
+    (workspace / "arm.xml").write_text(servos.mjcf())
+    names, _ = run(NOTEBOOKS[3])
+    assert [(f.effect, f.joint) for f in names["found"].findings.findings] == [("drive_gain", 2)]
+    assert "How the arm and its simulation move" in (workspace / "report.html").read_text()

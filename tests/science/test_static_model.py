@@ -11,8 +11,7 @@ import pytest
 from cellwatt_plugins.models.static import paper
 from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import read_poses
-from cellwatt_plugins.models.static.scores import Scores
-from cellwatt_plugins.models.static.training import PUBLISHED
+from cellwatt_plugins.models.static.training import PUBLISHED, Scores
 from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 

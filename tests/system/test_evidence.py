@@ -15,7 +15,6 @@ from cellwatt.commands.export import command as export
 from cellwatt.demo.fault import JOINT, SPRING, next_start
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import packs
-from cellwatt.results import Event
 from tests.patience import PATIENCE, eventually
 from tests.system.running import Audience, Daemon
 from tests.system.test_daemon import ur
@@ -25,10 +24,6 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "examples" / "demo-reference.yaml"
 BEFORE, AFTER = 8.0, 1.0
-
-
-def packs_told(audience: Audience) -> list[Event]:
-    return [e for e in audience.events if e.kind == "evidence" and any("_fault" in a for a in e.data["alarms"])]
 
 
 @pytest.mark.slow

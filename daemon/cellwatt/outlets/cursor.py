@@ -175,7 +175,7 @@ class Cursor:
     def succeed(self, before: Cursor) -> None:
         """Take over from the cursor before this one, which is closed."""
         if before._path == self._path and before._place == self._place:
-            self.reached, self.births, self.lost = before.reached, before.births, before.lost
+            self.reached, self.births, self.lost, self.ended = before.reached, before.births, before.lost, before.ended
             self._owed, self._opened = before._owed, before._opened
             self._account.expect(self.entries)
             self._note()
@@ -187,13 +187,11 @@ class Cursor:
             await self.write()
             await asyncio.sleep(EVERY)
 
-    async def end(self) -> None:
-        """Write the position for the last time: all that was said is in it."""
-        self._changed.set()
-        await self.write(ended=True)
-
     async def write(self, *, ended: bool = False) -> None:
-        """Write the position as it is, if it changed since it was read."""
+        """Write the position as it is, if it changed since it was read; ``ended``: all that was said is in it."""
+        if ended:
+            self.ended = True
+            self._changed.set()
         if self._path is None or not self._opened or not self._changed.is_set():
             return
         self._changed.clear()

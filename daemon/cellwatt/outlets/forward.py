@@ -105,8 +105,8 @@ class Forwarder(Generic[M]):
         self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
         self._flow = flow
         self._items: deque[Frames | Archived] = deque()
-        self._pending: deque[tuple[int, M]] = deque()
-        """Times, UTC ns, and messages."""
+        self._pending: deque[tuple[int, M, bool]] = deque()
+        """Times, UTC ns, messages, and whether these are rows."""
         self._picker: Picker | None = None
         self._begun = False
         self._newest = 0
@@ -153,7 +153,7 @@ class Forwarder(Generic[M]):
             if isinstance(item, Frames):
                 self._take_frames(item)
             else:
-                self._wait(time_of(item), self._peer.result(item))
+                self._wait(time_of(item), self._peer.result(item), False)
             while len(self._pending) > self._flow.queue:
                 self._forgo(self._pending.popleft()[0], 1)
             if n % AT_ONCE == 0:
@@ -174,12 +174,12 @@ class Forwarder(Generic[M]):
             if self._record is not None and not self._begun:
                 self._begin(row.time, picker.span)
             else:
-                self._wait(row.time, self._peer.row(row, picker.units))
+                self._wait(row.time, self._peer.row(row, picker.units), True)
             self._begun = True
 
-    def _wait(self, at: int, message: M | None) -> None:
+    def _wait(self, at: int, message: M | None, is_row: bool) -> None:
         if message is not None:
-            self._pending.append((at, message))
+            self._pending.append((at, message, is_row))
             self._account.expect()
             self._account.owed += 1
 
@@ -215,13 +215,15 @@ class Forwarder(Generic[M]):
         batch = [self._pending.popleft() for _ in range(min(self._flow.batch, len(self._pending)))]
         sent = False
         try:
-            sent = await self._send([message for _, message in batch])
+            sent = await self._send([message for _, message, _ in batch])
         finally:
             if not sent:
                 self._pending.extendleft(reversed(batch))
         if sent:
             self._account.owed -= len(batch)
-            self.cursor.deliver(max(at for at, _ in batch))
+            # A result tells nothing of the rows before it: they may still be owed by an earlier start.
+            for at in [at for at, _, is_row in batch if is_row][-1:]:
+                self.cursor.deliver(at)
 
     # what was missed ------------------------------------------------------------------------------
 
@@ -296,7 +298,8 @@ class Forwarder(Generic[M]):
                 self._account.count(f"{self._name}: last attempt given up")
         while self._pending:
             self._forgo(self._pending.popleft()[0], 1)
-        await self.cursor.end()
+        # Where not even a row came, what an earlier start did not say is still to be said.
+        await self.cursor.write(ended=self._begun or self.cursor.ended)
 
 
 class ForwardSettings(OutletSettings, Flow):

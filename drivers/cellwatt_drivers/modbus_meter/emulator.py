@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,10 +19,34 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from cellwatt.emulation import Emulator, Fault, Options
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.port import host_and_port
+from cellwatt.emulation.terminal import raw_terminal
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, load_map, packaged_map
-from cellwatt_drivers.modbus_meter.virtual_line import virtual_line
+
+CHUNK = 4096
+
+
+@contextmanager
+def virtual_line(link: Path | None = None) -> Iterator[tuple[str, str]]:
+    """Paths of both ends of a serial line, the other one's as ``link``; must be entered on a running loop."""
+    loop = asyncio.get_running_loop()
+    with raw_terminal() as (one, path_one), raw_terminal(link) as (other, path_other):
+        loop.add_reader(one, _pass_on, one, other)
+        loop.add_reader(other, _pass_on, other, one)
+        try:
+            yield path_one, path_other
+        finally:
+            loop.remove_reader(one)
+            loop.remove_reader(other)
+
+
+def _pass_on(source: int, sink: int) -> None:
+    try:
+        os.write(sink, os.read(source, CHUNK))
+    except BlockingIOError:
+        return  # nobody reads the far end: its bytes are lost, as on a line
+
 
 _FUNCTIONS = {"holding": 3, "input": 4}
 

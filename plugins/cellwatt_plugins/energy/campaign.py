@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
+from cellwatt_plugins.energy.clock import Offset, align
 from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
-from cellwatt_plugins.energy.drive import motion_features
+from cellwatt_plugins.energy.drive import Drive, motion_features
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest
 from cellwatt_plugins.energy.identify import (
@@ -26,13 +28,44 @@ from cellwatt_plugins.energy.identify import (
     modelled,
     residual,
 )
-from cellwatt_plugins.energy.laid import laid_over
 from cellwatt_plugins.energy.recordings import Recorded
-from cellwatt_plugins.energy.repetitions import Repetition
+from cellwatt_plugins.energy.repetitions import Repetition, find_repetitions
 from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
 from cellwatt_plugins.energy.runs import Learnt, Whole, run_energy
 from cellwatt_plugins.energy.split import edges, total_energy
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.accumulate import Accumulated
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Laid:
+    """Complete repetitions of a run, ``notes`` on the others, and how far its clocks are apart."""
+
+    repetitions: tuple[Repetition, ...]
+    notes: tuple[str, ...]
+    offset: Offset
+
+
+def laid_over(run: Recorded, known: tuple[Arm, Drive]) -> Laid:
+    """Look at one run with a first guess of the arm's drive.
+
+    Raises ``RecordingError`` where no repetition is complete, or power does not follow the motion.
+    """
+    arm, guess = known
+    kept, notes = find_repetitions(run.motion)
+    feature = motion_features(arm, run.motion)
+    offset = align(run.reading, modelled(run, feature, guess), _sorts_of_power(run, feature, arm.joints))
+    return Laid(tuple(kept), tuple(notes), offset)
+
+
+def _sorts_of_power(run: Recorded, feature: Float, joints: int) -> Accumulated:
+    """Every kind of power over all joints, as columns."""
+    motion = run.motion
+    kinds = feature.reshape(len(feature), -1, joints).sum(axis=2)
+    return Accumulated(float(motion.time[0]), motion.step, kinds)
+
 
 HOLD = (0.3, 0.6)
 """W: what motors draw to hold an arm at its pose of least gravity, expected and one standard deviation."""

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from cellwatt.commands.new_package import OUTLET, outlet, package
 from cellwatt.testing import NotConformingError, OutletConformance, OutletRig
+from cellwatt.testing.outlet_rig import line_to, running_outlet
 from cellwatt.testing.outlet_skeleton import SkeletonOutlet
 from cellwatt.testing.outlet_suite import (
     CHECKS,
@@ -19,7 +20,9 @@ from cellwatt.testing.outlet_suite import (
     loses_nothing_when_killed,
     survives_a_cut,
 )
+from cellwatt.testing.recorded_cell import RecordedCell
 from tests.docs.pages import ROOT, blocks
+from tests.patience import eventually
 
 
 def _made() -> ModuleType:
@@ -38,6 +41,34 @@ MADE = _made()
 
 class TestSkeleton(OutletConformance):
     rigs = (RIG,)
+
+
+async def test_a_result_before_the_first_row_hides_no_rows_of_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An outlet that is killed while its peer is away, and whose next start is told of an alarm first."""
+    monkeypatch.setattr("cellwatt.outlets.forward.MARGIN", 0)
+    async with RIG.peer() as peer, line_to(peer) as line:
+        cell, place = RecordedCell(tmp_path), tmp_path / "weld-3.peer.json"
+        first, second = RIG.make(line.address, cell), RIG.make(line.address, cell)
+        async with running_outlet(first):
+            for _ in range(20):
+                first.offer(cell.frames(5))
+            await eventually(lambda: len(peer.got) >= 19 and place.exists(), "rows and a position")
+            kept = place.read_bytes()
+            line.be("cut")
+            for _ in range(20):
+                first.offer(cell.frames(5))
+            await eventually(first.trouble, "trouble")
+        place.write_bytes(kept)
+        line.be("well")
+        async with running_outlet(second):
+            second.offer(cell.alarm("early"))
+            await eventually(lambda: second.account.received == 1, "the alarm")
+            for _ in range(40):
+                second.offer(cell.frames(5))
+            await eventually(lambda: len(set(peer.got)) == 80, "all rows")
+        cell.close()
 
 
 def test_the_page_makes_one_that_keeps_the_contract(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt_drivers.can_sensor.cycles import DUPLICATE, Cycle
+from cellwatt_drivers.can_sensor.intake import DUPLICATE, Cycle
 
 PERIOD = 0.02
 

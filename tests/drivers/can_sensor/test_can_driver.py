@@ -236,7 +236,7 @@ async def test_nothing_is_sent_to_the_bus():
 )
 async def test_an_adapter_is_told_only_what_is_on_the_list(changes, allowed, monkeypatch):
     heard: set[str] = set()
-    from cellwatt_drivers.can_sensor.adapter import Adapter
+    from cellwatt_drivers.can_sensor.emulator import Adapter
 
     read = Adapter.read
 

@@ -7,9 +7,17 @@ import pytest
 from energy.live import RATE
 from energy.plant import production
 
-from cellwatt_plugins.energy.advice import Cycle, advise, brake_advice, least_gravity, motion_energy, speed_advice
+from cellwatt_plugins.energy.advice import (
+    Cycle,
+    advise,
+    brake_advice,
+    least_gravity,
+    motion_energy,
+    speed_advice,
+    way_energy,
+    way_seconds,
+)
 from cellwatt_plugins.energy.balance import Stretch, resting_power, stored_energy
-from cellwatt_plugins.energy.way import way_energy, way_seconds
 
 
 def produced(measured, speed, repetitions=1, pause=2.0):

@@ -10,7 +10,6 @@ from cellwatt.errors import ConfigError, ModelError
 from cellwatt.registry import load as find
 from cellwatt_plugins.faults.command import reference
 from cellwatt_plugins.faults.reference import load
-from tests.daemon.report.reading import check, read
 from tests.plugins.faults.plant import Cycle, run
 
 
@@ -43,25 +42,6 @@ def test_it_reports_as_json(healthy, tmp_path):
     report = json.loads(result.stdout)
     assert report["cycles_left_out"] == 1
     assert [v["cycles"] for v in report["tasks"][0]["variants"]] == [5, 3]
-
-
-def test_the_page_has_the_bands_and_the_numbers_of_the_report(healthy, tmp_path):
-    called(healthy, "--out", tmp_path / "ref.yaml", "--report", tmp_path / "page.html")
-    page = read(tmp_path / "page.html")
-    check(page)
-    learned = load(tmp_path / "ref.yaml").tasks[0]
-    assert page.headings[0] == ("h1", "Healthy running: 1 task, learnt from 8 cycles.")
-    assert len(page.figures) == len(learned.variants) == 2
-    for row, variant in zip(page.tables["Tasks"][1:], learned.variants, strict=True):
-        assert row[0] == learned.name
-        assert [float(cell) for cell in row[1:4]] == pytest.approx(
-            [variant.speed, variant.cycles, len(variant.intervals)], abs=0.0006
-        )
-    first = learned.variants[0].intervals[0].power
-    low, high, mean = (np.array(trace["y"]) for trace in page.figures[0]["data"][:3])
-    assert mean == pytest.approx(np.array(first.mean), abs=0.1)
-    assert high - low == pytest.approx(4 * np.array(first.spread), abs=0.1)
-    assert "1 cycles left out" in page.words
 
 
 def test_the_robot_may_be_a_description(healthy, tmp_path):

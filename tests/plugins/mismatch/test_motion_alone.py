@@ -1,7 +1,6 @@
 """``explain`` from commands and motion, without torque: a planar arm on servos, its dynamics in closed form."""
 
 import json
-from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
@@ -11,90 +10,27 @@ from click.testing import CliRunner
 
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.robot.servo.law import servo_of
-from tests.plugins.robot import planar_arm as arm
+from tests.daemon.logs import making
+from tests.plugins.mismatch.servos import KP, PLANTS, ROW, integrated, mjcf
 
 mujoco = pytest.importorskip("mujoco")
-
-STEP, ROW = 0.001, 0.01
-COUNT = 1e-4
-"""rad of the encoders."""
-ROTOR, COULOMB, VISCOUS = np.array([0.5, 0.2]), np.array([1.5, 0.8]), np.array([1.0, 0.5])
-KP, KV, FORCE = np.array([900.0, 400.0]), np.array([45.0, 18.0]), 200.0
-SECONDS = 14.0
-
-
-@dataclass(frozen=True)
-class Plant:
-    """What the real arm has otherwise than the file."""
-
-    gain: tuple[float, float] = (1.0, 1.0)
-    dead: tuple[float, float] = (0.0, 0.0)
-    late: int = 0
-    """Rows by which commands act later."""
-    coulomb: tuple[float, float] = (1.0, 1.0)
-
-
-PLANTS = {
-    "null": Plant(gain=(1.01, 0.99)),
-    "gain": Plant(gain=(1.0, 0.7)),
-    "dead": Plant(dead=(0.0, 0.008)),
-    "late": Plant(late=3),
-    "rough": Plant(coulomb=(2.0, 1.0)),
-}
-
-
-def mjcf() -> str:
-    joints = [
-        f'<joint name="{name}" axis="0 1 0" armature="{ROTOR[i]}" frictionloss="{COULOMB[i]}" damping="{VISCOUS[i]}"/>'
-        for i, name in enumerate(("shoulder", "elbow"))
-    ]
-    drives = [
-        f'<position joint="{name}" kp="{KP[i]}" kv="{KV[i]}" forcerange="-{FORCE} {FORCE}"/>'
-        for i, name in enumerate(("shoulder", "elbow"))
-    ]
-    return f"""<mujoco><compiler angle="radian"/><option timestep="0.001"><flag contact="disable"/></option><worldbody>
-<body>{joints[0]}<inertial pos="{arm.C1} 0 0" mass="{arm.M1}" diaginertia="0.2 {arm.I1} 0.2"/>
-<body pos="{arm.L1} 0 0">{joints[1]}<inertial pos="{arm.C2} 0 0" mass="{arm.M2}" diaginertia="0.06 {arm.I2} 0.06"/>
-</body></body></worldbody><actuator>{"".join(drives)}</actuator></mujoco>"""
 
 
 @pytest.fixture(scope="module")
 def logs():
-    """Commands (N, 2) and encoders (N, 2) of each plant: all are integrated side by side."""
-    time = np.arange(0, SECONDS, ROW)
-    told = np.empty((len(time), 2))
-    for j, (slow, quick) in enumerate(((0.19, 0.83), (0.27, 1.1))):
-        held = np.floor(time / 3) % 2  # Every other three seconds are slow.
-        told[:, j] = 0.9 * np.sin(2 * np.pi * slow * time + j) + 0.12 * held * np.sin(2 * np.pi * quick * time)
-    plants = list(PLANTS.values())
-    gain, dead, coulomb = (np.array([getattr(p, n) for p in plants]) for n in ("gain", "dead", "coulomb"))
-    q = np.repeat(told[:1], len(plants), axis=0)
-    qd = np.zeros_like(q)
-    seen = np.empty((len(time), len(plants), 2))
-    for row in range(len(time)):
-        seen[row] = np.round(q / COUNT) * COUNT
-        command = np.array([told[max(0, row - p.late)] for p in plants])
-        for _ in range(round(ROW / STEP)):
-            error = command - q
-            error = np.sign(error) * np.maximum(np.abs(error) - dead, 0)
-            sign = np.tanh(qd / 0.02)
-            push = KP * gain * error - KV * qd - coulomb * COULOMB * sign - VISCOUS * qd
-            push -= arm.coriolis(q, qd) + arm.gravity(q)
-            stiff = coulomb * COULOMB / 0.02 * (1 - sign**2) + KV
-            mass = arm.mass_matrix(q) + (ROTOR + STEP * stiff)[:, :, None] * np.eye(2)
-            qd = qd + STEP * np.linalg.solve(mass, push[:, :, None])[:, :, 0]
-            q = q + STEP * qd
-    return {name: (time, told, seen[:, i]) for i, name in enumerate(PLANTS)}
+    return dict(zip(PLANTS, integrated(list(PLANTS.values())), strict=True))
 
 
 def explained(folder, log, *words):
-    time, told, seen = log
-    columns = {"t": time}
-    for j in range(2):
-        columns |= {f"command_{j + 1}": told[:, j], f"q_{j + 1}": seen[:, j]}
-    pq.write_table(pa.table(columns), folder / "log.parquet")
+    if isinstance(log, tuple):
+        time, told, seen = log
+        columns = {"t": time}
+        for j in range(2):
+            columns |= {f"command_{j + 1}": told[:, j], f"q_{j + 1}": seen[:, j]}
+        log = folder / "log.parquet"
+        pq.write_table(pa.table(columns), log)
     (folder / "arm.xml").write_text(mjcf())
-    given = [str(folder / "log.parquet"), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
+    given = [str(log), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
     words = words or ("--no-report",)
     done = CliRunner().invoke(explain, [*given, "-q", *words], catch_exceptions=False)
     assert done.exit_code == 0, done.output
@@ -167,3 +103,41 @@ def test_what_is_missing_is_named(tmp_path, logs, plant, place, number, value):
     _, named = explained(tmp_path, logs[plant])
     assert named.keys() == {place}
     assert named[place][number]["value"] == pytest.approx(value, rel=0.15)
+
+
+@pytest.fixture
+def soft(logs, monkeypatch):
+    """The log of a soft loop in the hands of the reference writers."""
+    time, told, seen = logs["gain"]
+    speed = np.gradient(seen, ROW, axis=0)
+    names = {"JOINTS": ("shoulder", "elbow"), "N": len(time), "TIME": time, "POSITION": seen, "VELOCITY": speed}
+    for name, value in (names | {"COMMAND": told}).items():
+        monkeypatch.setattr(making, name, value)
+
+
+def topics(types, order):
+    return {
+        "/joint_states": ("sensor_msgs/msg/JointState", making.states(types, order, effort=False)),
+        "/arm/state": (making.CONTROLLER, making.controls(types, order)),
+    }
+
+
+def test_a_bag_with_joints_in_another_order_is_explained_byte_for_byte_alike(tmp_path, soft):
+    types, said = making.store(), []
+    for order in (("shoulder", "elbow"), ("elbow", "shoulder")):
+        folder = tmp_path / order[0]
+        folder.mkdir()
+        _, named = explained(folder, making.bag(folder / "log", topics(types, order), types))
+        assert named.keys() == {("drive_gain", 2)}
+        said.append((folder / "out" / "findings.json").read_bytes())
+    assert said[0] == said[1]
+
+
+@pytest.mark.parametrize("form", ["mcap", "lerobot"])
+def test_an_mcap_and_a_lerobot_data_set_are_explained(tmp_path, soft, form):
+    types, order = making.store(), ("elbow", "shoulder")
+    if form == "mcap":
+        log = making.mcap(tmp_path / "log.mcap", topics(types, order), types)
+    else:
+        log = making.lerobot(tmp_path / "log", names=("shoulder", "elbow"))
+    assert explained(tmp_path, log)[1].keys() == {("drive_gain", 2)}

@@ -7,7 +7,7 @@ import pytest
 
 from cellwatt_plugins.segment.intervals import Segmenter
 from cellwatt_plugins.segment.motion import Thresholds
-from cellwatt_plugins.segment.whole import Cutting, intervals_of
+from cellwatt_plugins.segment.stage import Cutting, intervals_of
 
 STEP = 10_000_000
 CUTTING = Cutting("arm", 2, STEP, Thresholds())

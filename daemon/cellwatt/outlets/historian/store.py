@@ -5,59 +5,42 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import urlsplit
 
 from cellwatt.errors import OutletError, why
 from cellwatt.files import replace_bytes
 
 
-class Store(Protocol):
-    """Files by their paths within the lake. All raise ``OutletError`` where the place cannot be reached."""
-
-    def put(self, path: str, content: bytes) -> None:
-        """Write a file, in place of one that is there."""
-        ...
-
-    def get(self, path: str) -> bytes:
-        """Read a file."""
-        ...
-
-    def names(self, folder: str) -> list[str]:
-        """Names of the files in a folder and those below, relative to it, sorted; none where it is not there."""
-        ...
-
-    def remove(self, path: str) -> None:
-        """Remove a file, if it is there."""
-        ...
-
-
 class FolderStore:
-    """A lake in a folder: files are written under another name, brought to disk, and renamed."""
+    """A lake in a folder: files are written under another name, brought to disk, and renamed.
+
+    All methods raise ``OutletError`` where the place cannot be reached.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def put(self, path: str, content: bytes) -> None:
-        """See ``Store.put``."""
+        """Write a file, in place of one that is there."""
         target = self._folder / path
         with _told(target):
             target.parent.mkdir(parents=True, exist_ok=True)
             replace_bytes(target, content)
 
     def get(self, path: str) -> bytes:
-        """See ``Store.get``."""
+        """Read a file."""
         with _told(self._folder / path):
             return (self._folder / path).read_bytes()
 
     def names(self, folder: str) -> list[str]:
-        """See ``Store.names``."""
+        """Names of the files in a folder and those below, relative to it, sorted; none where it is not there."""
         root = self._folder / folder
         with _told(root):
             return sorted(str(path.relative_to(root)) for path in root.rglob("*.parquet") if path.is_file())
 
     def remove(self, path: str) -> None:
-        """See ``Store.remove``."""
+        """Remove a file, if it is there."""
         with _told(self._folder / path):
             (self._folder / path).unlink(missing_ok=True)
 
@@ -73,18 +56,18 @@ class BucketStore:
         self._fs_module = fs
 
     def put(self, path: str, content: bytes) -> None:
-        """See ``Store.put``."""
+        """See ``FolderStore.put``."""
         with _told(path), self._fs.open_output_stream(self._at(path)) as out:
             out.write(content)
 
     def get(self, path: str) -> bytes:
-        """See ``Store.get``."""
+        """See ``FolderStore.get``."""
         with _told(path), self._fs.open_input_stream(self._at(path)) as source:
             content: bytes = source.read()
             return content
 
     def names(self, folder: str) -> list[str]:
-        """See ``Store.names``."""
+        """See ``FolderStore.names``."""
         root = self._at(folder)
         with _told(folder):
             found = self._fs.get_file_info(self._fs_module.FileSelector(root, allow_not_found=True, recursive=True))
@@ -92,12 +75,16 @@ class BucketStore:
         return sorted(path.removeprefix(f"{root}/") for path in kept)
 
     def remove(self, path: str) -> None:
-        """See ``Store.remove``."""
+        """See ``FolderStore.remove``."""
         with _told(path), contextlib.suppress(FileNotFoundError):
             self._fs.delete_file(self._at(path))
 
     def _at(self, path: str) -> str:
         return f"{self._place}/{path}"
+
+
+Store = FolderStore | BucketStore
+"""Files by their paths within the lake."""
 
 
 def s3_options(

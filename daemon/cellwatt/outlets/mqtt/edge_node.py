@@ -28,6 +28,7 @@ class EdgeNode:
     """
 
     announced = True
+    """Whether the broker is to publish the death also when we leave on purpose."""
 
     def __init__(
         self,

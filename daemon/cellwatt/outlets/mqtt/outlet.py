@@ -15,10 +15,9 @@ from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import framed_record
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.link import Link, tls_context
-from cellwatt.outlets.mqtt.message import Format
 from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
-from cellwatt.outlets.mqtt.session import HostLeftError, Session
+from cellwatt.outlets.mqtt.session import Format, HostLeftError, Session
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.record.header import plain_cell
 from cellwatt.results import Prediction

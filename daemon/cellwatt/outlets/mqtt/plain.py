@@ -28,6 +28,7 @@ class PlainFormat:
     """Messages of a cell as JSON. ``alarms`` are those that are up when it begins, as health tells them."""
 
     announced = False
+    """Whether the broker is to publish the death also when we leave on purpose."""
 
     def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: Iterable[Mapping[str, Any]] = ()) -> None:
         self._settings = settings

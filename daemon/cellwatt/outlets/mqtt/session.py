@@ -16,13 +16,17 @@ from cellwatt.account import Account
 from cellwatt.errors import OutletError, ProtocolError
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.mqtt.backfill import Backfill
+from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.link import Link, reason
-from cellwatt.outlets.mqtt.message import Format, Message, Order
+from cellwatt.outlets.mqtt.message import Message, Order
 from cellwatt.outlets.mqtt.outbox import Outbox
+from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.sending import FENCE_EVERY, Parcel, Sending
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.selection import Row
 
+Format = EdgeNode | PlainFormat
+"""Puts a cell's data into messages, and holds the state of one connection after the other; no I/O."""
 LAST_WORDS: Final = 2.0
 """Longest time, s, to send what waits when the daemon stops."""
 BIRTH_EVERY: Final = 5.0

@@ -31,6 +31,8 @@ RELIEVED = 0.25
 """Share of the greatest stretch of any group that may be left where it comes back."""
 MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
+SOLVED = 0.9
+"""Share that a drive's limit or dead band must take off where much is left: one that is there says all that it does."""
 OF_FALL = 0.1
 """Share of what a term of the whole arm takes off in all by which another channel's error may rise."""
 PEAK = 3.0
@@ -87,11 +89,10 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     near = bool(np.min(chi2) < thresholds.near)
     if enough:
         share = 0.0 if near else thresholds.share
+        share = SOLVED if shaped and np.min(left) > thresholds.much_left else share
         # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
         solved = float(np.max(left)) < thresholds.near and found.again
-        # Of what is in no library, each name takes a little.
-        murky = bool(np.min(left) > thresholds.much_left)
-        steady = solved or found.sure > (thresholds.sure if near or murky else thresholds.steady)
+        steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:

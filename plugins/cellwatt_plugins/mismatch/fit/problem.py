@@ -186,9 +186,11 @@ class Problem:
     def chi2(self, residual: Float) -> Float:
         """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise.
 
-        Near stops, where friction may pull either way, samples count less.
+        Near stops, where friction may pull either way, samples count less; without a plan every sample is in doubt.
         """
         weight = np.square(self.design.root)
+        if any(s.unplanned for s in self.states):
+            return np.asarray(np.mean(weight * np.square(residual), axis=0))
         return np.asarray(np.sum(np.square(weight * residual), axis=0) / np.sum(weight, axis=0))
 
     def rms(self, residual: Float) -> Float:

@@ -25,7 +25,7 @@ WORSE = 1.01
 LOOSER = (3.0, 10.0)
 """Factors on the tolerances of the links, or of all that the supply draws, that are tried where much is left."""
 BETTER, SURE = 0.1, 2.0
-"""Share and standard errors by which the error must fall for numbers to be as far off as that."""
+"""Share and standard errors by which one joint's error must fall for numbers to be as far off as that."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:
     for trial in LOOSER:
         new = LeaveOut(loose(problem, trial), factor).errors(terms)
         found = compared(error, new)
-        if found.share > BETTER and found.sure > SURE:
+        if found.most > BETTER and found.sure > SURE:
             best, error = trial, new
     return best
 

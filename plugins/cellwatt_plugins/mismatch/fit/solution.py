@@ -32,13 +32,13 @@ class Thresholds:
     much: float = 0.15
     """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
     murky: float = 0.0
-    """Share that a term must take off a channel of which ``much_left`` is left beside all terms: of something that is
-    in no library, each name takes a little."""
+    """Share that a term must take off a joint, ``sure``, of which ``much_left`` is left beside all terms: of something
+    that is in no library, each name takes a little."""
     much_left: float = 10.0
     """Mean square residual, in units of the noise."""
     better: float = 0.4
     """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
-    certain: float = 10.0
+    certain: float = 8.0
     """Standard errors from which an unusual term stays that takes less off than it leaves beyond the noise."""
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""

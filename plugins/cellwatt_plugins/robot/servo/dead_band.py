@@ -11,7 +11,7 @@ from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Fo
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
-SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+SHARES = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 """Quantiles of the error that are tried as the half width of the band."""
 FROM_EDGE, FROM_CENTRE = 0.0, 1.0
 """What is beyond the band pulls by how far it is beyond the edge, or by all of the error."""

@@ -11,8 +11,8 @@ from cellwatt_plugins.robot.effects.declaration import Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
-SHARES = tuple(float(s) for s in np.linspace(0.95, 0.2, 16))
-"""Of the greatest torque asked for, that are tried as the limit."""
+MOST = (0.5, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 0.997)
+"""Quantiles of the torque asked for; what moves the joint where more is asked is tried as the limit."""
 FOLLOWS = 0.5
 """Share of what is asked beyond the limit that the torque of the motion may follow."""
 CLIPPED = 8
@@ -28,23 +28,29 @@ class DriveLimit(Effect):
     confusions = (Confusion("drive_gain", "move slower: a soft loop stays soft, a limit is not reached"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        given = np.abs(np.concatenate([run.servos.torque[:, joint or 0] for run in runs]))
-        levels = [share * float(np.max(given)) for share in SHARES]
-        return [(level,) for level in levels if np.count_nonzero(given > level) >= CLIPPED]
+        asked, given = self._torques(runs, joint or 0)
+        levels = [float(np.median(given[asked >= np.quantile(asked, share)])) for share in MOST]
+        return [(level,) for level in levels if level > 0 and np.count_nonzero(asked > level) >= CLIPPED]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         """Beyond its limit a drive gives the same whatever is asked: the motion's torque does not follow that."""
-        at = joint or 0
-        asked = np.concatenate([np.abs(run.servos.torque[:, at]) for run in runs])
-        given = np.concatenate([run.nominal[:, at] * np.sign(run.servos.torque[:, at]) for run in runs])
+        asked, given = self._torques(runs, joint or 0)
         beyond = asked > shape[0]
         if np.count_nonzero(beyond) < CLIPPED:
             return False
         off = asked[beyond] - np.mean(asked[beyond])
         return float(off @ given[beyond]) <= FOLLOWS * float(off @ off)
 
+    @staticmethod
+    def _torques(runs: Sequence[States], at: int) -> tuple[Float, Float]:
+        """Nm (N,) of a joint that its drive is asked for, and those in that direction that move it."""
+        asked = np.concatenate([run.servos.torque[:, at] for run in runs])
+        return np.abs(asked), np.sign(asked) * np.concatenate([run.nominal[:, at] for run in runs])
+
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        return run.servos.beyond(joint or 0, -shape[0], shape[0])[:, None]
+        drive, at = run.servos, joint or 0
+        more = drive.beyond(at, drive.servo.low[at], drive.servo.high[at])
+        return (drive.beyond(at, -shape[0], shape[0]) - more)[:, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.7 * shape[0], 1.3 * shape[0])]

@@ -1,8 +1,13 @@
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import pytest
 
 from cellwatt.outlets.zenoh import link
+
+sys.path.append(str(Path(__file__).resolve().parents[4] / "bench"))
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ def test_every_setting_is_in_the_docs() -> None:
 
 
 def test_every_field_of_an_alarm_is_in_the_docs() -> None:
-    from cellwatt.outlets.zenoh.schemas import schemas
+    from schemas import schemas
 
     text = (ROOT / "docs" / "alarms.md").read_text()
     assert set(re.findall(r"`(\w+)`", text)) >= set(schemas()["alarm"]["properties"])

@@ -20,7 +20,7 @@ from cellwatt.outlets.zenoh.encode import encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
-from cellwatt.subscriber.schemas import Schemas
+from cellwatt.subscriber.inbox import Schemas
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE, eventually
@@ -370,9 +370,9 @@ async def test_messages_before_their_schema_wait_for_it_and_come_in_order(
 def test_no_more_messages_wait_for_a_schema_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
     sample: Any = SimpleNamespace(payload=b"rows")
     schemas = Schemas()
-    monkeypatch.setattr("cellwatt.subscriber.schemas._MOST", 3)
+    monkeypatch.setattr("cellwatt.subscriber.inbox._MOST", 3)
     assert [schemas.hold(RAW, sample) for _ in range(4)] == [True, True, True, False]
     assert schemas.learn(RAW, b"a schema") == [sample] * 3
-    monkeypatch.setattr("cellwatt.subscriber.schemas.HELD_BYTES", 4)
+    monkeypatch.setattr("cellwatt.subscriber.inbox.HELD_BYTES", 4)
     assert [schemas.hold(RAW, sample) for _ in range(2)] == [True, False]
     assert list(schemas.of(RAW).values()) == [b"a schema"]

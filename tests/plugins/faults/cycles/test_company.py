@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.cycles.company import COINCIDENCE, FOREIGN_ODDS, known_odds
+from cellwatt_plugins.faults.cycles.match import COINCIDENCE, FOREIGN_ODDS, known_odds
 from cellwatt_plugins.faults.cycles.runs import Run
 
 BY_SCALE, BY_OFFSET, STUCK, ONE_POSE = "scale", "offset", "stuck", "one pose"

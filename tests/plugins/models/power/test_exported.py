@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt_plugins.models import read_metadata
-from cellwatt_plugins.models.power.exported import write
+from cellwatt_plugins.models.power.api import write
 from cellwatt_plugins.models.power.fitting import Structure, fit
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt_plugins.models.power.exported import write_published
+from cellwatt_plugins.models.power.api import write_published
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.nls import HENRY, Nls
 from cellwatt_plugins.models.power.paper import Seen

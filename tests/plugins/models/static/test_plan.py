@@ -13,8 +13,8 @@ from click.testing import CliRunner
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
 from cellwatt_plugins.models.static.command import plan_poses as command
-from cellwatt_plugins.models.static.inform import LONGEST, Encoders, jobs
 from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, short_order, travel, within
+from cellwatt_plugins.models.static.planning import LONGEST, Encoders, jobs
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
 from tests.plugins.models.static import arms

@@ -20,7 +20,7 @@ from cellwatt_plugins.models.seal import sealed
 from cellwatt_plugins.models.static import identify, learning, paper
 from cellwatt_plugins.models.static.conformal import half_width
 from cellwatt_plugins.models.static.learning import Curve, Point
-from cellwatt_plugins.models.static.scores import Scores
+from cellwatt_plugins.models.static.training import Scores
 from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.models.static import arms
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from cellwatt.files import open_file
 from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, coarser
 from cellwatt.outlets.page.levels.following import chunk_at
-from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Columns, Gathering, Intervals, Said
+from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Columns, Gathering, Intervals
 from cellwatt.outlets.page.levels.level_file import LevelFile
 from cellwatt.record import decoder
 from cellwatt.record.container import Chunk, Contents
@@ -21,26 +21,6 @@ from cellwatt.record.opening import survey
 EVERYTHING: Final = CURVES | TELLING
 Pace = Callable[[], None]
 """Called after each chunk: may sleep, or raise to stop."""
-
-
-class Source(Protocol):
-    """Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
-
-    start: int
-    end: int
-
-    @property
-    def said(self) -> Said:
-        """Alarms, and events about them."""
-        ...
-
-    def intervals(self) -> Intervals:
-        """Intervals."""
-        ...
-
-    def levels(self, level: int, wanted: Sequence[str]) -> list[tuple[Columns, Buckets]]:
-        """Buckets of one of ``STEPS`` of all sets of channels in which one of ``wanted`` is."""
-        ...
 
 
 class Written:
@@ -80,6 +60,10 @@ class Held:
             for columns, finest in self._finest.items()
             if not set(wanted).isdisjoint(columns)
         ]
+
+
+Source = Written | Held
+"""Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
 
 
 def gather(path: Path, topics: frozenset[str], pace: Pace) -> Gathering:

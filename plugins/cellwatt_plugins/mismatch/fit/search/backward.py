@@ -115,7 +115,7 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
             why = "only one channel asks for it"
         if why is None and _murky(state, rest, now, term):
-            why = "takes little off a channel of which much stays unexplained"
+            why = "takes little, or not surely, off a channel of which much stays unexplained"
         if why is None and not stands_out(rest, now, term, state.thresholds):
             why = "is small beside what is left there"
         if why is not None:
@@ -125,14 +125,18 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
 
 
 def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> bool:
-    """True if a term takes little off its joint beside what is in no library."""
-    asked = state.thresholds
-    if asked.murky == 0.0 or term.joint is None:
+    """True if a term takes little off its joint, or not surely, beside what is in no library.
+
+    What rings or clacks is never followed to the noise, and what is there at times only is not left out.
+    """
+    asked, form = state.thresholds, term.effect.form
+    certain = np.isfinite(term.effect.acceptance.by_evidence)
+    if term.joint is None or form.intermittent or form.sample_by_sample or certain:
         return False
-    if term.effect.form.intermittent or np.isfinite(term.effect.acceptance.by_evidence):
+    if now.problem.chi2(now.residual)[term.joint] < asked.much_left or relieves_tension(rest, now, asked):
         return False
-    left = now.problem.chi2(now.residual)[term.joint]
-    return bool(left > asked.much_left) and held(rest, now, term).share < asked.murky
+    found = held(rest, now, term)
+    return found.share < asked.murky or found.sure < asked.sure
 
 
 def shares_channel(term: Term, other: Term | None) -> bool:

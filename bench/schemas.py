@@ -1,6 +1,6 @@
 """JSON Schema of every JSON message, made from the code that reads and writes them.
 
-``python -m cellwatt.outlets.zenoh.schemas FOLDER`` writes them as files.
+``python bench/schemas.py docs/schemas`` writes them as files.
 """
 
 from __future__ import annotations
