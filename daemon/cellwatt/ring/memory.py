@@ -88,20 +88,20 @@ class Ring:
             raise ValueError(f"a record of {len(body)} bytes does not fit a ring that takes {self.largest}")
         words, data = self._words, self._data
         length = -(-(len(body) + _STEP) // _STEP) * _STEP
-        at = words[_HEAD] % self.size
-        if at + length > self.size:
-            self._make_room(self.size - at)
-            _RECORD.pack_into(data, at, self.size - at, 0, _PADDING, 0, 0, 0, 0)
-            words[_HEAD] += self.size - at
+        head = words[_HEAD]
+        at = head % self.size
+        padding = self.size - at if at + length > self.size else 0
+        self._make_room(padding + length)
+        if padding:
+            _RECORD.pack_into(data, at, padding, 0, _PADDING, 0, 0, 0, 0)
             at = 0
-        self._make_room(length)
         _RECORD.pack_into(data, at, length, zlib.crc32(body), kind, channel, len(body), sequence, 0)
         data[at + _STEP : at + _STEP + len(body)] = body
         # In this order a kill in between leaves a hole in the numbers, not a number given twice.
         words[_COUNTS + channel] = sequence + count
         if note is not None:
             words[_NOTE] = note
-        words[_HEAD] += length
+        words[_HEAD] = head + padding + length  # in one step: padding without a record would look overwritten
         if not silent:
             self._ring()
 

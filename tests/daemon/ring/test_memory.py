@@ -2,6 +2,7 @@
 
 import os
 import signal
+import zlib
 
 import pytest
 from hypothesis import given
@@ -113,6 +114,24 @@ def test_a_writer_that_is_killed_leaves_no_half_record_and_no_number_twice(ring,
             put(ring, 1)
     put(ring, 2)  # the next writer
     assert [r.sequence for r in read_all(ring, 0)[0]] == [0, 1, 2, 3, 4]
+
+
+def test_a_reader_that_looks_while_a_record_is_put_at_the_beginning_again_loses_nothing(ring, monkeypatch):
+    put(ring, ring.size // 64 - 1, size=32)
+    _, _, end = read_all(ring, 0)
+    seen = []
+    check = zlib.crc32
+
+    def looked(body):
+        seen.append(ring.read(end))
+        return check(body)
+
+    monkeypatch.setattr("cellwatt.ring.memory.zlib.crc32", looked)
+    put(ring, 1, size=80)
+    assert seen[0] == (None, end), "neither a record, nor one that was written over"
+    monkeypatch.undo()
+    found, skipped, _ = read_all(ring, end)
+    assert (len(found), skipped) == (1, 0)
 
 
 def test_damage_is_told_as_skipped(ring):

@@ -20,7 +20,7 @@ from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, Refus
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
 from cellwatt.outlets.notify.rules import Rules
-from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
+from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About, undelivered
 from cellwatt.outlets.notify.told import Item, Message
 from cellwatt.results import Alarm
@@ -262,3 +262,15 @@ class Courier:
 
 def _rules(to: RecipientSettings, queue: int) -> Rules:
     return Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, queue)
+
+
+def channel_to(to: RecipientSettings, about: About, timeout: float) -> Channel:
+    """Make the channel of a recipient; one attempt takes at most ``timeout`` s."""
+    settings = to.channel
+    if isinstance(settings, MailSettings):
+        from cellwatt.outlets.notify.mail import Mail
+
+        return Mail(settings, about, timeout)
+    from cellwatt.outlets.notify.web import WebChannel
+
+    return WebChannel(settings, about, timeout)

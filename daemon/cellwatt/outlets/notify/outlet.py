@@ -12,8 +12,7 @@ from typing import Any, ClassVar, Final
 from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.notify import channels
-from cellwatt.outlets.notify.courier import Courier
+from cellwatt.outlets.notify.courier import Courier, channel_to
 from cellwatt.outlets.notify.ledger import FILE, Ledger
 from cellwatt.outlets.notify.quiet import zone_of
 from cellwatt.outlets.notify.settings import NotifySettings
@@ -84,7 +83,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
         await self._begin()
         settings, view = self.settings, self.view
         about = About(view.site, view.cell, settings.page, zone_of(settings.zone))
-        made = {n: await asyncio.to_thread(channels.make, to, about, settings.timeout) for n, to in settings.to.items()}
+        made = {n: await asyncio.to_thread(channel_to, to, about, settings.timeout) for n, to in settings.to.items()}
         self._couriers = {
             name: Courier(name, settings, about, view.session, self._ledger, self.account, self._folder)
             for name in made

@@ -25,13 +25,15 @@ from tests.patience import PATIENCE
 
 CONFIG = config_of(stages=stages("heat"), outlets={})
 BEGUN = Status({"begun": ["heat"]})
+CONTROL = Pipe()[1]
+"""Nobody says anything."""
 
 
 class Telling(_Telling):
     """A process that tells, begun by hand; ``left`` are the ids of the alarms that it takes for active."""
 
     def __init__(self, shared: Shared, restarts: int = 0) -> None:
-        super().__init__(Assignment(shared, CONFIG, 1, Pipe()[1], restarts=restarts))
+        super().__init__(Assignment(shared, CONFIG, 1, CONTROL, restarts=restarts))
         self._resume = Resume()
 
     def left(self, judge: int = 0) -> list[str]:
