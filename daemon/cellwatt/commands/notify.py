@@ -15,8 +15,8 @@ import click
 from cellwatt.commands import EXIT_ERROR
 from cellwatt.config import load
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.outlets.notify import channels
 from cellwatt.outlets.notify.channels import Channel, cleaned
+from cellwatt.outlets.notify.outlet import channel_to
 from cellwatt.outlets.notify.quiet import zone_of
 from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About
@@ -45,7 +45,7 @@ def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> Non
         raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (there are: {', '.join(settings.to)})")
     about = About(config.site, config.cell, settings.page, zone_of(settings.zone))
     chosen = {name: to for name, to in settings.to.items() if recipient in (None, name)}
-    made = {name: channels.make(to, about, min(settings.timeout, PATIENCE)) for name, to in chosen.items()}
+    made = {name: channel_to(to, about, min(settings.timeout, PATIENCE)) for name, to in chosen.items()}
     answers = asyncio.run(_try_all(chosen, made, tell=not as_json))
     if as_json:
         click.echo(json.dumps(answers))

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cellwatt.errors import CellwattError, why
-from cellwatt.outlets.notify.settings import MailSettings, RecipientSettings
-from cellwatt.outlets.notify.texts import About, short
+from cellwatt.outlets.notify.texts import short
 from cellwatt.outlets.notify.told import Message
 
 LONGEST = 200  # characters of a reason
@@ -73,15 +72,3 @@ def distrusted(error: OSError) -> str:
     if isinstance(error, ssl.SSLError):
         return f"TLS failed: {error.reason or error.strerror}"
     return why(error)
-
-
-def make(to: RecipientSettings, about: About, timeout: float) -> Channel:
-    """Make the channel of a recipient; one attempt takes at most ``timeout`` s."""
-    settings = to.channel
-    if isinstance(settings, MailSettings):
-        from cellwatt.outlets.notify.mail import Mail
-
-        return Mail(settings, about, timeout)
-    from cellwatt.outlets.notify.web import WebChannel
-
-    return WebChannel(settings, about, timeout)
