@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.zenoh import encode, received
 from cellwatt.outlets.zenoh.mark import Mark
@@ -26,10 +25,7 @@ def run(data: bytes) -> None:
         return
     assert not isinstance(content, str)
     assert mark.count == len(content)  # type: ignore[arg-type]
-    if isinstance(content, Batch):
-        again = encode.decode(encode.encode_batch(content), mark)
-    else:
-        again = encode.decode(encode.encode_frames(content), mark)  # type: ignore[arg-type]
+    again = encode.decode(encode.encode(content), mark)  # type: ignore[arg-type]
     assert same(content, again)
     encode.named(again)
 
@@ -38,7 +34,7 @@ def seeds() -> Iterable[bytes]:
     """A batch with and without a device's clock, and frames; each with and without its schema."""
     for content in BLOCKS:
         mark = Mark(SESSION, content.sequence, len(content), SESSION)
-        payload = encode.encode_batch(content) if isinstance(content, Batch) else encode.encode_frames(content)
+        payload = encode.encode(content)
         yield mark.encode(payload)[:MARK] + payload
         check, _, rows = encode.encode_apart(content)
         yield replace(mark, schema=check).encode(rows)[: MARK + 4] + rows
