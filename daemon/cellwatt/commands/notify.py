@@ -16,7 +16,7 @@ from cellwatt.commands import EXIT_ERROR
 from cellwatt.config import load
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.outlets.notify.channels import Channel, cleaned
-from cellwatt.outlets.notify.outlet import channel_to
+from cellwatt.outlets.notify.courier import channel_to
 from cellwatt.outlets.notify.quiet import zone_of
 from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About

@@ -12,11 +12,10 @@ from typing import Any, ClassVar, Final
 from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.notify.channels import Channel
-from cellwatt.outlets.notify.courier import Courier
+from cellwatt.outlets.notify.courier import Courier, channel_to
 from cellwatt.outlets.notify.ledger import FILE, Ledger
 from cellwatt.outlets.notify.quiet import zone_of
-from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
+from cellwatt.outlets.notify.settings import NotifySettings
 from cellwatt.outlets.notify.texts import About
 from cellwatt.results import Alarm, Event
 
@@ -159,15 +158,3 @@ class NotifyOutlet(Outlet[NotifySettings]):
             courier.unattended(unattended)
             for alarm in status.get("shelved", ()):
                 courier.shelved(alarm["id"])
-
-
-def channel_to(to: RecipientSettings, about: About, timeout: float) -> Channel:
-    """Make the channel of a recipient; one attempt takes at most ``timeout`` s."""
-    settings = to.channel
-    if isinstance(settings, MailSettings):
-        from cellwatt.outlets.notify.mail import Mail
-
-        return Mail(settings, about, timeout)
-    from cellwatt.outlets.notify.web import WebChannel
-
-    return WebChannel(settings, about, timeout)
