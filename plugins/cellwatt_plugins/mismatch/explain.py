@@ -18,6 +18,7 @@ from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
+from cellwatt_plugins.mismatch.fit.search.solve import fitted
 from cellwatt_plugins.mismatch.fit.sides import Torques
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds, by_law
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
@@ -197,6 +198,10 @@ def _findings(
     for solution in sides:
         held, best = LeaveOut(solution.problem, solution.factor), solution.best
         own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
+        # What retuning within tolerance would take up, though data left out do not confirm it, is not unknown.
+        if own and solution.free is not None:
+            tuned = lack_of_fit(_nominal_chi2(solution.problem), fitted(solution.free, solution.terms), limits)
+            own = [u for u in own if any(u.channel == other.channel for other in tuned)]
         falls.append(falling(solution))
         found += findings_of(solution, falls[-1], _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
