@@ -114,7 +114,11 @@ def test_emulated_devices_of_the_pages_serve(command: list[str], tmp_path: Path)
             assert " at " in told, served.stderr.read()
         finally:
             served.send_signal(signal.SIGINT)
-            served.wait(10 * PATIENCE)
+            try:
+                served.wait(10 * PATIENCE)
+            except subprocess.TimeoutExpired:
+                served.kill()
+                raise
 
 
 def others() -> list[Block]:

@@ -48,7 +48,7 @@ def live() -> Iterator[tuple[Child, str]]:
 
 
 def test_another_name_is_told_the_cells_that_are_there(call: Call, live: tuple[Child, str]) -> None:
-    ended = call("watch", "--connect", live[1], "--site", SITE, "--cell", "weld-9", *QUICKLY)
+    ended = call("watch", "--connect", live[1], "--site", SITE, "--cell", "weld-9", "--patience", "3")
     assert ended == (3, "", f"cellwatt: {live[1]}: no cell is heard as {SITE}/weld-9; there is {SITE}/{CELL}\n")
 
 
