@@ -101,7 +101,7 @@ class ExpectedEvidence:
         factor, blocks = self.solution.factor, [self.problem.block(t) for t in terms]
         for _ in range(3):
             residual = self.problem.fit(blocks, factor).residual
-            factor = self.problem.factor(residual) * np.maximum(self.problem.chi2(residual), 1.0)
+            factor = self.problem.factor(residual) * np.maximum(self.problem.scale(residual), 1.0)
         return factor
 
     def _best(self, fit: Regression, term: Term) -> float:

@@ -183,14 +183,18 @@ class Problem:
         """Correlation factor (C,) of a residual (N, C)."""
         return correlation_factor(self.split(residual * self.design.root), [rows.step for rows in self.rows])
 
+    def scale(self, residual: Float) -> Float:
+        """Mean square (C,) of a residual (N, C) in units of its variance, each sample as much as it tells in the fit."""
+        return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))
+
     def chi2(self, residual: Float) -> Float:
         """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise.
 
         Near stops, where friction may pull either way, samples count less; without a plan every sample is in doubt.
         """
-        weight = np.square(self.design.root)
         if any(s.unplanned for s in self.states):
-            return np.asarray(np.mean(weight * np.square(residual), axis=0))
+            return self.scale(residual)
+        weight = np.square(self.design.root)
         return np.asarray(np.sum(np.square(weight * residual), axis=0) / np.sum(weight, axis=0))
 
     def rms(self, residual: Float) -> Float:

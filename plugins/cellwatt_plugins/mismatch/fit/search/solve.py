@@ -73,7 +73,7 @@ def _noise_factor(problem: Problem, fit: Regression) -> Float:
 
     So an effect is judged by the share that it explains.
     """
-    return problem.factor(fit.residual) * np.maximum(problem.chi2(fit.residual), 1.0)
+    return problem.factor(fit.residual) * np.maximum(problem.scale(fit.residual), 1.0)
 
 
 def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression) -> Problem:
