@@ -184,7 +184,7 @@ class Problem:
         return correlation_factor(self.split(residual * self.design.root), [rows.step for rows in self.rows])
 
     def scale(self, residual: Float) -> Float:
-        """Mean square (C,) of a residual (N, C) in units of its variance, each sample as much as it tells in the fit."""
+        """Mean square (C,) of a residual (N, C) in units of its variance, by the samples' weights in the fit."""
         return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))
 
     def chi2(self, residual: Float) -> Float:
