@@ -48,11 +48,15 @@ def work(told: dict[str, Any]) -> None:
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
     try:
-        with path.open("ab") as file:
+        file = path.open("ab")
+    except OSError as error:  # the folder was removed, or may no longer be written
+        raise OutletError(f"lake: {path} cannot be opened: {error.strerror}") from None
+    with file:
+        try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield
-    except BlockingIOError:
-        raise OutletError("lake: another process still writes it") from None
+        except BlockingIOError:
+            raise OutletError("lake: another process still writes it") from None
+        yield
 
 
 def main() -> int:
