@@ -197,10 +197,11 @@ def _findings(
     limits = Limits(excess=EXCESS if planned else WITHOUT_PLAN, size=size)
     for solution in sides:
         held, best = LeaveOut(solution.problem, solution.factor), solution.best
-        own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
+        nominal = _nominal_chi2(solution.problem)
+        own = lack_of_fit(nominal, solution, limits)
         # What retuning within tolerance would take up, though data left out do not confirm it, is not unknown.
         if own and solution.free is not None:
-            tuned = lack_of_fit(_nominal_chi2(solution.problem), fitted(solution.free, solution.terms), limits)
+            tuned = lack_of_fit(nominal, fitted(solution.free, solution.terms), limits)
             own = [u for u in own if any(u.channel == other.channel for other in tuned)]
         falls.append(falling(solution))
         found += findings_of(solution, falls[-1], _gain_tolerance(runs, torque.problem.states[0].robot))

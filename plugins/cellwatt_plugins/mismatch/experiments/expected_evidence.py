@@ -100,8 +100,7 @@ class ExpectedEvidence:
         """Correlation factor (C,) of what ``terms`` leave of the recordings, which counts as noise."""
         factor, blocks = self.solution.factor, [self.problem.block(t) for t in terms]
         for _ in range(3):
-            residual = self.problem.fit(blocks, factor).residual
-            factor = self.problem.factor(residual) * np.maximum(self.problem.scale(residual), 1.0)
+            factor = self.problem.noise_factor(self.problem.fit(blocks, factor).residual)
         return factor
 
     def _best(self, fit: Regression, term: Term) -> float:

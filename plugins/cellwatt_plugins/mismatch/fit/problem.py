@@ -183,6 +183,13 @@ class Problem:
         """Correlation factor (C,) of a residual (N, C)."""
         return correlation_factor(self.split(residual * self.design.root), [rows.step for rows in self.rows])
 
+    def noise_factor(self, residual: Float) -> Float:
+        """Correlation factor (C,) of a residual (N, C); what is unexplained yet counts as noise.
+
+        So an effect is judged by the share that it explains.
+        """
+        return self.factor(residual) * np.maximum(self.scale(residual), 1.0)
+
     def scale(self, residual: Float) -> Float:
         """Mean square (C,) of a residual (N, C) in units of its variance, by the samples' weights in the fit."""
         return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))

@@ -36,19 +36,19 @@ def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
     factor: Float | None = None
     for _ in range(3 if any(not t.effect.mechanical for t in terms) else 2):
         fit = problem.fit([problem.block(t) for t in terms], factor)
-        factor = _noise_factor(problem, fit)
+        factor = problem.noise_factor(fit.residual)
         problem = _with_fitted_torque(problem, terms, fit)
     fit = problem.fit([problem.block(t) for t in terms], factor)
-    return Solution(problem, list(terms), fit, _noise_factor(problem, fit))
+    return Solution(problem, list(terms), fit, problem.noise_factor(fit.residual))
 
 
 def _by_motion_alone(problem: Problem, terms: Sequence[Term]) -> Solution:
     """The same of terms whose columns stay as they are whatever torque is fitted: only the noise is found anew."""
     first = problem.fit([problem.block(t) for t in terms])
-    second = problem.fit(first.blocks, _noise_factor(problem, first))
-    problem, factor = _with_fitted_torque(problem, terms, second), _noise_factor(problem, second)
+    second = problem.fit(first.blocks, problem.noise_factor(first.residual))
+    problem, factor = _with_fitted_torque(problem, terms, second), problem.noise_factor(second.residual)
     fit = problem.fit(first.blocks, factor)
-    return Solution(problem, list(terms), fit, _noise_factor(problem, fit))
+    return Solution(problem, list(terms), fit, problem.noise_factor(fit.residual))
 
 
 def without(state: SearchState, now: Solution, term: Term) -> Solution:
@@ -66,14 +66,6 @@ def reweigh(state: SearchState, now: Solution) -> Solution:
         return now
     state.turn(turning.tolist())
     return solve(state, now.terms)
-
-
-def _noise_factor(problem: Problem, fit: Regression) -> Float:
-    """Correlation factor (C,) of a residual; what is unexplained yet counts as noise.
-
-    So an effect is judged by the share that it explains.
-    """
-    return problem.factor(fit.residual) * np.maximum(problem.scale(fit.residual), 1.0)
 
 
 def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression) -> Problem:
