@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 
 import aiomqtt
 
+from cellwatt import AlarmBook
 from cellwatt.outlets.mqtt.message import Labels
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings
@@ -22,7 +23,7 @@ Give = Callable[[int, int, float], Awaitable[int]]
 def payloads(count: int) -> list[bytes]:
     """Payloads as the outlet makes them."""
     settings = MqttSettings(rate=RATE)
-    format_, picker = PlainFormat(settings, SITE, CELL), Picker(settings, LAYOUT)
+    format_, picker = PlainFormat(settings, SITE, CELL, AlarmBook()), Picker(settings, LAYOUT)
     format_.label(Labels(picker.units, dict.fromkeys(picker.units, "continuous")), 0)
     return [format_.row(row, False, 0)[0].payload for row in picker.rows(frames(0, count))]
 

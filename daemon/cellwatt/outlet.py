@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 from pydantic import BaseModel, ConfigDict
 
 from cellwatt.account import Account
+from cellwatt.alarms import AlarmBook
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
@@ -57,6 +58,8 @@ class CellView(Protocol):
 
     It numbers them from the start of ``session`` on.
     """
+    alarms: AlarmBook
+    """Alarms that are up, with what people said of them: to be read, on the event loop alone."""
 
     def status(self) -> Mapping[str, Any]:
         """Health of every part with its figures, JSON-ready."""

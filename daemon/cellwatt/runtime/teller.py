@@ -20,7 +20,7 @@ from cellwatt.results import Alarm, Event, Result, series_of
 from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
-from cellwatt.runtime.health import colour, describe, told_of
+from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.watch import Watch
 from cellwatt.runtime.words import Words
@@ -62,7 +62,7 @@ class Teller:
             if isinstance(item, Alarm):
                 self.alarms.take(item)
             elif isinstance(item, Event):
-                self._words.again(item)
+                self.alarms.note(item)
         self._watch = Watch(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
         self._displaced = 0
@@ -234,7 +234,7 @@ class Teller:
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
-        status |= told_of(self.alarms, now)
+        status |= self.alarms.told()
         for outlet in self.outlets.values():
             outlet.health(status)
         if self.recorder is not None:

@@ -226,7 +226,7 @@ class ApartOutlet(Apart[S]):
                         layout = block.layout
                         writer.write(self.columns(layout))
                     self._put(writer, len(block), partial(self.rows, block))
-                if self._status is not None:
+                if self._status is not None and not self._results:  # it says how alarms stand after those
                     status, self._status = self._status, None
                     writer.write(wire.json_message(Kind.HEALTH, status))
                 await writer.drain()

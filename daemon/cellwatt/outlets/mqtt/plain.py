@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.outlets.mqtt import discovery
 from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
 from cellwatt.outlets.mqtt.settings import MqttSettings
@@ -25,27 +26,23 @@ _RETAINED: Final = ("interval", "task", "energy")
 
 
 class PlainFormat:
-    """Messages of a cell as JSON. ``alarms`` are those that are up when it begins, as health tells them."""
+    """Messages of a cell as JSON; ``alarms`` is its book."""
 
     announced = False
     """Whether the broker is to publish the death also when we leave on purpose."""
 
-    def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: Iterable[Mapping[str, Any]] = ()) -> None:
+    def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: AlarmBook) -> None:
         self._settings = settings
         self._site, self._cell = site, cell
         self.root = f"{PREFIX}/{level(site)}/{level(cell)}"
         self._session = time.time_ns()
         self._numbers: Counter[str] = Counter()
         self._labels = Labels({}, {})
-        self._alarms: dict[str, Message] = {}
-        """Retained messages of the alarms that are up, by id."""
+        self._alarms = alarms
         self._kept: dict[str, str] = {}
         """Topics of alarms that the broker may keep, by id."""
         self._open: dict[str, int] = {}
         """Number of the interval that each source has told to be running."""
-        for alarm in alarms:
-            topic = self._alarm_topic(alarm["severity"], alarm["kind"], alarm["id"])
-            self._alarms[alarm["id"]] = self._message(topic, encode_json(alarm), settings.qos.alarm, True)
 
     @property
     def ready(self) -> bool:
@@ -64,16 +61,16 @@ class PlainFormat:
         """Delete a kept alarm that is not up."""
         if not (retained and payload and topic.startswith(f"{self.root}/alarm/")):
             return ()
-        if any(message.topic == topic for message in self._alarms.values()) or topic in self._kept.values():
+        up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
+        if topic in (*self._kept.values(), *up):
             return ()
         return (Message(topic, b"", self._settings.qos.alarm, True),)
 
     def birth(self, now: int) -> Sequence[Message]:
         """The cell is online; its units, the alarms that are up, and no other; what Home Assistant wants to know."""
         over = [self._deleted(id_) for id_ in list(self._kept) if id_ not in self._alarms]
-        for id_, message in self._alarms.items():
-            self._kept[id_] = message.topic
-        return (self._message("availability", ONLINE, 1, True), *over, *self._alarms.values(), *self._labelled())
+        up = [m for standing in self._alarms.raised if standing.published for m in self._alarm(standing.published)]
+        return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
     def label(self, labels: Labels, now: int) -> Sequence[Message]:
         """The units of the rows' channels, kept by the broker."""
@@ -133,17 +130,10 @@ class PlainFormat:
 
     def _alarm(self, alarm: Alarm) -> Sequence[Message]:
         """An alarm that is up is kept on its topic; a clear is told there once, and then nothing is kept."""
-        topic = self._alarm_topic(alarm.severity, alarm.kind, alarm.id)
-        body = self._encoded("alarm", alarm)
-        qos, before = self._settings.qos.alarm, self._kept.get(alarm.id)
-        moved = [self._deleted(alarm.id)] if before not in (None, f"{self.root}/{topic}") else []
-        if alarm.active:
-            message = self._alarms[alarm.id] = self._message(topic, body, qos, True)
-            self._kept[alarm.id] = message.topic
-            return (*moved, message)
-        self._alarms.pop(alarm.id, None)
-        self._kept[alarm.id] = f"{self.root}/{topic}"
-        return (*moved, self._message(topic, body, qos, False), self._deleted(alarm.id))
+        told = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos.alarm, alarm.active)
+        moved = [] if self._kept.get(alarm.id) in (None, told.topic) else [self._deleted(alarm.id)]
+        self._kept[alarm.id] = told.topic
+        return (*moved, told) if alarm.active else (*moved, told, self._deleted(alarm.id))
 
     def _deleted(self, id_: str) -> Message:
         return Message(self._kept.pop(id_), b"", self._settings.qos.alarm, True)
@@ -167,8 +157,9 @@ class PlainFormat:
         self._numbers[topic] += 1
         return encode_item(item, Mark(self._session, number, 1, 0))
 
-    def _alarm_topic(self, severity: str, kind: str, id_: str) -> str:
-        return f"alarm/{level(severity)}/{level(kind)}/{level(id_)}"
-
     def _message(self, topic: str, payload: bytes, qos: int, retain: bool) -> Message:
         return Message(f"{self.root}/{topic}", payload, qos, retain)
+
+
+def _alarm_topic(alarm: Alarm) -> str:
+    return f"alarm/{level(alarm.severity)}/{level(alarm.kind)}/{level(alarm.id)}"

@@ -82,21 +82,13 @@ class Courier:
         self._rules.take(self._told, alarm, self._session, self._passing())
         self._note()
 
-    def shelved(self, alarm_id: str) -> None:
-        """Keep silent of an alarm that a person put on the shelf."""
-        rules.shelved(self._told, alarm_id)
+    def heed(self, unattended: Collection[str], shelved: Collection[str]) -> None:
+        """Take which alarms are up that nobody acknowledged, for repetition, and keep silent of those on the shelf."""
+        self._open = unattended
+        repeated = [alarm_id for (alarm_id, _), item in self._told.due.items() if item.what == "repeated"]
+        for alarm_id in (*shelved, *(known for known in repeated if known not in unattended)):
+            rules.shelved(self._told, alarm_id)
         self._note()
-
-    def unattended(self, alarm_ids: Collection[str]) -> None:
-        """Take which alarms are up that nobody acknowledged or shelved: they may be told again."""
-        self._open = alarm_ids
-
-    def attended(self, alarm_id: str) -> None:
-        """Note that a person acknowledged an alarm: a repetition that waits is not told."""
-        self._open = [other for other in self._open if other != alarm_id]
-        waits = self._told.due.get((alarm_id, False))
-        if waits is not None and waits.what == "repeated":
-            self.shelved(alarm_id)
 
     def _note(self) -> None:
         """Count what happened to items, and have a look at them."""

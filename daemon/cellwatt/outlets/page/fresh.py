@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.alarms import Standing
 from cellwatt.live.history import SPAN, History
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.page import shapes
@@ -78,29 +79,37 @@ def marks(record: Curves | None, live: LiveCell, start: float, end: float) -> di
         told = shapes.interval(body)
         if told["start"] <= end and told["end"] >= start:
             intervals.setdefault((told["source"], told["number"]), told)
-    alarms = {} if record is None else {(a["id"], a["raised"]): a for a in record["alarms"]}
-    for told in _alarms(live):
-        if told["raised"] <= end and (told["cleared"] is None or told["cleared"] >= start):
-            alarms[told["id"], told["raised"]] = told
-    return {"intervals": list(intervals.values()), "alarms": list(alarms.values())}
+    held = [told for told in map(_mark, (*live.cleared, *live.alarms.up)) if _overlap(told, start, end)]
+    # Memory knows since when, the record when it was told, and by its stage: there it may come and go meanwhile.
+    known = [] if record is None else [a for a in record["alarms"] if not any(_same(a, told) for told in held)]
+    return {"intervals": list(intervals.values()), "alarms": [*known, *held]}
 
 
 def alarms(live: LiveCell, start: float, end: float, limit: int) -> dict[str, Any]:
     """Alarms in memory that were up from ``start`` to ``end`` ms, the newest first."""
     found = []
-    for body in reversed((*live.cleared, *live.alarms.values())):
-        cleared = None if body["active"] else shapes.ms(body["time"])
-        told = shapes.alarm(body, body.get("acknowledged"), None)
-        if told["since"] <= end and (cleared is None or cleared >= start):
-            found.append({**told, "cleared": cleared, "cleared_statement": body.get("cleared"), "people": []})
+    for standing in reversed((*live.cleared, *live.alarms.up)):
+        if _overlap(span := _mark(standing), start, end):
+            over = None if standing.over is None or standing.raised else standing.over.statement
+            told = shapes.alarm(standing.alarm, standing.acknowledgement, None)
+            told |= {"active": standing.raised, "time": shapes.ms(standing.message.time), "people": []}
+            found.append({**told, "cleared": span["cleared"], "cleared_statement": over})
     return {"alarms": found[:limit], "complete": len(found) <= limit and not live.forgotten}
 
 
-def _alarms(live: LiveCell) -> Iterator[dict[str, Any]]:
-    for body in (*live.cleared, *live.alarms.values()):
-        told = {name: body[name] for name in ("id", "severity", "statement")}
-        over = None if body["active"] else shapes.ms(body["time"])
-        yield {**told, "raised": shapes.ms(body["since"]), "cleared": over}
+def _mark(standing: Standing) -> dict[str, Any]:
+    return shapes.mark(standing.alarm, standing.alarm.since, None if standing.raised else standing.message.time)
+
+
+def _overlap(told: Mapping[str, Any], start: float, end: float) -> bool:
+    """True if an alarm was up at any time from ``start`` to ``end`` ms."""
+    return bool(told["raised"] <= end and (told["cleared"] is None or told["cleared"] >= start))
+
+
+def _same(recorded: Mapping[str, Any], told: Mapping[str, Any]) -> bool:
+    """True if two marks are of one alarm."""
+    until = math.inf if told["cleared"] is None else told["cleared"]
+    return bool(recorded["id"] == told["id"] and _overlap(recorded, told["raised"], until))
 
 
 def _step(history: History) -> float:

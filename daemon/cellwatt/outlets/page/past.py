@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.alarms import Acknowledgement
 from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.levels import Curves
@@ -55,10 +55,10 @@ def _packs(folder: Path, cell: str) -> list[packs.Pack]:
 
 def _told(episode: Episode, cell: str, pages: set[str]) -> dict[str, Any]:
     alarm = episode.alarm
-    acknowledged = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
-    said = None if acknowledged is None else {**_person(acknowledged), "time": acknowledged.time}
+    known = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
+    said = None if known is None else Acknowledgement(**_person(known), time=known.time)
     return {
-        **shapes.alarm(asdict(alarm), said, _page(episode, cell, pages)),
+        **shapes.alarm(alarm, said, _page(episode, cell, pages)),
         "active": episode.cleared is None,
         "cleared": shapes.ms(episode.cleared),
         "cleared_statement": episode.cleared_statement,

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cellwatt.alarms import LOST
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page import fresh, shapes
 from cellwatt.outlets.page.browsers import Browsers
-from cellwatt.outlets.page.feed import LOST, Feed
+from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Hub
 from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
 from cellwatt.subscriber import Gap, Health, Message
@@ -202,7 +203,7 @@ def test_intervals_and_alarms_are_told_once() -> None:
     live.add("alarm", asdict(alarm(1)))
     live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000)))
     live.add("alarm", asdict(alarm(2)))
-    recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS, "cleared": None}
+    recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS + 1, "cleared": None}
     told = {"intervals": [shapes.interval(asdict(interval(1)))], "alarms": [recorded]}
     got = fresh.marks(told, live, MS, MS + 2000)
     assert len(got["intervals"]) == 1

@@ -6,15 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from cellwatt.alarms import RESTARTED
 from cellwatt.outlets.page.levels.gathering import Intervals, Said
 from cellwatt.outlets.page.levels.sources import Source
 from cellwatt.outlets.page.levels.store import Store, near
-from cellwatt.outlets.page.shapes import ms
+from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record.retention import Kept
 from cellwatt.results import Alarm, Event
-
-RESTARTED = "The daemon ended while this was active; the next one tells anew what still holds."
-"""Statement of the end of an alarm that nobody cleared."""
 
 
 @dataclass
@@ -136,7 +134,7 @@ def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, until:
     longest = sorted(rows.values(), key=lambda row: row["end"] - row["start"])[-MOST:]
     return {
         "intervals": sorted(longest, key=lambda row: row["start"]),
-        "alarms": [_mark(episode) for episode in alarms[-MOST:]],
+        "alarms": [mark(e.alarm, e.raised, e.cleared) for e in alarms[-MOST:]],
         "complete": complete,
     }
 
@@ -179,9 +177,3 @@ def _rows(session: int, intervals: Intervals, start: int, end: int) -> dict[tupl
         told = {"source": source, "number": number, "start": ms(first), "end": ms(last)}
         rows[session, source, number] = {**told, "moving": list(moving), "closed": closed}
     return rows
-
-
-def _mark(episode: Episode) -> dict[str, Any]:
-    alarm = episode.alarm
-    told = {"id": alarm.id, "severity": alarm.severity, "statement": alarm.statement}
-    return {**told, "raised": ms(episode.raised), "cleared": ms(episode.cleared)}
