@@ -52,7 +52,7 @@ class Apart(Outlet[S]):
         super().__init__(name, settings, view)
         self._heard: float | None = None
         self._process = 0
-        self._spent = 0.0  # s of processor time, when it was heard last
+        self._spent = 0.0  # s of processor time, at its last sign of life
         self._counted: dict[str, int] = {}
 
     @abstractmethod
@@ -117,12 +117,12 @@ class Apart(Outlet[S]):
         try:
             while (got := await wire.receive(reader)) is not None:
                 kind, body = got
-                self._heard, self._spent = time.monotonic(), spent(self._process)
                 told = parse_json(body)
                 if kind is Kind.ORDER:
                     writer.write(wire.json_message(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
                     await writer.drain()
                 elif kind is Kind.ALIVE:
+                    self._heard, self._spent = time.monotonic(), spent(self._process)
                     self._count(told["counts"])
                 elif kind is Kind.FAILED:
                     raise OutletError(told["error"])
