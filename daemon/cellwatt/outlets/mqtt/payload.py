@@ -1,24 +1,18 @@
 """Sparkplug B payloads: the fields that an edge node needs, with the numbers of the specification 3.0. Pure.
 
-The message classes are made from a table and live in a pool of their own, so that another library's Sparkplug in the
-same process does not clash with them. Fields that are not in the table are passed over.
+Fields that are not in the table are passed over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
 from typing import Any, Final
 
 from cellwatt.errors import ProtocolError
+from cellwatt.protobuf_classes import Messages, Table
 
-_PACKAGE: Final = "cellwatt.sparkplug"
-_SCALARS: Final = {"double": 1, "float": 2, "uint64": 4, "bool": 8, "string": 9, "uint32": 13}
-_MESSAGE: Final = 11
-
-# field: (number, type); a type with a star repeats, one with a dot is a value: at most one of them is there.
 _VALUES: Final = {
     "int_value": "uint32",
     "long_value": "uint64",
@@ -27,7 +21,7 @@ _VALUES: Final = {
     "boolean_value": "bool",
     "string_value": "string",
 }
-_TABLE: Final[Mapping[str, Mapping[str, tuple[int, str]]]] = {
+_TABLE: Final[Table] = {
     "PropertyValue": {
         "type": (1, "uint32"),
         "is_null": (2, "bool"),
@@ -46,6 +40,7 @@ _TABLE: Final[Mapping[str, Mapping[str, tuple[int, str]]]] = {
     },
     "Payload": {"timestamp": (1, "uint64"), "metrics": (2, "Metric*"), "seq": (3, "uint64")},
 }
+_MESSAGES: Final = Messages("cellwatt.sparkplug", _TABLE)
 
 
 class DataType(IntEnum):
@@ -89,31 +84,9 @@ class Metric:
     historical: bool = False
 
 
-@cache
-def _classes() -> Mapping[str, Any]:
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-
-    file = descriptor_pb2.FileDescriptorProto(name="cellwatt/sparkplug.proto", package=_PACKAGE, syntax="proto2")
-    for name, fields in _TABLE.items():
-        message = file.message_type.add(name=name)
-        for field, (number, kind) in fields.items():
-            plain = kind.rstrip("*.")
-            added = message.field.add(name=field, number=number, label=3 if kind.endswith("*") else 1)
-            added.type = _SCALARS.get(plain, _MESSAGE)
-            if plain not in _SCALARS:
-                added.type_name = f".{_PACKAGE}.{plain}"
-            if kind.endswith("."):
-                if not message.oneof_decl:
-                    message.oneof_decl.add(name="value")
-                added.oneof_index = 0
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in _TABLE}
-
-
 def encode(metrics: Iterable[Metric], timestamp: int, seq: int | None) -> bytes:
     """A payload sent at ``timestamp`` UTC ms; the death certificate has no ``seq``."""
-    payload = _classes()["Payload"](timestamp=timestamp)
+    payload = _MESSAGES.classes["Payload"](timestamp=timestamp)
     if seq is not None:
         payload.seq = seq
     for metric in metrics:
@@ -145,14 +118,7 @@ def _fill(into: Any, metric: Metric) -> None:
 
 def decode(data: bytes) -> list[tuple[str | None, int | None, Value | None]]:
     """Name, alias and value of each metric of a command. Raises ``ProtocolError``."""
-    from google.protobuf.message import DecodeError
-
-    payload = _classes()["Payload"]()
-    try:
-        payload.ParseFromString(data)
-    except DecodeError as error:
-        raise ProtocolError(f"{len(data)} bytes that are not a Sparkplug payload") from error
-    return [_told(metric) for metric in payload.metrics]
+    return [_told(metric) for metric in _MESSAGES.parse("Payload", data, "a Sparkplug payload").metrics]
 
 
 def _told(metric: Any) -> tuple[str | None, int | None, Value | None]:

@@ -10,12 +10,13 @@ from cellwatt.batch import Batch
 from cellwatt.blocks import Block, cut, join
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView
-from cellwatt.outlets.zenoh.backlog import Backlog, time_of
+from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode
 from cellwatt.outlets.zenoh.keys import ALARM, FRAME, raw_topic, series_of_topic
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item
 from cellwatt.outlets.zenoh.questions import NothingKeptError, number_of, short, text_of
+from cellwatt.record.messages import time_of
 from cellwatt.results import Event, Result
 
 MOST_SAMPLES: Final = 2000
