@@ -15,8 +15,7 @@ from cellwatt.outlets.apart.daemon import Daemon
 from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
-from cellwatt.outlets.page.outlet import PageOutlet
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.outlet import PageOutlet, PageSettings
 from cellwatt.outlets.page.streams import Hub
 from cellwatt.results import Event
 from fuzz.items import LAYOUT, MESSAGES, SESSION, frames, same

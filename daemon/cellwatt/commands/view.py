@@ -18,7 +18,7 @@ from cellwatt.config import CellConfig, load
 from cellwatt.errors import ConfigError, why
 from cellwatt.files import read_text
 from cellwatt.outlets.page import PageSettings
-from cellwatt.outlets.page.passwords import hash_of
+from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.subscriber import LinkSettings
 from cellwatt.yaml_file import NotYamlError, parse_yaml
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import socket
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
@@ -21,6 +20,7 @@ from cryptography import x509
 from cellwatt.channel import Quality
 from cellwatt.outlets.opc_ua.bounds import BoundedServer
 from cellwatt.outlets.opc_ua.conditions import Conditions, Order
+from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED
 from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
 from cellwatt.version import __version__
 
@@ -109,15 +109,17 @@ class CellServer:
             for node in self._channels.get(name, ()):
                 await self._set(node, variant, status, told["time"])
 
-    async def alarm(self, told: Mapping[str, Any]) -> None:
-        """Tell an alarm as a condition."""
-        await self._conditions.tell(told)
+    async def item(self, told: Mapping[str, Any]) -> None:
+        """Tell an alarm as a condition, who acknowledged one, or the energy of a task."""
+        kind, body = told["kind"], told["body"]
+        if kind == "alarm":
+            await self._conditions.tell(body)
+        elif kind == "energy":
+            await self._energy(body)
+        elif kind == "event" and body["kind"] == ACKNOWLEDGED:
+            await self._conditions.acknowledged(*(body["data"][name] for name in ("alarm", "name", "note")))
 
-    async def acknowledged(self, told: Mapping[str, Any]) -> None:
-        """Tell that a person acknowledged an alarm."""
-        await self._conditions.acknowledged(told["alarm"], told["name"], told["note"])
-
-    async def energy(self, told: Mapping[str, Any]) -> None:
+    async def _energy(self, told: Mapping[str, Any]) -> None:
         """Give a task its energy, J."""
         name = f"{told['source']}.{told['task']}"
         if name not in self._tasks:
@@ -188,11 +190,6 @@ class _Users(UserManager):  # type: ignore[misc]
         if known is None or not compare_digest(known.encode(), given):
             return None
         return User(role=UserRole.User, name=username)
-
-
-def quiet() -> None:
-    """Keep the library's log to what is an error."""
-    logging.getLogger("asyncua").setLevel(logging.ERROR)
 
 
 def _free(host: str, port: int) -> int:

@@ -15,8 +15,8 @@ from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page import fresh, shapes
 from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.rooms import EnergyToday, page_of, plant_cell
 from cellwatt.outlets.page.streams import Hub
-from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.outlets.page.cell import (
     CELL,

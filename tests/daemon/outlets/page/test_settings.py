@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from cellwatt.outlets.page.passwords import hash_of, parse
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.outlet import PageSettings
+from cellwatt.outlets.page.sessions import hash_of, parse
 from tests.daemon.outlets.page.cell import HASH, PASSWORD, USERS
 from tests.daemon.outlets.zenoh.test_link import certificates
 
