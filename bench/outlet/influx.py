@@ -11,8 +11,7 @@ from typing import Any
 
 import aiohttp
 
-from cellwatt.outlets.historian.client import Client
-from cellwatt.outlets.historian.line_protocol import row_line
+from cellwatt.outlets.historian.client import Client, row_line
 from cellwatt.outlets.historian.outlet import HistorianOutlet, Lines
 from cellwatt.outlets.historian.settings import HistorianSettings, InfluxSettings
 from cellwatt.outlets.past import read

@@ -16,9 +16,8 @@ from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.aside import put_aside
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
-from cellwatt.outlets.historian.client import Client
+from cellwatt.outlets.historian.client import Client, result_line, row_line
 from cellwatt.outlets.historian.lake import Lake
-from cellwatt.outlets.historian.line_protocol import result_line, row_line
 from cellwatt.outlets.historian.settings import HistorianSettings
 from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row

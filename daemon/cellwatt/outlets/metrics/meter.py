@@ -10,8 +10,7 @@ from fnmatch import fnmatchcase
 from typing import Any, Final
 
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlets.metrics.catalogue import CATALOGUE
-from cellwatt.outlets.metrics.readings import Reading, lives_of, of_health
+from cellwatt.outlets.metrics.catalogue import CATALOGUE, Reading, lives_of, of_health
 from cellwatt.results import Energy
 from cellwatt.version import __version__
 

@@ -8,9 +8,20 @@ from typing import Any, Final
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
-from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
+from cellwatt.outlets.mqtt.payload import (
+    MS,
+    DataType,
+    Device,
+    Metric,
+    Tag,
+    Tags,
+    Values,
+    decode,
+    encode,
+    finite,
+    values_of,
+)
 from cellwatt.outlets.mqtt.settings import SparkplugSettings
-from cellwatt.outlets.mqtt.tags import MS, Device, Tag, Tags, Values, finite, values_of
 from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.zenoh.messages import parse_json

@@ -15,14 +15,12 @@ from typing import Final
 from cellwatt.account import Account
 from cellwatt.errors import why
 from cellwatt.outlets.aside import put_aside
-from cellwatt.outlets.notify import rules
 from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
-from cellwatt.outlets.notify.rules import Rules
 from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About, undelivered
-from cellwatt.outlets.notify.told import Item, Message
+from cellwatt.outlets.notify.told import Item, Message, Rules, message_of, ready, silence
 from cellwatt.results import Alarm
 
 log = logging.getLogger(__name__)
@@ -87,7 +85,7 @@ class Courier:
         self._open = unattended
         repeated = [alarm_id for (alarm_id, _), item in self._told.due.items() if item.what == "repeated"]
         for alarm_id in (*shelved, *(known for known in repeated if known not in unattended)):
-            rules.shelved(self._told, alarm_id)
+            silence(self._told, alarm_id)
         self._note()
 
     def _note(self) -> None:
@@ -139,14 +137,14 @@ class Courier:
         self._note()
         if told.flight is None and (items := self._grouped(now, allowed)):
             to = f"{self._about.site}/{self._about.cell}/{self.name}"
-            told.send(rules.message(to, items, told.more, time.time_ns()))
+            told.send(message_of(to, items, told.more, time.time_ns()))
             self._last |= dict.fromkeys((item.alarm.id for item in items), now)
             self._last = {alarm: at for alarm, at in self._last.items() if alarm in told.episodes}
             self._count("grouped", len(items) - 1)
 
     def _grouped(self, now: float, allowed: int) -> list[Item]:
         """Items of the next message; none while its group is still open."""
-        items = rules.ready(self._told, allowed)
+        items = ready(self._told, allowed)
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
         return items if now - oldest >= self._rules.group else []
 

@@ -22,10 +22,10 @@ from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, proof_of, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
-from cellwatt.outlets.page.browsers import Browsers, encoded
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import Rooms
 from cellwatt.outlets.page.sessions import LONGEST, Sessions
+from cellwatt.outlets.page.streams import Browsers, encoded
 from cellwatt.version import __version__
 
 PAGES: Final = ("/", "/plant", "/login", "/cell/{site}/{cell}", "/cell/{site}/{cell}/{part}")

@@ -15,10 +15,9 @@ from urllib.parse import unquote
 
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.page.archive import Desk
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.followed import UNREADABLE, Followed
 from cellwatt.outlets.page.rooms import EnergyToday, Room, page_of, plant_cell
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.order import Hole

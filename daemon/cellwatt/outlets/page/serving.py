@@ -17,12 +17,11 @@ from cellwatt.outlets.apart.daemon import Daemon, main
 from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page.app import served
 from cellwatt.outlets.page.archive import Archive, Desk
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import OneRoom, Room, follow_arms, prefix
 from cellwatt.outlets.page.sessions import FILE
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.messages import parse_json
 
 NICENESS: Final = 10

@@ -10,13 +10,12 @@ from typing import Any
 
 from cellwatt.outlets.page.app import served
 from cellwatt.outlets.page.archive import Archive, Desk
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.followed import watch
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.plant import Plant
 from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, follow_arms, prefix
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.runtime.tasks import plain_errors
 from cellwatt.subscriber import LinkSettings
 

@@ -154,7 +154,7 @@ async def test_home_assistant_is_told_of_every_channel(broker: Broker) -> None:
 
 def test_the_templates_for_home_assistant_give_the_values() -> None:
     jinja = pytest.importorskip("jinja2")
-    from cellwatt.outlets.mqtt import discovery
+    from cellwatt.outlets.mqtt import plain as discovery
     from cellwatt.outlets.mqtt.message import Labels
 
     labels = Labels({"arm.it's": "W"}, {"arm.it's": "continuous"})

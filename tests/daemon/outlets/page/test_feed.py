@@ -12,11 +12,11 @@ from cellwatt.alarms import LOST
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind
-from cellwatt.outlets.page import fresh, shapes
-from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page import archive as fresh
+from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.rooms import EnergyToday, page_of, plant_cell
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.outlets.page.cell import (
     CELL,

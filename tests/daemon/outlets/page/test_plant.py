@@ -15,9 +15,9 @@ import pytest
 
 from cellwatt.outlets.page import plant as plant_module
 from cellwatt.outlets.page.archive import Desk
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.plant import Plant
+from cellwatt.outlets.page.streams import Browsers
 from cellwatt.outlets.page.viewing import view
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session

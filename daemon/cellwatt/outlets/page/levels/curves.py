@@ -1,8 +1,10 @@
-"""Curves of a cell's record for a browser: lowest and highest values in as many steps as it asked for."""
+"""Curves of a cell's record for a browser, and the thread that keeps level files of it up to date."""
 
 from __future__ import annotations
 
+import logging
 import math
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import CellwattError, RecordingError, why
-from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting
-from cellwatt.outlets.page.levels.keeping import Keeper
+from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting, span_of
+from cellwatt.outlets.page.levels.following import Held, Source
 from cellwatt.outlets.page.levels.moments import Moments, Reader
-from cellwatt.outlets.page.levels.sources import Held, Source
-from cellwatt.outlets.page.levels.store import Store, ends_at, near
+from cellwatt.outlets.page.levels.store import Growing, Store, ends_at, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
 from cellwatt.record.retention import Kept
@@ -162,13 +163,6 @@ class Curves:
         return True
 
 
-def span_of(start_ms: float, end_ms: float) -> tuple[int, int]:
-    """A span in UTC ns. Raises ``CellwattError`` for one that is none."""
-    if not (math.isfinite(start_ms) and math.isfinite(end_ms) and 0 <= start_ms < end_ms < 2**62 / 1e6):
-        raise CellwattError(f"no span from {start_ms:g} to {end_ms:g} ms: it must end after it begins")
-    return round(start_ms * 1e6), max(round(end_ms * 1e6), round(start_ms * 1e6) + 1)
-
-
 def _times(found: Moments, times: list[NDArray[np.int64]]) -> tuple[NDArray[np.int64], int]:
     """All times of the samples, one more in each gap, and the usual step from one to the next, ns."""
     every = np.unique(np.concatenate([np.empty(0, np.int64), *times]))
@@ -197,3 +191,95 @@ def _plain(values: Float) -> list[float | None]:
     """Values for JSON, None for what is no number."""
     plain: list[float | None] = np.where(np.isfinite(values), values, np.array(None)).tolist()
     return plain
+
+
+log = logging.getLogger(__name__)
+
+PERIOD: Final = 2.0
+"""s from one look at the folder to the next."""
+WORK, REST = 0.01, 0.03
+"""s of reading, and of rest after it: the page's other threads go first."""
+
+
+class _Over(Exception):  # noqa: N818
+    pass
+
+
+class Keeper:
+    """Keeps a store up to date from ``start`` to ``close``."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._rest_at = 0.0
+        self.looks = 0
+        """Looks at the folder that are done."""
+
+    def start(self) -> None:
+        """Begin."""
+        self._over.clear()
+        self._thread = threading.Thread(target=self._run, name="levels", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End, in the middle of a recording if need be."""
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def look(self) -> None:
+        """Look at the folder once: take what is new, make what is missing, newest first, remove what is over."""
+        store = self._store
+        recordings = store.recordings()
+        for kept in recordings:
+            if kept.closed:
+                store.finish(kept)
+            else:
+                self._follow(store.growing(kept))
+        if store.room():
+            store.let_go()
+            for kept in reversed(recordings):
+                if kept.closed and store.budget.allows(kept.name):
+                    store.made(kept, math.inf, self._pace)
+        store.tidy()
+
+    def _follow(self, growing: Growing) -> None:
+        """Take what is new, a little at a time, so that nobody waits long for the lock."""
+        whole = False
+        while not whole:
+            with growing.lock:
+                try:
+                    whole = growing.grow(time.monotonic() + WORK)
+                except FileNotFoundError:
+                    return  # repaired, or removed
+            if self._over.wait(0 if whole else REST):
+                raise _Over
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            try:
+                self.look()
+            except _Over:
+                return
+            except OSError as error:
+                self._wrong(why(error))
+            except CellwattError as error:
+                self._wrong(str(error))
+            self.looks += 1
+            self._over.wait(PERIOD)
+
+    def _wrong(self, reason: str) -> None:
+        self._store.counts["failed looks"] += 1
+        self._store.problem = reason
+        log.warning("the record cannot be followed: %s", reason)
+
+    def _pace(self) -> None:
+        """Rest after some work; end where all is to end."""
+        now = time.monotonic()
+        if now < self._rest_at:
+            return
+        if self._over.wait(REST):
+            raise _Over
+        self._rest_at = time.monotonic() + WORK

@@ -18,10 +18,9 @@ from typing import Any, Final
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page.levels import level_file
-from cellwatt.outlets.page.levels.budget import Budget
-from cellwatt.outlets.page.levels.following import Follower
+from cellwatt.outlets.page.levels.following import EVERYTHING, Follower, Held, Pace, Source, Written, gather
 from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
-from cellwatt.outlets.page.levels.sources import EVERYTHING, Held, Pace, Source, Written, gather
+from cellwatt.outlets.page.levels.level_file import Budget
 from cellwatt.record.header import FileName
 from cellwatt.record.opening import ATTEMPTS
 from cellwatt.record.retention import Kept, listing
