@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -185,13 +185,8 @@ class Session:
         past = self._backfill.next() if self._backfill and self._outbox.serving else None
         if past is None:
             return False
-        match past.entry:
-            case None:
-                messages: Sequence[Message] = ()
-            case Row():
-                messages = self._format.row(past.entry, True, now)
-            case _:
-                messages = self._format.archived(past.entry, now)
+        entry, format_ = past.entry, self._format
+        messages = format_.row(entry, True, now) if isinstance(entry, Row) else format_.archived(entry, now)
         await self._sending.send(messages, Parcel(past.arrived))
         return True
 
