@@ -69,20 +69,22 @@ def _bounded(memory: int) -> Callable[[], None]:
 
 
 @asynccontextmanager
-async def ending(process: asyncio.subprocess.Process, writer: asyncio.StreamWriter) -> AsyncIterator[None]:
-    """End the process afterwards: its socket is closed, then it is told, then it is killed."""
+async def ending(
+    process: asyncio.subprocess.Process, writer: asyncio.StreamWriter | None = None
+) -> AsyncIterator[None]:
+    """End the process afterwards: its socket is closed, if there is one, then it is told, then it is killed."""
     try:
         yield
     finally:
-        writer.close()
         ended = asyncio.ensure_future(process.wait())
-        for end, patience in ((None, END), (process.terminate, END), (process.kill, None)):
-            if end is not None:
+        if writer is not None:
+            writer.close()
+            await asyncio.wait([ended], timeout=END)
+        for end, patience in ((process.terminate, END), (process.kill, None)):
+            if not ended.done():
                 with contextlib.suppress(ProcessLookupError):
                     end()
-            await asyncio.wait([ended], timeout=patience)
-            if ended.done():
-                break
+                await asyncio.wait([ended], timeout=patience)
 
 
 def end_of(process: asyncio.subprocess.Process) -> str:

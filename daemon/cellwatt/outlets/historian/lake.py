@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import signal
 import sys
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -18,11 +15,10 @@ from pydantic import SecretStr
 from cellwatt.account import Account
 from cellwatt.child import ends_with_parent
 from cellwatt.errors import OutletError
+from cellwatt.outlets.apart.process import ending
 from cellwatt.outlets.historian.settings import LakeSettings
 
 MODULE: Final = "cellwatt.outlets.historian.worker"
-END: Final = 3.0
-"""s in which the process ends by itself when it is told to; then it is killed, which does no harm."""
 PAUSE: Final = 30.0
 """s until the next try after one that failed, at most."""
 
@@ -49,7 +45,8 @@ class Lake:
     async def once(self) -> str | None:
         """Export what is new; return the reason where that failed."""
         problem: str | None = None
-        async with self._process() as process:
+        process = await self._begin()
+        async with ending(process):
             assert process.stdin is not None
             assert process.stdout is not None
             process.stdin.write(json.dumps(self._told).encode())
@@ -75,24 +72,14 @@ class Lake:
             self._account.count(f"lake: {what}")
         return None
 
-    @asynccontextmanager
-    async def _process(self) -> AsyncIterator[asyncio.subprocess.Process]:
+    async def _begin(self) -> asyncio.subprocess.Process:
         pipe = asyncio.subprocess.PIPE
         try:
-            process = await asyncio.create_subprocess_exec(
+            return await asyncio.create_subprocess_exec(
                 sys.executable, "-m", MODULE, stdin=pipe, stdout=pipe, preexec_fn=ends_with_parent(signal.SIGKILL)
             )
         except OSError as error:
             raise OutletError(f"lake: the process that writes it cannot be started: {error.strerror}") from error
-        try:
-            yield process
-        finally:
-            ended = asyncio.ensure_future(process.wait())
-            for end, wait in ((process.terminate, END), (process.kill, None)):
-                if not ended.done():
-                    with contextlib.suppress(ProcessLookupError):
-                        end()
-                    await asyncio.wait([ended], timeout=wait)
 
 
 def _plain(settings: LakeSettings) -> dict[str, Any]:

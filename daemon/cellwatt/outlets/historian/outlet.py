@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from cellwatt.errors import OutletError, why
+from cellwatt.files import put_aside
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.aside import put_aside
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
 from cellwatt.outlets.historian.client import Client, result_line, row_line

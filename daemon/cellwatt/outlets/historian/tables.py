@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import pyarrow as pa
@@ -13,7 +13,6 @@ import pydantic_core
 from cellwatt.channel import Quality
 from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
-from cellwatt.results import Alarm, Energy, Task
 from cellwatt.version import __version__
 
 _TIME: Final = pa.timestamp("ns", tz="UTC")
@@ -34,6 +33,8 @@ _SCHEMAS: Final = {
         ("motion_efficiency_percent", pa.float64()), ("groups", pa.map_(pa.string(), pa.float64())),
     ),
 }  # fmt: skip
+_FIELDS: Final = {("tasks", "time"): "end", ("tasks", "task"): "name", ("energies", "time"): "end"}
+"""Fields of results whose columns are called otherwise."""
 
 
 def frame_table(rows: Sequence[Row], units: Mapping[str, str], session: int) -> pa.Table:
@@ -56,7 +57,8 @@ def frame_table(rows: Sequence[Row], units: Mapping[str, str], session: int) -> 
 
 def result_table(name: str, results: Sequence[Archived], session: int) -> pa.Table:
     """Results of one kind as the table ``name``: alarms, tasks or energies."""
-    plain = [{"session": session, **_COLUMNS[type(result)](result)} for result in results]
+    columns = [column for column, _ in _SCHEMAS[name] if column != "session"]
+    plain = [{"session": session, **{c: _cell(name, c, result) for c in columns}} for result in results]
     schema = pa.schema([pa.field(column, kind) for column, kind in _SCHEMAS[name]])
     return pa.Table.from_pylist(plain, schema=schema)
 
@@ -94,26 +96,8 @@ def _worst(row: Row) -> int:
     return max(there, default=int(Quality.MISSING))
 
 
-def _alarm(alarm: Alarm) -> dict[str, Any]:
-    told = {key: getattr(alarm, key) for key in ("time", "id", "kind", "severity", "active", "since", "statement")}
-    where = {key: getattr(alarm, key) for key in ("source", "joint", "stage")}
-    evidence = pydantic_core.to_json(dict(alarm.evidence), inf_nan_mode="null", fallback=str).decode()
-    return {**told, **where, "evidence": evidence}
-
-
-def _task(task: Task) -> dict[str, Any]:
-    told = {key: getattr(task, key) for key in ("start", "source", "signature", "variant", "speed", "repetition")}
-    return {**told, "time": task.end, "task": task.name}
-
-
-def _energy(energy: Energy) -> dict[str, Any]:
-    names = ("start", "source", "task", "variant", "repetition", "total", "uncertainty", "positive_mechanical")
-    told = {key: getattr(energy, key) for key in (*names, "motion_efficiency_percent")}
-    return {**told, "time": energy.end, "groups": list(energy.groups.items())}
-
-
-_COLUMNS: Final[Mapping[type[Archived], Callable[[Any], dict[str, Any]]]] = {
-    Alarm: _alarm,
-    Task: _task,
-    Energy: _energy,
-}
+def _cell(table: str, column: str, result: Archived) -> Any:
+    value = getattr(result, _FIELDS.get((table, column), column))
+    if column == "evidence":
+        return pydantic_core.to_json(dict(value), inf_nan_mode="null", fallback=str).decode()
+    return list(value.items()) if column == "groups" else value

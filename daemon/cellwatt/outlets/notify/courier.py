@@ -14,7 +14,7 @@ from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.errors import why
-from cellwatt.outlets.aside import put_aside
+from cellwatt.files import put_aside
 from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing

@@ -84,7 +84,8 @@ signal.signal(signal.SIGTERM, signal.SIG_IGN)
 lake.MODULE = "asyncio"  # waits for what it never hears
 outlet = lake.Lake(LakeSettings(folder={str(tmp_path / "lake")!r}), {told!r}, Account())
 async def main():
-    async with outlet._process() as process:
+    process = await outlet._begin()
+    async with lake.ending(process):
         print(process.pid, flush=True)
         await process.wait()
 asyncio.run(main())
