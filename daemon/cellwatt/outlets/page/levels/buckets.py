@@ -169,3 +169,8 @@ class Canvas:
         places = at[starts]
         self.low[row, places] = np.fmin(self.low[row, places], np.fmin.reduceat(low, starts))
         self.high[row, places] = np.fmax(self.high[row, places], np.fmax.reduceat(high, starts))
+
+    def add_samples(self, row: int, time: Index, values: NDArray[np.float64]) -> None:
+        """Put samples of one channel, in order of time (UTC ns), into row ``row``; NaN and infinities are none."""
+        known = np.isfinite(values)
+        self.add(row, self.grid.step, time[known] // self.grid.step, values[known], values[known])
