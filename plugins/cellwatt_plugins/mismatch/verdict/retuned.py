@@ -132,7 +132,8 @@ def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -
     sizes = [(name, i) for name, i in (("ixx", 4), ("iyy", 6), ("izz", 9)) if own[i] > 0]
     if not any(abs(m.off) > m.std for m in out):
         out += [
-            _Moved(name, joint, own[i], off[i], float(np.sqrt(spread[i, i])), "kg*m^2", prior[i]) for name, i in sizes
+            _Moved(name, joint, *(float(x) for x in (own[i], off[i], np.sqrt(spread[i, i]))), "kg*m^2", float(prior[i]))
+            for name, i in sizes
         ]
     return out
 
