@@ -14,8 +14,7 @@ from typing import Any, Final
 from cellwatt.errors import CellwattError, OutletError
 from cellwatt.log_lines import log_to_stderr
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.process import LIMIT
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.apart.wire import LIMIT, Kind
 from cellwatt.outlets.zenoh.messages import parse_json
 
 log = logging.getLogger(__name__)

@@ -17,8 +17,7 @@ from cellwatt.errors import CellwattError, OutletError, ProtocolError
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.process import begin, end_of, ending
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.apart.wire import Kind, begin, end_of, ending
 from cellwatt.outlets.together import until_one_ends
 from cellwatt.outlets.zenoh.messages import parse_json
 from cellwatt.results import Event, Result
