@@ -16,7 +16,7 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import Journal
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import outlet as find_outlet
-from cellwatt.results import Alarm, Event, Result, series_of
+from cellwatt.results import Alarm, Energy, Event, Result, series_of
 from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
@@ -194,6 +194,8 @@ class Teller:
         else:
             if isinstance(item, Frames):
                 self._consumption.add(item)
+            elif isinstance(item, Energy):
+                self._consumption.end(item)
             self._offer(item)
 
     @property
@@ -253,6 +255,7 @@ class Teller:
             **parts,
             "warnings": self._warnings,
             **self._consumption.told(),
+            "task": self._consumption.task,
             "results": self._results,
             "sinks": {name: outlet.status() for name, outlet in self.outlets.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,

@@ -17,7 +17,7 @@ from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page import archive, shapes
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.levels import Curves
-from cellwatt.outlets.page.rooms import EnergyToday, page_of, plant_cell
+from cellwatt.outlets.page.rooms import page_of, plant_cell
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.outlets.page.cell import (
@@ -270,21 +270,6 @@ def test_frames_of_another_size_are_an_error(body: bytes) -> None:
 
     with pytest.raises(ProtocolError):
         wire.read_frames(body, LAYOUT)
-
-
-def test_energy_of_today_counts_each_message_once() -> None:
-    energy = EnergyToday()
-    now = EPOCH * 1e-9
-    energy.add(1, 0, EPOCH - 2 * 86400 * 10**9, 5.0, "old")
-    assert energy.total(now) is None
-    for _ in range(2):
-        energy.add(1, 1, EPOCH, 10.0, "task_1")
-        energy.add(2, 1, EPOCH, 20.0, "task_2")
-    energy.add(2, 2, EPOCH, float("nan"), "task_2")
-    energy.add(1, 0, EPOCH - 2 * 86400 * 10**9, 5.0, "old")
-    assert energy.total(now) == 30.0
-    assert energy.task == "task_2"
-    assert energy.total(now + 2 * 86400) is None
 
 
 def test_only_addresses_of_the_web_are_followed() -> None:
