@@ -652,7 +652,7 @@ def test_unused_sources_is_the_protocol_of_all(tmp_path):
     path = recording(tmp_path, [[frames([SESSION], [1.0])]])
     held = sources.Held(sources.gather(path, sources.EVERYTHING, lambda: None))
     level_file.write(path, path.stat().st_size, sources.gather(path, sources.EVERYTHING, lambda: None))
-    written = sources.Written(path, path.stat().st_size)
+    written = level_file.LevelFile(path, path.stat().st_size)
     for level in range(len(STEPS)):
         ((columns, a),) = held.levels(level, ["arm.power"])
         ((same_columns, b),) = written.levels(level, ["arm.power"])

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting, span_of
-from cellwatt.outlets.page.levels.following import Held, Source
+from cellwatt.outlets.page.levels.following import Source
 from cellwatt.outlets.page.levels.moments import Moments, Reader, Samples
-from cellwatt.outlets.page.levels.store import Growing, Store, ends_at, near
+from cellwatt.outlets.page.levels.store import Growing, Store, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
 from cellwatt.record.retention import Kept
@@ -140,7 +140,7 @@ class Curves:
         canvas, complete = Canvas(grid, len(asked.names)), True
         for kept in reversed(near(asked.recordings, grid.start, grid.end)):
             try:
-                source = self._source(kept, asked.until)
+                source = self.store.source(kept, asked.until)
             except TimeoutError:
                 complete = False
                 continue
@@ -150,22 +150,6 @@ class Curves:
             if name in asked.memory[1]:
                 canvas.add_samples(row, *asked.memory[1][name])
         return {**_drawn(canvas, asked.names, EXACT), "complete": complete}
-
-    def _source(self, kept: Kept, until: float) -> Source | None:
-        """Source of a recording, None where nothing in it can be read. Raises ``TimeoutError``."""
-        if kept.closed:
-            source = self.store.made(kept, until, ends_at(until))
-            if source is None and time.monotonic() > until:
-                raise TimeoutError
-            return source
-        growing = self.store.growing(kept)
-        try:
-            with growing.lock:
-                if not growing.grow(until):
-                    raise TimeoutError
-                return Held(growing.gathered)
-        except FileNotFoundError:
-            return None
 
     def _drawn(self, kept: Kept, source: Source, level: int, names: list[str], canvas: Canvas) -> bool:
         """Put the levels of a recording on the canvas; false where the level file is damaged, or went meanwhile."""

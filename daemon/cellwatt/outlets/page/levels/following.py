@@ -162,17 +162,6 @@ Pace = Callable[[], None]
 """Called after each chunk: may sleep, or raise to stop."""
 
 
-class Written:
-    """A recording whose level file is there; raises as ``LevelFile``."""
-
-    def __init__(self, recording: Path, size: int) -> None:
-        self._file = LevelFile(recording, size)
-        self.start, self.end = self._file.head.start, self._file.head.end
-        self.said = self._file.head.said
-        self.intervals = self._file.intervals
-        self.levels = self._file.levels
-
-
 class Held:
     """A recording as far as it was gathered, with ``curves`` or without; later items change nothing."""
 
@@ -201,7 +190,7 @@ class Held:
         ]
 
 
-Source = Written | Held
+Source = LevelFile | Held
 """Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
 
 

@@ -165,6 +165,7 @@ class LevelFile:
             self.head, self._after = _head(file)
         if (self.head.recording, self.head.size) != (recording.name, size):
             raise ValueError("belongs to another recording")
+        self.start, self.end, self.said = self.head.start, self.head.end, self.head.said
 
     def levels(self, level: int, wanted: Sequence[str]) -> list[tuple[Columns, Buckets]]:
         """Buckets of one of ``STEPS`` of all sets of channels in which one of ``wanted`` is."""

@@ -159,7 +159,7 @@ def read(
         if kept.name.session >= end:
             continue
         try:
-            source = store.telling(kept, until if kept.path in wanted else 0.0)
+            source = store.source(kept, until if kept.path in wanted else 0.0, curves=False)
         except TimeoutError:
             complete = False
             continue
