@@ -203,22 +203,16 @@ class CellCollector(Collector):
 
 def _filled(family: Family, samples: Sequence[Sample], constant: Mapping[str, str]) -> Metric:
     names, given = (*family.labels, *constant), tuple(constant.values())
-    match family.type:
-        case "counter":
-            counter = CounterMetricFamily(family.name, family.help, labels=names, unit=family.unit)
-            for labels, value in samples:
-                counter.add_metric((*labels, *given), value)
-            return counter
-        case "gauge":
-            gauge = GaugeMetricFamily(family.name, family.help, labels=names, unit=family.unit)
-            for labels, value in samples:
-                gauge.add_metric((*labels, *given), value)
-            return gauge
-        case "info":
-            info = InfoMetricFamily(family.name, family.help, labels=tuple(constant))
-            for labels, _ in samples:
-                info.add_metric(given, dict(zip(family.labels, labels, strict=True)))
-            return info
+    if family.type == "info":
+        info = InfoMetricFamily(family.name, family.help, labels=tuple(constant))
+        for labels, _ in samples:
+            info.add_metric(given, dict(zip(family.labels, labels, strict=True)))
+        return info
+    kind = CounterMetricFamily if family.type == "counter" else GaugeMetricFamily
+    made = kind(family.name, family.help, labels=names, unit=family.unit)
+    for labels, value in samples:
+        made.add_metric((*labels, *given), value)
+    return made
 
 
 def exposed(collector: CellCollector, accept: str) -> tuple[bytes, str]:

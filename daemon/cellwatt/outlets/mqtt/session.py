@@ -153,12 +153,11 @@ class Session:
             await sending.send(format_.label(labels, now))
         elif out.results:
             told = out.results.popleft()
-            again = partial(out.result_again, told)
-            noted = Parcel(partial(self._account.count, "results sent"), again)
+            noted = Parcel(partial(self._account.count, "results sent"), partial(out.again, told))
             await sending.send(format_.result(told.item, told.late, now), noted)
         elif out.rows:
             entry = out.rows.popleft()
-            back = out.left_again if self._backfill else partial(out.row_again, entry)
+            back = out.left_again if self._backfill else partial(out.again, entry)
             noted = Parcel(partial(self._delivered, entry.row.time, entry.before), back)
             await sending.send(format_.row(entry.row, entry.late, now), noted)
         elif out.predictions:

@@ -64,7 +64,8 @@ class Courier:
         self._about, self._session, self._ledger, self._account = about, session, ledger, account
         self._folder = folder
         self._told = ledger.of(name)
-        self._rules = _rules(self._to, settings.queue)
+        to = self._to
+        self._rules = Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, settings.queue)
         self._born = dict.fromkeys(self._told.due, time.monotonic())
         """When an item began to wait, monotonic s."""
         self._last = dict.fromkeys(self._told.episodes, time.monotonic())
@@ -248,10 +249,6 @@ class Courier:
 
     def _clean(self, reason: Exception | str) -> str:
         return cleaned(str(reason), self._to.secrets)
-
-
-def _rules(to: RecipientSettings, queue: int) -> Rules:
-    return Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, queue)
 
 
 def channel_to(to: RecipientSettings, about: About, timeout: float) -> Channel:
