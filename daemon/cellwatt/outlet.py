@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, SecretStr
 
 from cellwatt.account import Account
 from cellwatt.alarms import AlarmBook
@@ -24,6 +24,22 @@ class OutletSettings(BaseModel):
     def warnings(self) -> tuple[str, ...]:
         """Warnings about valid settings, one line each, shown by ``check``, ``doctor``, health and the log."""
         return ()
+
+
+def revealed(value: Any) -> Any:
+    """Settings with their secrets, JSON-ready, for the process that serves by them and nobody else."""
+    match value:
+        case SecretStr():
+            return value.get_secret_value()
+        case BaseModel():
+            return {name: revealed(getattr(value, name)) for name in type(value).model_fields}
+        case Mapping():
+            return {name: revealed(inner) for name, inner in value.items()}
+        case tuple() | list():
+            return [revealed(inner) for inner in value]
+        case Path():
+            return str(value)
+    return value
 
 
 Item = Batch | Frames | Result | Event

@@ -14,13 +14,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from pydantic import SecretStr
-
 from cellwatt.account import Account
 from cellwatt.child import ends_with_parent
 from cellwatt.errors import OutletError, why
 from cellwatt.files import put_aside
-from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.outlet import CellView, Item, Outlet, revealed
 from cellwatt.outlets.apart.wire import ending
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
@@ -40,7 +38,7 @@ class Lake:
 
     def __init__(self, settings: LakeSettings, told: dict[str, Any], account: Account) -> None:
         self._settings, self._account = settings, account
-        self._told = {**told, "settings": _plain(settings)}
+        self._told = {**told, "settings": revealed(settings)}
         self.problem: str | None = None
         """Reason why the last run failed; ``None`` if it did not."""
 
@@ -92,14 +90,6 @@ class Lake:
             )
         except OSError as error:
             raise OutletError(f"lake: the process that writes it cannot be started: {error.strerror}") from error
-
-
-def _plain(settings: LakeSettings) -> dict[str, Any]:
-    """Settings with their secrets, for the process that writes and nobody else."""
-    found = settings.model_dump(mode="python")
-    secrets = {k: v.get_secret_value() for k, v in found.items() if isinstance(v, SecretStr)}
-    paths = {k: str(v) for k, v in found.items() if isinstance(v, Path)}
-    return {**found, **secrets, **paths}
 
 
 if find_spec("aiohttp") is None:  # a lake alone does without it, but what is missing is told at once

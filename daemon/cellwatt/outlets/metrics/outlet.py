@@ -15,7 +15,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.outlet import CellView, Item, Outlet, revealed
 from cellwatt.outlets.apart.outlet import Apart
 from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family, Reading, lives_of, of_health
 from cellwatt.outlets.metrics.settings import MetricsSettings
@@ -240,7 +240,8 @@ class MetricsOutlet(Apart[MetricsSettings]):
 
     def hello(self) -> Mapping[str, Any]:
         """See ``Apart.hello``."""
-        return self.settings.told()
+        told: dict[str, Any] = revealed(self.settings)
+        return told
 
     def offer(self, item: Item) -> None:
         """Keep the newest frame, and sum energies."""

@@ -42,7 +42,7 @@ _STATUS: Final = {
 
 
 class CellServer:
-    """A server for one cell; ``settings`` are those that ``OpcUaOutletSettings.told`` gives, with site and cell."""
+    """A server for one cell; ``settings`` are those of ``OpcUaOutlet.hello``."""
 
     def __init__(self, settings: Mapping[str, Any], order: Order) -> None:
         self._settings = settings

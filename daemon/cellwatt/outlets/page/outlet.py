@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field
 from cellwatt.door.settings import Listening
 from cellwatt.frames import Frames, Layout
 from cellwatt.host import check_host
+from cellwatt.outlet import revealed
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.outlet import ApartOutlet
 from cellwatt.outlets.page.sessions import parse
@@ -96,11 +97,6 @@ class PageSettings(Listening):
             return self.local and not self.names
         return name is not None and name in self.users and self.users[name].may == "act"
 
-    def told(self) -> dict[str, Any]:
-        """All settings with their secrets, JSON-ready, for the process that serves the page and nobody else."""
-        users = {name: {"password": u.password.get_secret_value(), "may": u.may} for name, u in self.users.items()}
-        return {**self.model_dump(mode="json", exclude={"users"}), "users": users}
-
 
 if find_spec("aiohttp") is None:  # only the process that serves imports it, but what is missing is told at once
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
@@ -123,7 +119,7 @@ class PageOutlet(ApartOutlet[PageSettings]):
         """See ``ApartOutlet.hello``."""
         view = self.view
         return {
-            "settings": self.settings.told(),
+            "settings": revealed(self.settings),
             "site": view.site,
             "cell": view.cell,
             "session": view.session,
