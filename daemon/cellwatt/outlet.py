@@ -26,6 +26,13 @@ class OutletSettings(BaseModel):
         return ()
 
 
+def together(**settings: object) -> None:
+    """Raise ``ValueError`` unless all of these settings are given, or none."""
+    given = [value is not None for value in settings.values()]
+    if any(given) and not all(given):
+        raise ValueError(f"{' and '.join(settings)} are needed together")
+
+
 def revealed(value: Any) -> Any:
     """Settings with their secrets, JSON-ready, for the process that serves by them and nobody else."""
     match value:

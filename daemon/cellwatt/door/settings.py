@@ -15,7 +15,7 @@ from cellwatt.door import validity
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
-from cellwatt.outlet import OutletSettings
+from cellwatt.outlet import OutletSettings, together
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 _LAST_PORT: Final = 65535
@@ -52,8 +52,7 @@ class Listening(OutletSettings):
 
     @model_check(mode="after")
     def _closed(self) -> Listening:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key are needed together")
+        together(certificate=self.certificate, key=self.key)
         if not self.open and (text := self.opening):
             advice = f"use 127.0.0.1, or give certificate, key and {self.login}, or set open: true"
             kind = PydanticCustomError("value_error", "{error}", {"error": f"{text}; {advice}"})

@@ -11,6 +11,7 @@ from pydantic import Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.door.settings import Listening
+from cellwatt.outlet import together
 from cellwatt.outlets.metrics.catalogue import LABELS
 
 LOCAL: Final = "127.0.0.1:9480"
@@ -62,8 +63,7 @@ class MetricsSettings(Listening):
 
     @model_check(mode="after")
     def _login(self) -> MetricsSettings:
-        if (self.user is None) != (self.password is None):
-            raise ValueError("user and password are needed together")
+        together(user=self.user, password=self.password)
         if self.user is not None and ":" in self.user:
             raise ValueError("user: a name has no ':'")
         if any(secret is not None and not secret.get_secret_value() for secret in (self.token, self.password)):

@@ -12,7 +12,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
-from cellwatt.outlet import OutletSettings
+from cellwatt.outlet import OutletSettings, together
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz, Seconds
 
@@ -131,8 +131,7 @@ class MqttSettings(OutletSettings, Selection):
 
     @model_check(mode="after")
     def _accepted(self) -> Self:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key are needed together")
+        together(certificate=self.certificate, key=self.key)
         if self.password is not None and self.user is None:
             raise ValueError("a password needs a user")
         if not self.encrypted and (self.ca or self.certificate):
