@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict, SecretStr
+from pydantic import BaseModel, ConfigDict, SecretStr, ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.account import Account
 from cellwatt.alarms import AlarmBook
@@ -31,6 +32,15 @@ def together(**settings: object) -> None:
     given = [value is not None for value in settings.values()]
     if any(given) and not all(given):
         raise ValueError(f"{' and '.join(settings)} are needed together")
+
+
+def refusal(settings: BaseModel, *problems: tuple[tuple[str | int, ...], object, str]) -> ValidationError:
+    """The error of settings that are wrong together, with the place, the value and the text of each problem."""
+    found = [
+        InitErrorDetails(type=PydanticCustomError("value_error", "{error}", {"error": text}), loc=place, input=value)
+        for place, value, text in problems
+    ]
+    return ValidationError.from_exception_data(type(settings).__name__, found, hide_input=True)
 
 
 def revealed(value: Any) -> Any:
