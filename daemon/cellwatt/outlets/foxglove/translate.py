@@ -12,7 +12,7 @@ import numpy as np
 
 from cellwatt.alarms import AlarmBook
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlets.foxglove.arm import Arms, stamp_of
+from cellwatt.outlets.foxglove.arm import Arms
 from cellwatt.outlets.foxglove.topics import (
     KINDS,
     LOG,
@@ -24,6 +24,8 @@ from cellwatt.outlets.foxglove.topics import (
     channels_topic,
     drawn_topic,
     json_topic,
+    own,
+    stamp_of,
 )
 from cellwatt.record import messages
 from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE, described
@@ -143,7 +145,6 @@ def _key(item: Result | Event | messages.Health) -> str | None:
 
 
 def _line(time: int, level: str, text: str, name: str) -> bytes:
-    from foxglove import messages as wellknown
-
-    kind = getattr(wellknown.LogLevel, level)
-    return wellknown.Log(timestamp=stamp_of(time), level=kind, message=text, name=name).encode()
+    kind = getattr(own().LogLevel, level)
+    found: bytes = own().Log(timestamp=stamp_of(time), level=kind, message=text, name=name).encode()
+    return found
