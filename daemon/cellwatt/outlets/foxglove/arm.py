@@ -73,7 +73,10 @@ _THICK: Final = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A joint of an arm in space; ``parent`` is the frame that it sits in, ``channel`` measures its value."""
+    """A joint of an arm in space; ``parent`` is the frame that it sits in.
+
+    Its value is ``multiplier`` times that of ``channel`` plus ``offset``; of one that follows no other, just that.
+    """
 
     frame: str
     parent: str
@@ -82,6 +85,8 @@ class Joint:
     axis: Vector
     kind: str
     channel: str | None
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +112,8 @@ def joints_of(skeleton: Mapping[str, Any]) -> tuple[Joint, ...]:
             _vector(joint["axis"]),
             joint["type"],
             joint["channel"],
+            joint.get("multiplier", 1.0),
+            joint.get("offset", 0.0),
         )
         for frame, joint in zip(frames, joints, strict=True)
     )
@@ -116,7 +123,7 @@ def poses(joints: Iterable[Joint], values: Mapping[str, float]) -> list[Pose]:
     """The poses of all joints whose values are known; one without a channel stands at 0."""
     found = []
     for joint in joints:
-        value = 0.0 if joint.channel is None else values.get(joint.channel, math.nan)
+        value = 0.0 if joint.channel is None else values.get(joint.channel, math.nan) * joint.multiplier + joint.offset
         if math.isfinite(value):
             place, rotation = joint_pose(joint.xyz, joint.rpy, joint.axis, joint.kind, value)
             found.append(Pose(joint.frame, joint.parent, place, rotation))
