@@ -1,11 +1,11 @@
-"""Polls a Kinova arm over Modbus TCP, or over Kortex."""
+"""Polls a Kinova arm over Modbus TCP."""
 
 from __future__ import annotations
 
 from contextlib import AbstractAsyncContextManager
-from typing import ClassVar, Literal
+from typing import ClassVar
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, field_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
@@ -13,8 +13,7 @@ from cellwatt.errors import SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
-from cellwatt_drivers.kinova import kortex, registers
-from cellwatt_drivers.kinova.kortex import KortexLink, open_kortex
+from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.link import Answer, Link, open_link
 from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
 from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
@@ -22,15 +21,6 @@ from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.shared.states import State, StateWatch
 
 _NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNELS)}
-_LIBRARIES = {
-    "modbus": ("pymodbus.client", "the package pymodbus", "pip install 'cellwatt[modbus]'"),
-    "kortex": (
-        "kortex_api.RouterClient",
-        "Kinova's own library kortex_api",
-        "install its wheel from Kinova, or use protocol modbus",
-    ),
-}
-"""By protocol: a module of the library, its name, and how to get it."""
 
 
 class KinovaSettings(SourceSettings):
@@ -40,16 +30,10 @@ class KinovaSettings(SourceSettings):
 
     host: Host = "192.168.1.10"
     """Address of the arm."""
-    protocol: Literal["modbus", "kortex"] = "modbus"
-    """``modbus`` needs nothing of the vendor's; ``kortex`` needs its Python library."""
-    port: int | None = Field(None, ge=1, le=65535)
-    """TCP port; without it 502 (Modbus) or 10000 (Kortex)."""
+    port: int = Field(registers.PORT, ge=1, le=65535)
+    """TCP port."""
     unit: int = Field(1, ge=0, le=255)
     """Modbus unit to ask."""
-    user: str = "admin"
-    """User of the Kortex session."""
-    password: SecretStr = SecretStr("admin")
-    """Its password, best as ``${KINOVA_PASSWORD}``; ``admin`` where none is given."""
     axes: int = Field(7, ge=6, le=7)
     """Joints of the arm."""
     read: tuple[Block, ...] = ("arm", "joints")
@@ -81,17 +65,13 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     Settings = KinovaSettings
     libraries = ("pymodbus.client",)
-    title = "Kinova Gen3 and Gen3 lite over Modbus TCP or Kortex"
+    title = "Kinova Gen3 and Gen3 lite over Modbus TCP"
     emulator = "cellwatt_drivers.kinova.emulator:KinovaEmulator"
-    writes = (
-        "Modbus: read requests only (function 4): input registers 0 to 13, and 34 to 103 or 139",
-        "Kortex: CreateSession, KeepAlive, BaseCyclic.RefreshFeedback, CloseSession",
-    )
+    writes = ("Modbus: read requests only (function 4): input registers 0 to 13, and 34 to 103 or 139",)
 
     def __init__(self, name: str, settings: KinovaSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
-        module, package, how = _LIBRARIES[settings.protocol]
-        require(name, f"protocol {settings.protocol}", {module: package}, how)
+        require(name, "driver kinova", {"pymodbus": "the package pymodbus"}, "pip install 'cellwatt[modbus]'")
         self._reads = _reads(settings)
         self._slots = Slots(settings.rate, self._miss_slots)
         self._turns = Turns()
@@ -114,20 +94,14 @@ class KinovaDriver(Driver[KinovaSettings]):
         """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
         await keep_conversing(self, self._converse)
 
-    def _open(self) -> AbstractAsyncContextManager[Link | KortexLink]:
+    def _open(self) -> AbstractAsyncContextManager[Link]:
         s = self.settings
-        if s.protocol == "kortex":
-            return open_kortex(
-                s.host, s.port or kortex.PORT, s.user, s.password.get_secret_value(), s.timeout, self.inlet.now
-            )
-        return open_link(s.host, s.port or registers.PORT, s.unit, s.timeout, self.inlet.now)
+        return open_link(s.host, s.port, s.unit, s.timeout, self.inlet.now)
 
-    async def _greet(self, link: Link | KortexLink) -> Identity:
+    async def _greet(self, link: Link) -> Identity:
         for read in self._reads:
             await link.read(read.first, read.count)
-        return Identity(
-            "Kinova", f"Gen3, {self.settings.axes} joints as set", notes={"protocol": self.settings.protocol}
-        )
+        return Identity("Kinova", f"Gen3, {self.settings.axes} joints as set")
 
     async def _converse(self) -> None:
         """One connection, from the greeting on."""
@@ -142,7 +116,7 @@ class KinovaDriver(Driver[KinovaSettings]):
     def _miss_slots(self, slots: int, reason: str) -> None:
         self.inlet.account.lose(slots * len(self._reads), reason)
 
-    async def _serve(self, link: Link | KortexLink, read: Read, left: int) -> None:
+    async def _serve(self, link: Link, read: Read, left: int) -> None:
         """One request; where it fails, the ``left`` ones of this slot are missed."""
         try:
             answer = await link.read(read.first, read.count)
