@@ -20,7 +20,8 @@ from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places, running, targets
 from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import addressed
-from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.files import write_file
 from cellwatt.terminal import show_table
 
 
@@ -106,10 +107,7 @@ def _write(
 ) -> None:
     """Write a copy of the settings that reads the emulators; check that it says just that."""
     changes = places(devices, emulators)
-    try:
-        write.write_text(edited(read(config.path, os.environ), changes))
-    except OSError as error:
-        raise CellwattError(f"{write} cannot be written: {why(error)}") from error
+    write_file(write, edited(read(config.path, os.environ), changes))
     copy = load(write)
     for (_, name, key), value in changes.items():
         if getattr(copy.sources[str(name)].settings, str(key)) != value:
