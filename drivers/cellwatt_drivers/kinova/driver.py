@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractAsyncContextManager
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import ClassVar
 
 from pydantic import Field, field_validator
@@ -14,8 +15,8 @@ from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt_drivers.kinova import registers
-from cellwatt_drivers.kinova.link import Answer, Link, open_link
 from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
 from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
 from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.shared.states import State, StateWatch
@@ -87,57 +88,57 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     async def identify(self) -> Identity:
         """Identify the arm by its registers, as Modbus has no name of it. Raises ``SourceError``."""
-        async with self._open() as link:
-            return await self._greet(link)
+        async with self._open() as modbus:
+            return await self._greet(modbus)
 
     async def run(self) -> None:
         """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
         await keep_conversing(self, self._converse)
 
-    def _open(self) -> AbstractAsyncContextManager[Link]:
-        s = self.settings
-        return open_link(s.host, s.port, s.unit, s.timeout, self.inlet.now)
+    def _open(self) -> AbstractAsyncContextManager[Modbus]:
+        return open_modbus(self.settings.host, self.settings.port, self.settings.timeout)
 
-    async def _greet(self, link: Link) -> Identity:
+    async def _greet(self, modbus: Modbus) -> Identity:
         for read in self._reads:
-            await link.read(read.first, read.count)
+            await modbus.read("input", read.first, read.count, self.settings.unit)
         return Identity("Kinova", f"Gen3, {self.settings.axes} joints as set")
 
     async def _converse(self) -> None:
         """One connection, from the greeting on."""
-        async with self._open() as link:
-            self.inlet.connected(await self._greet(link))
+        async with self._open() as modbus:
+            self.inlet.connected(await self._greet(modbus))
             self._turns = Turns()
             async with self._slots as slots:
                 async for _ in slots:
                     for done, read in enumerate(self._reads):
-                        await self._serve(link, read, len(self._reads) - done)
+                        await self._serve(modbus, read, len(self._reads) - done)
 
     def _miss_slots(self, slots: int, reason: str) -> None:
         self.inlet.account.lose(slots * len(self._reads), reason)
 
-    async def _serve(self, link: Link, read: Read, left: int) -> None:
+    async def _serve(self, modbus: Modbus, read: Read, left: int) -> None:
         """One request; where it fails, the ``left`` ones of this slot are missed."""
+        asked = self.inlet.now()
         try:
-            answer = await link.read(read.first, read.count)
+            answer = await modbus.read("input", read.first, read.count, self.settings.unit)
         except SourceError as error:
             self.inlet.account.lose(left, reason_of(error))
             raise
-        self._emit(read, answer)
+        self._emit(read, answer, asked, self.inlet.now())
 
-    def _emit(self, read: Read, answer: Answer) -> None:
+    def _emit(self, read: Read, answer: list[int], asked: int, arrival: int) -> None:
         name = read.stream.name
-        if answer.registers == self._last.get(name):
+        if answer == self._last.get(name):
             self.inlet.account.count(f"{name} repeats")
-        self._last[name] = answer.registers
+        self._last[name] = answer
         if name == "arm":
-            values = registers.arm_values(answer.registers)
+            values = registers.arm_values(answer)
             self._report_flags(values)
         else:
             axes = self.settings.axes
-            values = registers.motion_values(answer.registers, axes)
+            values = registers.motion_values(answer, axes)
             values[:axes] = self._turns.unwrap(values[:axes])
-        deliver(self.inlet, read.stream, values, answer.asked, answer.arrival)
+        deliver(self.inlet, read.stream, values, asked, arrival)
         self._watches[name].see(values.reshape(1, -1))
 
     def _report_flags(self, values: Float) -> None:
@@ -149,6 +150,24 @@ class KinovaDriver(Driver[KinovaSettings]):
             if before != flags:
                 text = f"{self.name}: {kind} flags 0x{before:08x} → 0x{flags:08x}"
                 self.inlet.event(kind, text, before=before, after=flags)
+
+
+@asynccontextmanager
+async def open_modbus(host: str, port: int, timeout: float) -> AsyncIterator[Modbus]:
+    """Open a connection. Raises ``ConnectError`` that says what to check."""
+    from pymodbus.client import AsyncModbusTcpClient
+
+    numbering = Numbering()
+    client = AsyncModbusTcpClient(
+        host, port=port, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=numbering.trace
+    )
+    place = f"TCP {host}:{port}"
+    advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
+    await connect(client, timeout, lambda: f"nobody answers at {place}; {advice}")
+    try:
+        yield Modbus(client, place, numbering)
+    finally:
+        client.close()
 
 
 def _reads(settings: KinovaSettings) -> tuple[Read, ...]:
