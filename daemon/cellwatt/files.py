@@ -6,13 +6,17 @@ every file that a command or the daemon reads is checked here, also those that a
 
 from __future__ import annotations
 
+import csv
 import errno
+import io
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import FileIO
 from pathlib import Path
 from typing import Final
+
+from cellwatt.errors import CellwattError, why
 
 Place = str | os.PathLike[str]
 Places = Place | Iterable[Place]
@@ -95,6 +99,23 @@ def unreadable(named: Mapping[str, Path | None]) -> Iterator[str]:
                 open_file(path, WRITTEN).close()
             except OSError as error:
                 yield f"{option}: {path} cannot be read: {error.strerror}"
+
+
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write what a command was asked for, in a folder that is made. Raises ``CellwattError`` with a plain reason."""
+    try:
+        if not path.parent.exists():
+            path.parent.mkdir(parents=True)
+        path.write_bytes(content.encode(errors="replace") if isinstance(content, str) else content)
+    except OSError as error:
+        raise CellwattError(f"{path} cannot be written: {why(error)}") from error
+
+
+def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
+    """Write rows as CSV, as ``write_file``."""
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    write_file(path, text.getvalue())
 
 
 def replace_text(path: Path, text: str) -> None:
