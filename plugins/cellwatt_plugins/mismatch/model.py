@@ -117,7 +117,7 @@ def predict_states(model: Model, states: States) -> Prediction:
         effect, joint = fitted.term.effect, fitted.term.joint
         if effect.place == "supply":
             power = power + effect.columns(states, None, fitted.term.shape) @ fitted.coefficients
-        elif effect.acts_on == "reading":
+        elif effect.acts_on == "reading" or (effect.acts_on == "drive" and states.drive is not None):
             _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
     return Prediction(states.time, torque, power)
 

@@ -21,7 +21,7 @@ from cellwatt.results import Alarm, Interval, Prediction, Result
 from cellwatt.stage import CellInfo, Stage
 from cellwatt_plugins.mismatch.live.band import Band
 from cellwatt_plugins.mismatch.live.history import History
-from cellwatt_plugins.mismatch.live.intake import intake
+from cellwatt_plugins.mismatch.live.intake import Intake, intake
 from cellwatt_plugins.mismatch.live.motions import Motions
 from cellwatt_plugins.mismatch.live.settings import MismatchSettings
 from cellwatt_plugins.mismatch.live.streamed import streamed
@@ -31,6 +31,7 @@ from cellwatt_plugins.mismatch.live.window import Stretch, Window
 if TYPE_CHECKING:
     from cellwatt_plugins.mismatch.live.explainer import Explainer
     from cellwatt_plugins.mismatch.live.simulation import Simulation
+    from cellwatt_plugins.mismatch.model import Model
 
 Float = NDArray[np.float64]
 
@@ -56,12 +57,13 @@ class MismatchStage(Stage[MismatchSettings]):
     def __init__(self, name: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
         streams = any(channel.source == settings.simulation for channel in layout.channels)
-        self._simulation = _simulation(name, "robot" if streams else settings.simulation, settings, layout, cell)
-        robot = self._simulation.model.arm().description
-        self._intake = intake(name, layout, settings.arm, settings.power, robot)
+        robot, model = _model(name, "robot" if streams else settings.simulation, settings, layout, cell)
+        self._intake = intake(name, layout, settings.arm, settings.power, model.arm().description)
         self._streamed = streamed(name, settings.simulation, layout, self._intake)
         places = self._intake.places
-        motion = [c for q in ("position", "velocity") if q in places for c in range(places[q].start, places[q].stop)]
+        self._servos, self._simulation = _simulation(robot, model, layout.step * 1e-9, self._intake)
+        needed = [places[q] for q in ("position", "velocity", "command") if q in places]
+        motion = [column for place in needed for column in range(place.start, place.stop)]
         self._window = Window(motion, layout.step, self._simulation.lead)
         self._width = max(place.stop for place in places.values())
         keep = max(LONGEST, settings.explain.recording if settings.explain else 0.0)
@@ -114,8 +116,10 @@ class MismatchStage(Stage[MismatchSettings]):
     def _compare(self, stretch: Stretch) -> Prediction:
         """Simulate a stretch; what is new in it goes into the history beside what was measured."""
         places, new = self._intake.places, stretch.new
-        simulated = self._said(stretch)[new]
-        measured = stretch.values[new, : self._width]
+        simulated, law = self._said(stretch)
+        simulated, measured = simulated[new], stretch.values[new, : self._width]
+        if law is not None:
+            measured[:, places["torque"]] = law[new]
         read = np.isfinite(measured[:, places[self._intake.measured]])
         there = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
         # One sensor that died does not take the other joints out of sight.
@@ -133,17 +137,17 @@ class MismatchStage(Stage[MismatchSettings]):
             units={c.name: c.unit for c in judged},
         )
 
-    def _said(self, stretch: Stretch) -> Float:
-        """Values (N, C) of the simulation for all frames of a stretch."""
+    def _said(self, stretch: Stretch) -> tuple[Float, Float | None]:
+        """Values (N, C) of the simulation for all frames of a stretch, and torques (N, n) of the servos' law."""
         if self._streamed is not None:
-            return stretch.values[:, self._width :]
+            return stretch.values[:, self._width :], None
         places = self._intake.places
         temperature = _whole(stretch.values[:, places["temperature"]]) if "temperature" in places else None
-        velocity = stretch.values[:, places["velocity"]] if "velocity" in places else None
+        velocity, command = (stretch.values[:, places[q]] if q in places else None for q in ("velocity", "command"))
         time = (stretch.time - stretch.time[0]) * 1e-9
-        said = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature)
+        said = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature, command)
         parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
-        return np.column_stack(parts)
+        return np.column_stack(parts), said.law
 
     def _judge(self) -> list[Alarm]:
         """Alarms that change with the intervals whose frames have all been simulated."""
@@ -177,19 +181,27 @@ class MismatchStage(Stage[MismatchSettings]):
         return [*range(torque.start, torque.stop), *([places["power"].start] if "power" in places else [])]
 
 
-def _simulation(name: str, simulation: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> Simulation:
+def _model(
+    name: str, simulation: str, settings: MismatchSettings, layout: Layout, cell: CellInfo
+) -> tuple[Place | None, Model]:
+    """Where the robot is described, and the model that the settings name."""
     try:
-        from cellwatt_plugins.mismatch.live.simulation import Simulation, open_model
+        from cellwatt_plugins.mismatch.live.simulation import open_model
     except ImportError as error:
         raise ConfigError(f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[explain]'") from error
     robot: Place | None = settings.robot and cell.folder / settings.robot
     if robot is None and cell.robot is not None:
         beside = cell.folder / cell.robot
         robot = beside if beside.exists() else cell.robot
-    model = open_model(simulation, robot, cell.folder)
-    source = layout.channels[layout.joints("position", settings.arm)[0]].source
-    warm = f"{source}.joint_1.temperature" in layout.names
-    return Simulation(model, layout.step * 1e-9, warm)
+    return robot, open_model(simulation, robot, cell.folder, len(layout.joints("position", settings.arm)))
+
+
+def _simulation(robot: Place | None, model: Model, step: float, intake: Intake) -> tuple[Path | None, Simulation]:
+    """The simulation of an arm, and the MJCF with its servos where their law stands for torque."""
+    from cellwatt_plugins.mismatch.live.simulation import Simulation, servos
+
+    file, servo = servos(robot, model) if intake.driven else (None, None)
+    return file, Simulation(model, step, "temperature" in intake.joints, servo)
 
 
 def _explainer(stage: MismatchStage) -> Explainer | None:
@@ -201,7 +213,7 @@ def _explainer(stage: MismatchStage) -> Explainer | None:
     if settings.folder is not None:
         settings = settings.model_copy(update={"folder": Path(stage.cell.folder / settings.folder)})
     simulation = stage._simulation
-    parts = (stage._intake, simulation.model.robot, simulation.known, stage._streamed is not None)
+    parts = (stage._intake, simulation.model.robot, simulation.known, stage._streamed is not None, stage._servos)
     return Explainer(stage.name, stage.cell.cell, settings, *parts)
 
 

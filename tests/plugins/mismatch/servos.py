@@ -51,13 +51,27 @@ def mjcf() -> str:
 </body></body></worldbody><actuator>{"".join(drives)}</actuator></mujoco>"""
 
 
-def integrated(plants):
-    """Commands (N, 2) and encoders (N, 2) of each plant: all are integrated side by side."""
+def sines():
+    """Commands (N, 2) that are quick and slow by turns."""
     time = np.arange(0, SECONDS, ROW)
     told = np.empty((len(time), 2))
     for j, (slow, quick) in enumerate(((0.19, 0.83), (0.27, 1.1))):
         held = np.floor(time / 3) % 2  # Every other three seconds are slow.
         told[:, j] = 0.9 * np.sin(2 * np.pi * slow * time + j) + 0.12 * held * np.sin(2 * np.pi * quick * time)
+    return told
+
+
+def moves(count):
+    """Commands (N, 2) of so many moves to and fro of both joints, 1.2 s each, with rests between them."""
+    way = np.clip(np.arange(0, 2.0, ROW) / 1.2, 0, 1)
+    way = way**3 * (10 - 15 * way + 6 * way**2)
+    return np.concatenate([np.outer(1 - way if i % 2 else way, (0.9, -1.1)) for i in range(count)])
+
+
+def integrated(plants, told=None):
+    """Times (N,), commands (N, 2) and encoders (N, 2) of each plant: all are integrated side by side."""
+    told = sines() if told is None else told
+    time = ROW * np.arange(len(told))
     gain, dead, coulomb, force = (
         np.array([getattr(p, n) for p in plants]) for n in ("gain", "dead", "coulomb", "force")
     )

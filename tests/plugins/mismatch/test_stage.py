@@ -224,7 +224,7 @@ def channels(*named):
 
 def test_channels_must_be_there_in_their_units(robot):
     positions = [(f"arm.joint_{i}.position", "rad") for i in range(1, 7)]
-    with pytest.raises(ConfigError, match=r"gives no joint_1\.torque and no joint_1\.current"):
+    with pytest.raises(ConfigError, match=r"gives no joint_1\.torque, joint_1\.current or joint_1\.target_position"):
         made(robot, channels(*positions))
     with pytest.raises(ConfigError, match=r"arm\.joint_1\.torque is in N, expected Nm"):
         made(robot, channels(*positions, *((f"arm.joint_{i}.torque", "N") for i in range(1, 7))))

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.input.unread import unread
 from cellwatt_plugins.mismatch.simulators import Simulator
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.servo.motion import filtered, held
+
+Float = NDArray[np.float64]
 
 DELAYS = (0.0, *(float(d) for d in np.geomspace(0.004, 0.12, 16)))
 """s that commands may act later, to see where the drives' limits are reached."""
@@ -37,8 +40,12 @@ def _drive(run: Run, servo: Servo) -> Drive | None:
     """The servos along a run; None where it has no commands, or torque."""
     if run.command is None or not np.isfinite(run.command).all() or not unread(run).all():
         return None
-    command = earlier(held(run.command), servo.delay, run.step)
-    return Drive(servo, command, *filtered(run.position, run.step), run.step, run.command)
+    return drive_of(servo, run.position, run.command, run.step)
+
+
+def drive_of(servo: Servo, position: Float, command: Float, step: float) -> Drive:
+    """The servos that were told a ``command`` (N, n) rad, each ``step`` s, and whose encoders tell ``position``."""
+    return Drive(servo, earlier(held(command), servo.delay, step), *filtered(position, step), step, command)
 
 
 def _late(drives: Sequence[Drive], simulator: Simulator) -> float:

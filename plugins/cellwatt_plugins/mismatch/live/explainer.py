@@ -11,7 +11,7 @@ from cellwatt.alarms import AlarmBook
 from cellwatt.errors import RecordingError
 from cellwatt.results import Alarm
 from cellwatt_plugins.mismatch.live.alarms import Place, Told, failed, found
-from cellwatt_plugins.mismatch.live.explanation import RECORDING, SIMULATION, Explanation, Outcome, make_folder
+from cellwatt_plugins.mismatch.live.explanation import RECORDING, ROBOT, SIMULATION, Explanation, Outcome, make_folder
 from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import Intake
 from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot, write_simulation
@@ -24,7 +24,8 @@ from cellwatt_plugins.robot import RobotDescription
 class Explainer:
     """Explains one arm, one explanation at a time. ``known`` are the effects that the running model has.
 
-    ``streamed``: the simulation is a source of the cell, and its torques are explained against.
+    ``streamed``: the simulation is a source of the cell, and its torques are explained against. ``servos``: the MJCF
+    whose servos' law stands for torque.
 
     Whether one is due depends on the frames alone. When it is done depends on the PC: that part of the results is not
     repeated by a replay.
@@ -37,6 +38,7 @@ class Explainer:
     robot: RobotDescription
     known: Collection[Place]
     streamed: bool = False
+    servos: Path | None = None
     _running: Explanation | None = None
     _told: Told | None = None
     _started: int | None = None
@@ -73,10 +75,12 @@ class Explainer:
         try:
             folder = make_folder(self._folder(), self._name(now), self.settings.keep)
             write_recording(folder / RECORDING, self.intake, time, rows)
-            write_robot(folder / "robot.yaml", self.robot)
+            write_robot(folder / ROBOT, self.robot)
+            simulation = self.servos
             if self.streamed:
-                write_simulation(folder / SIMULATION, self.intake, time, rows)
-            self._running = Explanation(folder, folder / "robot.yaml", self.settings.limit, self.settings.memory)
+                simulation = folder / SIMULATION
+                write_simulation(simulation, self.intake, time, rows)
+            self._running = Explanation(folder, simulation, self.settings.limit, self.settings.memory)
             self._told = replace(self._told, gives_way=self._running.gives_way)
         except RecordingError as error:
             return self._failed(now, str(error))

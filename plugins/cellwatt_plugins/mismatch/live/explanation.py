@@ -21,7 +21,7 @@ from cellwatt.files import COMPUTED, read_text
 
 NICENESS = 19
 """It gives way to everything else on the PC."""
-RECORDING, SIMULATION = "recording.parquet", "simulation.parquet"
+RECORDING, SIMULATION, ROBOT = "recording.parquet", "simulation.parquet", "robot.yaml"
 LOG = "explain.log"
 
 
@@ -40,16 +40,18 @@ class Outcome:
 
 
 class Explanation:
-    """One running explanation of the recording in ``folder``, which may take ``limit`` s and ``memory`` bytes."""
+    """One running explanation of the recording in ``folder``, which may take ``limit`` s and ``memory`` bytes.
 
-    def __init__(self, folder: Path, robot: Path, limit: float, memory: float) -> None:
+    ``simulation``: what it is explained against; None: the law in the folder's robot.yaml.
+    """
+
+    def __init__(self, folder: Path, simulation: Path | None, limit: float, memory: float) -> None:
         """Start it. Raises ``RecordingError`` where it cannot be started."""
         self.folder = folder
         self._limit, self._memory = limit, memory
         command = [sys.executable, "-m", "cellwatt.commands", "explain", str(folder / RECORDING)]
-        if (folder / SIMULATION).exists():
-            command += ["--simulation", str(folder / SIMULATION)]
-        command += ["--robot", str(robot), "--out", str(folder)]
+        command += [] if simulation is None else ["--simulation", str(simulation)]
+        command += ["--robot", str(folder / ROBOT), "--out", str(folder)]
         try:
             with (folder / LOG).open("wb") as log:
                 self._process = subprocess.Popen(

@@ -25,6 +25,7 @@ Quantity = Literal[
     "target_position",
     "target_velocity",
     "target_acceleration",
+    "command",
 ]
 
 UNITS: dict[Quantity, str] = {
@@ -58,7 +59,7 @@ class Intake:
 
     source: str
     joints: dict[Quantity, tuple[int, ...]]
-    """Columns (n,) by quantity; torque or current, the others where the source gives them."""
+    """Columns (n,) by quantity; torque, current or command, the others where the source gives them."""
     power: int | None
     power_name: str
     gain: Float
@@ -67,9 +68,14 @@ class Intake:
     """(n,) unit of each joint's torque: ``Nm``, of a prismatic joint ``N``."""
 
     @property
+    def driven(self) -> bool:
+        """True if no torque is measured: the law of the servos gives it, by what they are told."""
+        return "command" in self.joints
+
+    @property
     def measured(self) -> Quantity:
         """Quantity from which torque is taken."""
-        return "torque" if "torque" in self.joints else "current"
+        return "current" if "current" in self.joints else "torque"
 
     @cached_property
     def places(self) -> dict[str, slice]:
@@ -80,6 +86,9 @@ class Intake:
             at += len(columns)
         if self.power is not None:
             out["power"] = slice(at, at + 1)
+            at += 1
+        if self.driven:
+            out["torque"] = slice(at, at + len(self.gain))
         return out
 
     @cached_property
@@ -97,8 +106,10 @@ class Intake:
         return columns if self.power is None else [*columns, self.power]
 
     def rows(self, frames: Frames) -> Float:
-        """Values (N, width) in the order of ``places``; torque in Nm, NaN where missing."""
+        """Values (N, width) in the order of ``places``; torque in Nm, NaN where missing or not measured."""
         rows = frames.values[:, self._columns]
+        if self.driven:
+            return np.column_stack([rows, np.full((len(rows), len(self.gain)), np.nan)])
         rows[:, self.places[self.measured]] *= self.gain
         return rows
 
@@ -106,7 +117,8 @@ class Intake:
 def intake(stage: str, layout: Layout, arm: str | None, power: str | None, robot: RobotDescription) -> Intake:
     """The columns of an arm with the joints of ``robot``, which knows their kinds and torque constants.
 
-    Raises ``ConfigError`` where a quantity is missing, or not in its unit.
+    Target positions are what its servos are told where it gives no torque and no current. Raises ``ConfigError`` where
+    a quantity is missing, or not in its unit.
     """
     constants = robot.column("torque_constant")
     positions = layout.joints("position", arm)
@@ -123,8 +135,13 @@ def intake(stage: str, layout: Layout, arm: str | None, power: str | None, robot
                 _check_unit(stage, layout, column, robot.unit(i, UNITS[quantity]))
             joints[quantity] = columns
     if "torque" not in joints and "current" not in joints:
-        raise ConfigError(f"stage {stage!r}: source {source} gives no joint_1.torque and no joint_1.current")
-    gain = np.ones(len(constants)) if "torque" in joints else constants
+        if "target_position" not in joints:
+            raise ConfigError(
+                f"stage {stage!r}: source {source} gives no joint_1.torque, joint_1.current or joint_1.target_position"
+            )
+        kept: tuple[Quantity, ...] = ("position", "temperature")
+        joints = {q: joints[q] for q in kept if q in joints} | {"command": joints["target_position"]}
+    gain = constants if "current" in joints else np.ones(len(constants))
     if unknown := [f"joint {i + 1}" for i, value in enumerate(gain) if value == 0]:
         raise ConfigError(
             f"stage {stage!r}: source {source} gives currents, no torques, and the torque_constant of "

@@ -23,9 +23,14 @@ Torques are told anyway: a joint without one is left out by itself.
 
 
 def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
-    """Write rows (N, width) at ``time`` (N,) ns as Parquet; t counts from the first. Raises ``RecordingError``."""
+    """Write rows (N, width) at ``time`` (N,) ns as Parquet; t counts from the first, a torque by law is left out.
+
+    Raises ``RecordingError``.
+    """
     columns: dict[str, Float] = {"t": (time - time[0]) * 1e-9}
     for quantity, place in intake.places.items():
+        if quantity == "torque" and intake.driven:
+            continue
         table = rows[:, place] / intake.gain if quantity == "current" else rows[:, place]
         if quantity != intake.measured and not _whole(table):
             continue

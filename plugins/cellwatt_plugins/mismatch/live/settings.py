@@ -55,7 +55,10 @@ class MismatchSettings(StageSettings):
     Or a source that streams what the user's simulation says: its name, with ``joint_1.torque`` … and ``supply.power``.
     """
     robot: Path | None = None
-    """The robot's description, or its folder; the cell's ``robot`` where that is a folder."""
+    """The robot's description, its folder, or a simulator's file; the cell's ``robot`` where that is a folder.
+
+    An MJCF with position servos is enough for an arm that gives target positions, and neither torque nor current.
+    """
     arm: str | None = None
     """Source with the joints; may be left out where only one source has joints."""
     power: str | None = None

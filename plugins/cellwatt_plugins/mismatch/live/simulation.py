@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
+from cellwatt_plugins.mismatch.input.driven import drive_of
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
 from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact
+from cellwatt_plugins.robot.mjcf import is_mjcf
+from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact, smooth
+from cellwatt_plugins.robot.servo.law import Drive, Servo, servo_of
+from cellwatt_plugins.robot.servo.motion import compared
+from cellwatt_plugins.robot.simulated import described, is_simulator
 
 Float = NDArray[np.float64]
 
@@ -29,10 +34,14 @@ LONG = 60.0
 
 @dataclass(frozen=True)
 class Simulated:
-    """Torque (N, n) Nm and supply power (N,) W by the simulation for N samples."""
+    """Torque (N, n) Nm and supply power (N,) W by the simulation for N samples.
+
+    ``law``: what the servos' law says instead of a measurement, where the arm has none.
+    """
 
     torque: Float
     power: Float
+    law: Float | None = None
 
 
 class Simulation:
@@ -42,10 +51,10 @@ class Simulation:
     can know (it was not there at the start of the run, nor when the joint was cold).
     """
 
-    def __init__(self, model: Model, step: float, warm: bool) -> None:
+    def __init__(self, model: Model, step: float, warm: bool, servo: Servo | None = None) -> None:
         """``step`` s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``."""
-        self._arm = model.arm()
-        followed = _followed(model, self._arm, step, warm)
+        self._arm, self._servo = model.arm(), servo
+        followed = _followed(model, self._arm, step, warm, servo is not None)
         self.left_out = tuple(_named(t) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
         self.known = frozenset((t.term.effect.name, _joint(t)) for t in model.terms)
@@ -56,18 +65,31 @@ class Simulation:
         """s of past that it wants."""
         return PAST if self.model.terms else 0.0
 
-    def run(self, time: Float, position: Float, velocity: Float | None, temperature: Float | None) -> Simulated:
-        """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends."""
+    def run(
+        self, time: Float, position: Float, velocity: Float | None, temperature: Float | None, command: Float | None
+    ) -> Simulated:
+        """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends.
+
+        With a ``command`` (N, n) the torque is what the servos' law tells, too, both as slow as they can be compared.
+        """
         recorded = Run("live", time, position, velocity, np.zeros_like(position), temperature=temperature)
-        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature)
+        drive: Drive | None = None
+        if self._servo is not None and command is not None:
+            drive = drive_of(self._servo, position, command, recorded.step)
+            recorded = replace(recorded, drive=drive)
+        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature, drive=drive)
         said = predict_states(self.model, states)
-        return Simulated(said.torque, said.power)
+        if drive is None:
+            return Simulated(said.torque, said.power)
+        torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (said.torque, drive.torque))
+        return Simulated(torque, said.power, law)
 
 
-def open_model(simulation: str, robot: Place | None, folder: Path) -> Model:
+def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) -> Model:
     """The model that the settings name; ``folder`` is where a relative path starts.
 
-    Raises ``ConfigError`` where there is none, or where it cannot be read.
+    Of a simulator's file as the ``robot``, the first ``joints`` are the arm. Raises ``ConfigError`` where there is no
+    model, or where it cannot be read.
     """
     if simulation != "robot":
         return load_model(folder / simulation)
@@ -75,17 +97,36 @@ def open_model(simulation: str, robot: Place | None, folder: Path) -> Model:
         raise ConfigError(
             "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, for the cell or here"
         )
-    described = load_robot(robot)
-    return Model(described, Retuned.nothing(len(described.joints)))
+    own = described(Path(robot), joints) if is_simulator(Path(robot)) else load_robot(robot)
+    return Model(own, Retuned.nothing(len(own.joints)))
 
 
-def _followed(model: Model, arm: Arm, step: float, warm: bool) -> list[bool]:
+def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
+    """The MJCF that tells the law of an arm's servos, and the servos of its joints.
+
+    Raises ``ConfigError`` where neither ``robot`` nor the model's own file is an MJCF with a servo for each joint.
+    """
+    files = [*([] if robot is None else [Path(robot)]), model.robot.urdf]
+    names = [joint.name for joint in model.robot.joints]
+    for file in filter(is_mjcf, files):
+        if servo := servo_of(file, names):
+            return file.absolute(), servo
+    raise ConfigError(
+        "an arm that gives no torque and no current is compared by its servos' law: set `robot` to an MJCF with a "
+        f"<position> actuator for each of {', '.join(names)}"
+    )
+
+
+def _followed(model: Model, arm: Arm, step: float, warm: bool, driven: bool) -> list[bool]:
     """Tell of each term if it comes out alike with ``PAST`` and with far more past, on a motion of all joints."""
     if not model.terms:
         return []
     long = _probe(arm, round((LONG + PAST + 1) / step), step, True)
     short = _probe(arm, round((PAST + 1) / step), step, warm)
-    return [_alike(fitted, long, short, round(1 / step)) for fitted in model.terms]
+    return [
+        driven if fitted.term.effect.acts_on == "drive" else _alike(fitted, long, short, round(1 / step))
+        for fitted in model.terms
+    ]
 
 
 def _probe(arm: Arm, samples: int, step: float, warm: bool) -> States:

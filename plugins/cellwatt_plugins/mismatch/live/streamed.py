@@ -29,10 +29,13 @@ class Streamed:
 def streamed(stage: str, source: str, layout: Layout, intake: Intake) -> Streamed | None:
     """The simulation that a source of this name streams; None where no source has the name.
 
-    Raises ``ConfigError`` where the source lacks a torque, or power where the supply is compared.
+    Raises ``ConfigError`` where the source lacks a torque, or power where the supply is compared, and where the
+    arm gives no torque.
     """
     if all(channel.source != source for channel in layout.channels):
         return None
+    if intake.driven:
+        raise ConfigError(f"stage {stage!r}: source {intake.source} gives no torque to compare with that of {source}")
     names = [f"{source}.joint_{j + 1}.torque" for j in range(len(intake.gain))]
     names += [] if intake.power is None else [f"{source}.{SUPPLY}"]
     if missing := [name for name in names if name not in layout.names]:

@@ -1,0 +1,97 @@
+"""A cell whose robot tells target and actual positions, and no torque: the law of its servos stands for it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.errors import ConfigError
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.results import Alarm, Prediction
+from cellwatt_plugins.mismatch.command import explain
+from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot
+from tests.plugins.mismatch.servos import PLANTS, ROW, Plant, integrated, mjcf, moves
+from tests.plugins.mismatch.test_stage import made, run
+
+pytest.importorskip("mujoco")
+
+START = 1_795_000_000 * 10**9
+QUANTITIES = ("position", "target_position")
+
+
+@pytest.fixture(scope="module")
+def logs():
+    plants = {"null": PLANTS["null"], "gain": PLANTS["gain"], "rough": Plant(coulomb=(6.0, 1.0))}
+    return dict(zip(plants, integrated(list(plants.values()), moves(7)), strict=True))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.xml").write_text(mjcf())
+    return folder
+
+
+def frames(log, quantities=QUANTITIES):
+    time, told, seen = log
+    known = {"position": seen, "target_position": told}
+    channels = [FrameChannel(f"arm.joint_{j}.{q}", "rad", "continuous", "linear") for q in quantities for j in (1, 2)]
+    layout = Layout(tuple(channels), 1 / ROW)
+    values = np.column_stack([known[q] for q in quantities])
+    times = START + layout.step * np.arange(len(time))
+    return Frames(layout, 0, times, values, np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.int64))
+
+
+def watched(folder, log, **settings):
+    whole = frames(log)
+    stage = made(folder, whole.layout, robot="arm.xml", **settings)
+    return stage, run(stage, whole)
+
+
+def alarms(results):
+    return {(r.kind, r.joint) for r in results if isinstance(r, Alarm)}
+
+
+def test_an_arm_that_follows_its_file_is_left_alone(folder, logs):
+    stage, results = watched(folder, logs["null"])
+    assert alarms(results) == set()
+    assert stage.counts["intervals judged"] >= 5
+    assert "arm.joint_2.torque" in next(r for r in results if isinstance(r, Prediction)).outputs
+
+
+@pytest.mark.parametrize(("plant", "joint"), [("gain", 2), ("rough", 1)])
+def test_a_soft_loop_and_friction_raise_the_alarm_of_their_joint(folder, logs, plant, joint):
+    assert alarms(watched(folder, logs[plant])[1]) == {("simulation_differs", joint)}
+
+
+def test_what_it_keeps_is_explained_and_the_model_agrees_with_the_arm(folder, logs, tmp_path):
+    stage, _ = watched(folder, logs["gain"])
+    time, rows = stage._history.between(0, 2**62)
+    write_recording(tmp_path / "recording.parquet", stage._intake, time, rows)
+    seen = pq.read_table(tmp_path / "recording.parquet")
+    assert seen.column_names == ["t", "q_1", "q_2", "command_1", "command_2"]
+    first = round((time[0] - START) * 1e-9 / ROW)
+    assert np.array_equal(seen["command_2"], logs["gain"][1][first : first + len(time), 1])
+    write_robot(tmp_path / "robot.yaml", stage._simulation.model.robot)
+    given = [str(tmp_path / "recording.parquet"), "--simulation", str(stage._servos)]
+    given += ["--robot", str(tmp_path / "robot.yaml"), "--out", str(tmp_path), "--no-report", "-q"]
+    done = CliRunner().invoke(explain, given, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "findings.json").read_text())["findings"]
+    assert [(f["effect"], f["joint"]) for f in found] == [("drive_gain", 2)]
+    assert alarms(watched(folder, logs["gain"], simulation=str(tmp_path / "model.yaml"))[1]) == set()
+
+
+def test_an_arm_without_torque_needs_what_its_servos_are_told_and_their_law(folder, logs):
+    with pytest.raises(ConfigError, match=r"gives no joint_1\.torque, joint_1\.current or joint_1\.target_position"):
+        made(folder, frames(logs["null"], ("position",)).layout, robot="arm.xml")
+    file = mjcf()
+    (folder / "motors.xml").write_text(file[: file.index("<actuator>")] + "</mujoco>")
+    with pytest.raises(
+        ConfigError, match="set `robot` to an MJCF with a <position> actuator for each of shoulder, elbow"
+    ):
+        made(folder, frames(logs["null"]).layout, robot="motors.xml")
