@@ -25,6 +25,8 @@ Float = NDArray[np.float64]
 STEP = 0.002
 CREEP = 0.012
 """rad/s within which the plant's friction turns over."""
+WINDOW = 2.0
+"""s of a roll-out, which is then begun anew."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,30 @@ def mjcf(name: str, arm: Table, payload: tuple[float, Float] | None = None, grav
         f'gravity="{gravity}"><flag contact="disable"/></option><worldbody>\n{text}{close}</worldbody>\n'
         f"<actuator>{drives}</actuator></mujoco>"
     )
+
+
+def columns(run: Path, name: str, joints: int) -> Float:
+    """A quantity (N, n) of a run."""
+    table = pq.read_table(run)
+    return np.column_stack([table[f"{name}_{j + 1}"].to_numpy() for j in range(joints)]).astype(np.float64)
+
+
+def rolled(model: Any, run: Path, each: Callable[[Any, Any], None] = lambda model, data: None) -> Float:
+    """Root mean square error (n,) rad on a run that tells the truth; ``each`` step may change the model."""
+    n, data = model.nv, mujoco.MjData(model)
+    time = pq.read_table(run)["t"].to_numpy()
+    told, q, qd = (columns(run, name, n) for name in ("command", "true_q", "true_qd"))
+    per, steps, off = int(WINDOW / (time[1] - time[0])), max(1, round((time[1] - time[0]) / model.opt.timestep)), []
+    for start in range(0, len(time) - per, per):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = q[start], qd[start]
+        for i in range(start, start + per):
+            data.ctrl[:] = told[i]
+            for _ in range(steps):
+                each(model, data)
+                mujoco.mj_step(model, data)
+            off.append(data.qpos - q[i + 1])
+    return np.asarray(np.sqrt(np.mean(np.square(off), axis=0)))
 
 
 def _text(values: Any) -> str:

@@ -17,38 +17,18 @@ from typing import Any
 import mujoco
 import numpy as np
 import pyarrow.parquet as pq
+from motion_alone import WINDOW, columns, rolled
 from mujoco import sysid
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 Float = NDArray[np.float64]
 
-WINDOW, EACH = 2.0, 3
-"""s of a roll-out, and each how manieth window is fitted to: all of them take a quarter of an hour."""
+EACH = 3
+"""Each how manieth window is fitted to: all of them take a quarter of an hour."""
 OFF = 0.1
 """Share by which a number is called wrong: the arms are off by 3 % at most, but for what the key names."""
 BOUNDS = (0.1, 10.0)
-
-
-def columns(run: Path, name: str, joints: int) -> Float:
-    table = pq.read_table(run)
-    return np.column_stack([table[f"{name}_{j + 1}"].to_numpy() for j in range(joints)]).astype(np.float64)
-
-
-def rolled(model: Any, run: Path) -> Float:
-    """Root mean square error (n,) rad on a run that tells the truth, begun anew each ``WINDOW``."""
-    n, data = model.nv, mujoco.MjData(model)
-    time = pq.read_table(run)["t"].to_numpy()
-    told, q, qd = (columns(run, name, n) for name in ("command", "true_q", "true_qd"))
-    per, steps, off = int(WINDOW / (time[1] - time[0])), max(1, round((time[1] - time[0]) / model.opt.timestep)), []
-    for start in range(0, len(time) - per, per):
-        mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:] = q[start], qd[start]
-        for i in range(start, start + per):
-            data.ctrl[:] = told[i]
-            mujoco.mj_step(model, data, steps)
-            off.append(data.qpos - q[i + 1])
-    return np.asarray(np.sqrt(np.mean(np.square(off), axis=0)))
 
 
 def numbers(spec: Any) -> dict[str, tuple[float, Any]]:
