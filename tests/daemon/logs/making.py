@@ -1,10 +1,12 @@
 """Logs by the reference writers: rosbags, mcap, and LeRobot's layout by pyarrow. Each says the same motion."""
 
 import json
+from dataclasses import fields, is_dataclass
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -25,11 +27,11 @@ POINTS = {
 
 def store(version="newer"):
     types = get_typestore(Stores.ROS2_HUMBLE)
-    fields = "".join(f"trajectory_msgs/JointTrajectoryPoint {name}\n" for name in POINTS[version])
+    parts = "".join(f"trajectory_msgs/JointTrajectoryPoint {name}\n" for name in POINTS[version])
     if version == "newer":
         multi = "".join(f"trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_{n}\n" for n in POINTS[version])
-        fields += "string[] multi_dof_joint_names\n" + multi
-    text = f"std_msgs/Header header\nstring[] joint_names\n{fields}"
+        parts += "string[] multi_dof_joint_names\n" + multi
+    text = f"std_msgs/Header header\nstring[] joint_names\n{parts}"
     types.register(get_types_from_msg(text, CONTROLLER))
     return types
 
@@ -109,6 +111,28 @@ def mcap(path, topics, types, **settings):
                 writer.add_message(channel, log_time=at, publish_time=at, data=data)
         writer.finish()
     return path
+
+
+def mcap_ros2(path, topics, types):
+    """An MCAP file of the same by the writer of mcap-ros2-support, which has a CDR of its own."""
+    writing = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
+    with path.open("wb") as file:
+        writer = writing.Writer(file)
+        for topic, (kind, messages) in topics.items():
+            schema = writer.register_msgdef(kind, types.generate_msgdef(kind, ros_version=2)[0])
+            for at, message in messages:
+                writer.write_message(topic, schema, plain(message), log_time=at, publish_time=at)
+        writer.finish()
+    return path
+
+
+def plain(part):
+    """A message as dictionaries and lists."""
+    if is_dataclass(part):
+        return {field.name: plain(getattr(part, field.name)) for field in fields(part)}
+    if isinstance(part, list):
+        return [plain(each) for each in part]
+    return part.tolist() if isinstance(part, np.ndarray) else part
 
 
 def lerobot(path, *, version="v2.1", episodes=1, unit=180 / np.pi, names=("a", "b", "c", "d"), ending=".pos"):

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from rosbags.rosbag2 import StoragePlugin
@@ -25,6 +26,7 @@ from tests.daemon.logs.making import (
     bag,
     lerobot,
     mcap,
+    mcap_ros2,
     states,
     store,
     usual,
@@ -37,12 +39,14 @@ STATE = "sensor_msgs/msg/JointState"
 def written(path, form, joints=JOINTS):
     types = store("older" if form == "older" else "newer")
     topics = usual(types, joints, "older" if form == "older" else "newer")
+    if form == "mcap_ros2":
+        return mcap_ros2(path.with_suffix(".mcap"), topics, types)
     if form in ("mcap", "fastwrite"):
         return mcap(path.with_suffix(".mcap"), topics, types, use_chunking=form == "mcap")
     return bag(path, topics, types, storage=StoragePlugin.MCAP if form == "mcap folder" else StoragePlugin.SQLITE3)
 
 
-@pytest.mark.parametrize("form", ["sqlite3", "older", "mcap folder", "mcap", "fastwrite"])
+@pytest.mark.parametrize("form", ["sqlite3", "older", "mcap folder", "mcap", "mcap_ros2", "fastwrite"])
 def test_a_bag_gives_the_robots_joints_by_name(tmp_path, form):
     table = read_table(written(tmp_path / "bag", form, SORTED), JOINTS)
     np.testing.assert_allclose(table.time, TIME, atol=1e-9)
@@ -68,8 +72,9 @@ def test_joints_in_another_order_give_the_same_table_and_export_byte_for_byte(tm
     assert all((one.parent / "out" / n).read_bytes() == (other.parent / "out" / n).read_bytes() for n in files)
 
 
-def test_a_bag_opens_as_a_recording_with_its_own_time_and_is_drawn(tmp_path):
-    path = written(tmp_path / "bag", "mcap")
+@pytest.mark.parametrize("form", ["mcap", "mcap_ros2"])
+def test_a_bag_opens_as_a_recording_with_its_own_time_and_is_drawn_and_exported(tmp_path, form):
+    path = written(tmp_path / "bag", form)
     recording = cw.open(path)
     samples = recording.batches("log", "log")
     np.testing.assert_array_equal(samples.time, START + np.arange(len(TIME)) * STEP)
@@ -81,6 +86,9 @@ def test_a_bag_opens_as_a_recording_with_its_own_time_and_is_drawn(tmp_path):
     drawn = [str(path), "--out", str(tmp_path / "plot.html"), "--channel"]
     assert CliRunner().invoke(plot.command, [*drawn, "log.wrist_1_joint.position"]).exit_code == 0
     assert "no such channels" in str(CliRunner().invoke(plot.command, [*drawn, "wrist_2_joint"]).exception)
+    assert CliRunner().invoke(export.command, [str(path), "--out", str(tmp_path / "out")]).exit_code == 0
+    exported = pq.read_table(tmp_path / "out" / "log.log.parquet")
+    np.testing.assert_array_equal(exported["elbow_joint.position"], POSITION[:, 2])
 
 
 def test_several_topics_are_listed_with_how_to_choose_one(tmp_path):
