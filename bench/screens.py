@@ -29,11 +29,11 @@ from cellwatt.demo.cells import free_endpoint, shape_file
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
 from cellwatt.outlets.zenoh.encode import JSON
-from cellwatt.outlets.zenoh.heard import await_cell
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health
+from cellwatt.outlets.zenoh.reach import await_cell
 from cellwatt.subscriber import Subscriber
 
 ROOT = Path(__file__).resolve().parents[1]

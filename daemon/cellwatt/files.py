@@ -143,6 +143,24 @@ def replace_bytes(path: Path, content: bytes, mode: int = 0o666) -> None:
         os.close(folder)
 
 
+def put_aside(path: Path, content: bytes, largest: int, mode: int = 0o600) -> bool:
+    """Add to a file, and sync it; one of ``largest`` bytes becomes ``.1`` first, in place of the one before.
+
+    True if an older file was thrown away for it. Raises ``OSError``. Blocks.
+    """
+    thrown = False
+    if path.exists() and path.stat().st_size + len(content) > largest:
+        old = path.with_name(f"{path.name}.1")
+        thrown = old.exists()
+        path.replace(old)
+    flags = os.O_CLOEXEC | os.O_NOFOLLOW
+    with open(path, "ab", opener=lambda name, how: os.open(name, how | flags, mode)) as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return thrown
+
+
 def _check(status: os.stat_result, limit: int | None) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
