@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -40,7 +39,9 @@ async def compared(folder: Path, name: str, epoch: float, since: float, until: f
     command = [sys.executable, "-m", "cellwatt.commands", "explain", str(recording), "--simulation", str(simulation)]
     command += ["--robot", str(shape_file().with_name("robot.yaml")), "--out", str(out), "--time", SECONDS, "--quiet"]
     pipe = asyncio.subprocess.PIPE
-    process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe, preexec_fn=_humble())
+    process = await asyncio.create_subprocess_exec(
+        *command, stdout=pipe, stderr=pipe, preexec_fn=ends_with_parent(niceness=10)
+    )
     async with ended(process):
         _, errors = await process.communicate()
     if process.returncode != 0:
@@ -88,14 +89,3 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         log.setLevel(level)
-
-
-def _humble() -> Callable[[], None]:
-    """For a child that ends with this process, and gives way to all others."""
-    with_parent = ends_with_parent()
-
-    def prepare() -> None:
-        with_parent()
-        os.nice(10)
-
-    return prepare

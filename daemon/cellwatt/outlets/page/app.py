@@ -17,24 +17,46 @@ from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
 from cellwatt.outlets.page.assets import INDEX, Assets
 from cellwatt.outlets.page.browsers import Browsers, encoded
+from cellwatt.outlets.page.drop_api import DropApi
+from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.passwords import LONGEST
 from cellwatt.outlets.page.rooms import Rooms
 from cellwatt.outlets.page.settings import PageSettings
 from cellwatt.version import __version__
 
-PAGES: Final = ("/", "/plant", "/login", "/cell/{site}/{cell}", "/cell/{site}/{cell}/{part}")
+PAGES: Final = (
+    "/",
+    "/plant",
+    "/login",
+    "/cell/{site}/{cell}",
+    "/cell/{site}/{cell}/{part}",
+    "/recordings",
+    "/recordings/{name}",
+)
 _PACKED: Final = 1024
 """Bytes of JSON from which on it is packed."""
 LIMITS: Final = Limits(connections=384, peer=256)
 
 
 class Page:
-    """The application for ``rooms``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow."""
+    """The application for ``rooms``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow.
 
-    def __init__(self, settings: PageSettings, gate: Gate, rooms: Rooms, assets: Assets, browsers: Browsers) -> None:
+    Recordings can be dropped on it where there are ``drops``.
+    """
+
+    def __init__(
+        self,
+        settings: PageSettings,
+        gate: Gate,
+        rooms: Rooms,
+        assets: Assets,
+        browsers: Browsers,
+        drops: Drops | None = None,
+    ) -> None:
         self._settings, self._gate, self._rooms, self._assets = settings, gate, rooms, assets
         self._browsers = browsers
-        self._door = HttpDoor(self.application(), settings, LIMITS)
+        self._drops = None if drops is None else DropApi(drops, settings)
+        self._door = HttpDoor(self.application(), settings, LIMITS, self._drops.put if self._drops else None)
 
     def application(self) -> web.Application:
         """The aiohttp application."""
@@ -54,6 +76,7 @@ class Page:
             web.get("/api/plant", self._plant),
             web.get("/api/plant/stream", self._plant_stream, allow_head=False),
             *CellApi(self._rooms).routes(),
+            *(self._drops.routes() if self._drops else ()),
         )
 
     async def _index(self, request: web.Request) -> web.StreamResponse:
@@ -71,6 +94,7 @@ class Page:
             "cells": [{"site": site, "cell": cell} for site, cell in self._rooms.cells] if known else [],
             "user": visitor.name,
             "may_act": visitor.may_act and self._rooms.acts,
+            "may_drop": self._drops is not None and self._drops.may(request),
             "login_needed": not known,
             "csrf": self._gate.sessions.csrf(visitor.token),
             "version": __version__,

@@ -10,14 +10,14 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.page.archive import Desk
 from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.followed import UNREADABLE, Followed
-from cellwatt.outlets.page.rooms import Room
+from cellwatt.outlets.page.rooms import Mode, Room
 from cellwatt.outlets.page.streams import Hub
 from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
 from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys, escape
@@ -65,7 +65,7 @@ class Plant:
     Zenoh calls back in threads of its own: what they bring is taken on the loop.
     """
 
-    mode: Literal["cell", "plant"] = "plant"
+    mode: Mode = "plant"
     acts = False
 
     def __init__(self, link: LinkSettings, site: str, browsers: Browsers, desk: Desk) -> None:

@@ -13,6 +13,8 @@ from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Hub
 from cellwatt.outlets.page.summary import plant_cell
 
+Mode = Literal["cell", "plant", "recordings"]
+
 Order = Callable[[Mapping[str, Any]], Awaitable[None]]
 """Has the cell's daemon do something; raises ``CellwattError`` with its reason."""
 
@@ -29,7 +31,7 @@ class Room:
 class Rooms(Protocol):
     """All cells of a page."""
 
-    mode: Literal["cell", "plant"]
+    mode: Mode
     site: str | None
     acts: bool
     """True if anything can be changed from here."""
@@ -65,7 +67,7 @@ def prefix(site: str, cell: str) -> str:
 class OneRoom:
     """A page of one cell."""
 
-    mode: Literal["cell", "plant"] = "cell"
+    mode: Mode = "cell"
     hub: Hub | None = None
 
     def __init__(self, room: Room) -> None:
@@ -90,6 +92,28 @@ class OneRoom:
         age = None if feed.live.heard is None else time.monotonic() - feed.live.heard
         task = None if feed.live.task is None else feed.live.task["name"]
         return [plant_cell(feed.site, feed.cell, feed.live.status, age_s=age, task=task)]
+
+    def url_of(self, site: str, cell: str) -> str | None:
+        """See ``Rooms.url_of``."""
+        return None
+
+
+class NoRooms:
+    """A page without cells: recordings can be dropped on it."""
+
+    mode: Mode = "recordings"
+    site: str | None = None
+    acts = False
+    cells: Sequence[tuple[str, str]] = ()
+    hub: Hub | None = None
+
+    async def room(self, site: str, cell: str) -> Room:
+        """See ``Rooms.room``."""
+        raise KeyError(cell)
+
+    def summary(self) -> list[dict[str, Any]]:
+        """See ``Rooms.summary``."""
+        return []
 
     def url_of(self, site: str, cell: str) -> str | None:
         """See ``Rooms.url_of``."""

@@ -15,10 +15,11 @@ from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.arms import follow
 from cellwatt.outlets.page.assets import Assets
 from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.followed import watch
 from cellwatt.outlets.page.plant import Plant
-from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, prefix
+from cellwatt.outlets.page.rooms import NoRooms, OneRoom, Room, Rooms, prefix
 from cellwatt.outlets.page.sessions import Sessions
 from cellwatt.outlets.page.settings import PageSettings
 from cellwatt.outlets.page.streams import Hub
@@ -28,7 +29,7 @@ from cellwatt.subscriber import LinkSettings
 
 async def view(
     settings: PageSettings,
-    link: LinkSettings,
+    link: LinkSettings | None,
     site: str,
     cell: str | None,
     verify: Path | None,
@@ -37,9 +38,11 @@ async def view(
 ) -> None:
     """Serve the page of a cell, ``None`` for all of the site, for ``seconds`` or until cancelled.
 
+    Without a ``link`` it is a page for recordings alone.
+
     ``tell`` is given the address. Logins end with this call. Raises ``OutletError`` if the page cannot be served.
     """
-    browsers, desk, assets = Browsers(settings.browsers), Desk(), Assets()
+    browsers, desk, assets, drops = Browsers(settings.browsers), Desk(), Assets(), Drops()
     sessions = Sessions(None, lambda name: proof_of(settings, name))
     context = await asyncio.to_thread(tls_context, settings)
     names = await asyncio.to_thread(names_in, settings.certificate)
@@ -49,7 +52,7 @@ async def view(
             async with asyncio.TaskGroup() as group:
                 rooms, following = _rooms(settings, link, site, cell, verify, browsers, desk)
                 tasks = [group.create_task(work) for work in following]
-                page = Page(settings, Gate(settings, sessions, names), rooms, assets, browsers)
+                page = Page(settings, Gate(settings, sessions, names), rooms, assets, browsers, drops)
                 try:
                     tell(f"the page is at {await page.start(context)}")
                     with contextlib.suppress(TimeoutError):
@@ -57,6 +60,7 @@ async def view(
                             await asyncio.Event().wait()
                 finally:
                     await page.stop()
+                    await drops.close()
                 for task in tasks:  # where this is cancelled, the group does it, and twice would cut their ends short
                     task.cancel()
     finally:
@@ -65,7 +69,7 @@ async def view(
 
 def _rooms(
     settings: PageSettings,
-    link: LinkSettings,
+    link: LinkSettings | None,
     site: str,
     cell: str | None,
     verify: Path | None,
@@ -73,6 +77,8 @@ def _rooms(
     desk: Desk,
 ) -> tuple[Rooms, list[Coroutine[Any, Any, None]]]:
     """What is shown, and what follows it."""
+    if link is None:
+        return NoRooms(), []
     if cell is None:
         plant = Plant(link, site, browsers, desk)
         return plant, [plant.run()]

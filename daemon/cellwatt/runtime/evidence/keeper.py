@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import os
 import signal
 import sys
 import time
@@ -185,7 +184,7 @@ class Keeper:
                 stdin=asyncio.subprocess.DEVNULL,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.PIPE,
-                preexec_fn=_tied(),
+                preexec_fn=ends_with_parent(signal.SIGKILL, NICENESS),
             )
         except OSError as error:
             raise RecordingError(f"the process that makes it cannot be started: {error.strerror}") from error
@@ -216,14 +215,3 @@ class Keeper:
         told = f"evidence of alarm {first.id}{f' and {others} more' if others else ''} {what}"
         alarms = [alarm.id for alarm in due.alarms]
         self._tell(Event(self._now(), first.source, "evidence", told, {"alarms": alarms, **data}))
-
-
-def _tied() -> Callable[[], None]:
-    """For the child: it ends with this process and gives way to all others."""
-    tie = ends_with_parent(signal.SIGKILL)
-
-    def begin() -> None:
-        tie()
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
-
-    return begin
