@@ -66,7 +66,8 @@ class Backlog:
         """``number`` is the item's, ``None`` for the next of its topic."""
         topic = topic_of(item)
         if topic not in self._topics:
-            self._topics[topic] = _Numbering(self.session, deque(maxlen=ALARMS_KEPT if topic == ALARM else RESULTS_KEPT))
+            most = ALARMS_KEPT if topic == ALARM else RESULTS_KEPT
+            self._topics[topic] = _Numbering(self.session, deque(maxlen=most))
         numbering = self._topics[topic]
         mark = Mark(numbering.session, numbering.following if number is None else number, 1, time_of(item))
         numbering.following = mark.end
