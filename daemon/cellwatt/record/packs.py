@@ -8,7 +8,6 @@ page (``.html``) beside it, and a seal where recordings are signed. One that is 
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from cellwatt.alarms import SEVERITIES
-from cellwatt.files import WRITTEN, read_bytes
+from cellwatt.files import WRITTEN, read_bytes, replace_bytes
 from cellwatt.record.header import plain_cell
 from cellwatt.record.retention import surplus
 from cellwatt.record.seal import seal_of
@@ -89,13 +88,7 @@ def wants(settings: EvidenceSettings, alarm: Alarm) -> bool:
 def write_due(folder: Path, due: Due) -> None:
     """Note a pack that is to be cut. Raises ``OSError``."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = due_path(folder, due)
-    new = path.with_name(path.name + ".new")
-    with new.open("wb") as file:
-        file.write(_DUE.dump_json(due, fallback=str))
-        file.flush()
-        os.fsync(file.fileno())
-    new.rename(path)
+    replace_bytes(due_path(folder, due), _DUE.dump_json(due, fallback=str))
 
 
 def read_due(path: Path) -> Due:

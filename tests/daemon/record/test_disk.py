@@ -237,7 +237,7 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr("cellwatt.record.recovery._write", full)
+        patch.setattr("cellwatt.record.recovery.write_all", full)
         report = recover(part)
     assert "cannot be repaired now: No space left on device" in str(report)
     assert part.read_bytes() == before

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import shutil
-import signal
-import sys
 import tempfile
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
-from cellwatt.child import ends_with_parent
-from cellwatt.errors import CellwattError, OutletError
+from cellwatt.child import output
+from cellwatt.errors import CellwattError
 
 LARGEST: Final = 4_000_000_000
 """Bytes of one drop."""
@@ -25,7 +22,7 @@ LONGEST_PATH: Final = 200
 LIMIT: Final = 900.0
 """s that a command may take."""
 NICENESS: Final = 10
-COMMAND: Final = (sys.executable, "-m", "cellwatt.commands")
+COMMANDS: Final = "cellwatt.commands"
 SAMPLE: Final = ("--conceal", "payload", "--conceal", "spring")
 AT_ONCE: Final = 2
 """Commands; more wait."""
@@ -188,38 +185,13 @@ class Drops:
         finally:
             answer.running = False
 
-    async def _run(self, drop: Drop, words: Sequence[str], progress: Callable[[str], object] = len) -> str:
+    async def _run(self, drop: Drop, words: Sequence[str], heard: Callable[[str], object] = len) -> str:
         """Output of a command in the drop's folder. Raises ``CellwattError`` where it fails."""
-        pipe = asyncio.subprocess.PIPE
         async with self._turn:
             try:
-                process = await asyncio.create_subprocess_exec(
-                    *COMMAND,
-                    *words,
-                    cwd=drop.files,
-                    stdin=asyncio.subprocess.DEVNULL,
-                    stdout=pipe,
-                    stderr=pipe,
-                    preexec_fn=ends_with_parent(signal.SIGKILL, NICENESS),
-                )
-            except OSError as error:
-                raise OutletError(f"cellwatt {words[0]} cannot be started: {error.strerror}") from None
-            assert process.stdout is not None and process.stderr is not None
-            try:
-                async with asyncio.timeout(LIMIT):
-                    output, last = await asyncio.gather(process.stdout.read(), _followed(process.stderr, progress))
-                    await process.wait()
-            except TimeoutError:
-                raise CellwattError(f"cellwatt {words[0]} took longer than {LIMIT / 60:.0f} min") from None
-            finally:
-                if process.returncode is None:
-                    with contextlib.suppress(ProcessLookupError):
-                        process.kill()
-                    await process.wait()
-        if process.returncode:
-            told = last.removeprefix("cellwatt: ").replace("./", "")
-            raise CellwattError(told or f"cellwatt {words[0]} ended with {process.returncode}")
-        return output.decode(errors="replace").strip()
+                return await output([COMMANDS, *words], LIMIT, NICENESS, folder=drop.files, heard=heard)
+            except CellwattError as error:
+                raise CellwattError(str(error).replace("./", "")) from None
 
     async def close(self) -> None:
         """End what is being done, and remove all files."""
@@ -273,12 +245,3 @@ def _known(drop: Drop, paths: Sequence[str]) -> None:
     for path in paths:
         if path not in there:
             raise CellwattError(f"{path:.200} is not among the files that were dropped")
-
-
-async def _followed(stream: asyncio.StreamReader, progress: Callable[[str], object]) -> str:
-    """Tell each line; return the last."""
-    last = ""
-    async for line in stream:
-        last = line.decode(errors="replace").strip() or last
-        progress(last)
-    return last

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import hmac
 import json
 import logging
-import os
 import secrets
 import time
 from collections.abc import Callable
@@ -15,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from cellwatt.files import read_bytes
+from cellwatt.files import read_bytes, replace_bytes
 
 log = logging.getLogger(__name__)
 
@@ -116,14 +114,9 @@ class Sessions:
         self.changed = False
         now = self._clock()
         logins = {key: asdict(login) for key, login in list(self._logins.items()) if login.ends > now}
-        new = self._file.with_name(f"{self._file.name}.new")
+        text = json.dumps({"secret": self._secret.hex(), "logins": logins})
         try:
-            with contextlib.suppress(FileNotFoundError):
-                new.unlink()
-            descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-            with os.fdopen(descriptor, "w") as file:
-                json.dump({"secret": self._secret.hex(), "logins": logins}, file)
-            new.rename(self._file)
+            replace_bytes(self._file, text.encode(), 0o600)
         except OSError as error:
             log.warning("%s cannot be written, logins end with this process: %s", self._file, error.strerror)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -70,7 +69,8 @@ async def browsing(folder: Path, **settings: Any) -> AsyncIterator[Browser]:
 def echo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = tmp_path / "echo.py"
     script.write_text(ECHO)
-    monkeypatch.setattr(dropped, "COMMAND", (sys.executable, str(script)))
+    monkeypatch.setattr(dropped, "COMMANDS", "echo")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
 
 
 @pytest.fixture(autouse=True)
