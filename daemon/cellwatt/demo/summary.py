@@ -18,7 +18,9 @@ def summary(seen: Seen, hooked: float | None, exit_code: int | None, power: Mapp
     """Summarise the small cell: sources, the fault hooked on at ``hooked``, UTC s, and the result of ``power_of``."""
     sources = sources_of(seen)
     told = None if hooked is None else fault.told(seen, hooked)
-    problems = problems_of(seen, sources, SMALL, exit_code) + (fault.problems_of(told) if told else [])
+    problems = problems_of(seen, sources, SMALL, exit_code)
+    if told is not None:
+        problems += fault.problems_of(told, busy=any(source["host_stalled"] for source in sources.values()))
     if power is None:
         problems.append("the model predicted nothing")
     return {
@@ -106,8 +108,10 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
         | {"clock_bound_ms": _bound(status, stream)}
         for stream, figures in status["streams"].items()
     }
-    stalled = status["missed"].get(HOST, 0)
-    lost = sum(status["missed"].values()) + sum(status["dropped"].values()) - stalled
+    stalled, missed = status["missed"].get(HOST, 0), sum(status["missed"].values())
+    if 2 * stalled > missed:  # the emulator that answered late is a process of this PC, too
+        stalled = missed
+    lost = missed + sum(status["dropped"].values()) - stalled
     kept = ("expected", "received", "missed", "dropped", "residue")
     return {k: status[k] for k in kept} | {"lost": lost, "host_stalled": stalled, "streams": streams}
 

@@ -13,7 +13,7 @@ from .making import CELL, SESSION, name_of
 
 
 def kept(number, size, *, age=0.0, closed=True):
-    return Kept(Path(f"{number}"), FileName(SESSION, number, CELL), size, 1000.0 - age, closed)
+    return Kept(Path(f"{number}"), size, 1000.0 - age, closed, FileName(SESSION, number, CELL))
 
 
 def numbers(files):
