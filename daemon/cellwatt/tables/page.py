@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
-from cellwatt.report import Axis, Figure, Notes, Panel, Provenance, Report, Section
+from cellwatt.report import Axis, Notes, Panel, Provenance, Report, Section, over_time
 from cellwatt.report.drawing import curve
 from cellwatt.report.figure import Json
 from cellwatt.report.theme import SERIES
 from cellwatt.tables.files import read_table
 from cellwatt.tables.table import Table, listed
 
-HEIGHT: Final = 190
-"""Pixels of a diagram."""
 MOST: Final = 24
 """Diagrams of a table."""
 FINEST: Final = 4
@@ -52,13 +50,11 @@ def _sections(table: Table, start: float | None, end: float | None, wanted: Sequ
         [Panel([_curve(table, name, x, shown, n) for n, name in enumerate(names)], axis, title=title)]
         for title, names in list(groups.items())[:MOST]
     ]
-    label = f"Columns of {table.path.name} over time"
-    heights, layout = [HEIGHT] * len(rows), {"hovermode": "x unified"}
     left_out = [f"column {name} {why}" for name, why in table.unfit.items()]
     if more := [name for names in list(groups.values())[MOST:] for name in names]:
         left_out.append(f"{len(more)} further columns, to be chosen with --channel: {listed(more)}")
     return [
-        Section(table.path.name, [Figure(label, rows, heights, "x", own_legends=True, sides=(70, 190), layout=layout)]),
+        Section(table.path.name, [over_time(f"Columns of {table.path.name} over time", rows)]),
         Section("Not drawn", [Notes(left_out)] if left_out else []),
     ]
 
