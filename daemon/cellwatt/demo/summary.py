@@ -126,8 +126,8 @@ def _source_problems(name: str, source: Mapping[str, Any]) -> list[str]:
     problems = []
     if source["lost"] or source["residue"]:
         problems.append(f"{name}: {source['lost']} samples lost, {source['residue']} not accounted for")
-    tolerance = RATE_TOLERANCE + source["host_stalled"] / max(source["expected"], 1)
     for stream, s in source["streams"].items():
+        tolerance = RATE_TOLERANCE + source["host_stalled"] / max(s["samples"], 1)
         if s["nominal_hz"] and (s["rate_hz"] is None or abs(s["rate_hz"] / s["nominal_hz"] - 1) > tolerance):
             problems.append(f"{name}/{stream}: {s['rate_hz']} Hz instead of {s['nominal_hz']} Hz")
     return problems
