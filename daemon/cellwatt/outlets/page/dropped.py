@@ -179,7 +179,7 @@ class Drops:
             answer.said = line
 
         try:
-            answer.said = await self._run(drop, words, progress)
+            answer.said = (await self._run(drop, words, progress)).replace(f"{drop.folder}/", "")
         except CellwattError as error:
             answer.said, answer.error = "", str(error)
         finally:
