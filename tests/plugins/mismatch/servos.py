@@ -23,6 +23,7 @@ class Plant:
     late: int = 0
     """Rows by which commands act later."""
     coulomb: tuple[float, float] = (1.0, 1.0)
+    force: tuple[float, float] = (FORCE, FORCE)
 
 
 PLANTS = {
@@ -31,6 +32,7 @@ PLANTS = {
     "dead": Plant(dead=(0.0, 0.008)),
     "late": Plant(late=3),
     "rough": Plant(coulomb=(2.0, 1.0)),
+    "weak": Plant(force=(47.0, FORCE)),
 }
 
 
@@ -56,7 +58,9 @@ def integrated(plants):
     for j, (slow, quick) in enumerate(((0.19, 0.83), (0.27, 1.1))):
         held = np.floor(time / 3) % 2  # Every other three seconds are slow.
         told[:, j] = 0.9 * np.sin(2 * np.pi * slow * time + j) + 0.12 * held * np.sin(2 * np.pi * quick * time)
-    gain, dead, coulomb = (np.array([getattr(p, n) for p in plants]) for n in ("gain", "dead", "coulomb"))
+    gain, dead, coulomb, force = (
+        np.array([getattr(p, n) for p in plants]) for n in ("gain", "dead", "coulomb", "force")
+    )
     q = np.repeat(told[:1], len(plants), axis=0)
     qd = np.zeros_like(q)
     seen = np.empty((len(time), len(plants), 2))
@@ -67,7 +71,7 @@ def integrated(plants):
             error = command - q
             error = np.sign(error) * np.maximum(np.abs(error) - dead, 0)
             sign = np.tanh(qd / 0.02)
-            push = KP * gain * error - KV * qd - coulomb * COULOMB * sign - VISCOUS * qd
+            push = np.clip(KP * gain * error - KV * qd, -force, force) - coulomb * COULOMB * sign - VISCOUS * qd
             push -= arm.coriolis(q, qd) + arm.gravity(q)
             stiff = coulomb * COULOMB / 0.02 * (1 - sign**2) + KV
             mass = arm.mass_matrix(q) + (ROTOR + STEP * stiff)[:, :, None] * np.eye(2)

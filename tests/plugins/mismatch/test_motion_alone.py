@@ -97,6 +97,7 @@ def test_what_the_file_cannot_hold_is_a_callback_beside_it(tmp_path, logs, monke
     [
         ("late", ("time_delay", None), "delay", 0.03),
         ("rough", ("coulomb_friction", 1), "force", 1.5),
+        ("weak", ("torque_saturation", 1), "limit", 47.0),
     ],
 )
 def test_what_is_missing_is_named(tmp_path, logs, plant, place, number, value):

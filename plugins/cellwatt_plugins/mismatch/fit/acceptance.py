@@ -33,9 +33,11 @@ MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
 SOLVED = 0.9
 """Share that a drive's limit or dead band must take off where much is left: one that is there says all that it does."""
+ALL = 0.99
+"""Share that such a one takes off where it is reached but once, and nothing else is there."""
 OF_FALL = 0.1
 """Share of what a term of the whole arm takes off in all by which another channel's error may rise."""
-PEAK = 3.0
+PEAK = 8.0
 """Times what is left at a channel that something must reach there that is there at one time only."""
 OFTEN = 3
 """Folds in which a term must be there for data left out to tell of it."""
@@ -87,8 +89,9 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     if enough:
         share = 0.0 if near else thresholds.share
         share = SOLVED if shaped and np.min(left) > thresholds.much_left else share
-        # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
-        solved = float(np.max(left)) < thresholds.near and found.again
+        # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom, unless
+        # nothing else was there and no number but the limit was free.
+        solved = (float(np.max(left)) < thresholds.near and found.again) or (shaped and found.share > ALL)
         steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"

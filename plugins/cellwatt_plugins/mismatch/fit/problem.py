@@ -21,6 +21,7 @@ from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.servo.motion import EDGE, compared
 from cellwatt_plugins.robot.servo.motion import noise as noise_of
@@ -46,6 +47,10 @@ MADE = 300
 """Blocks that are remembered."""
 ROWS_PERIOD = 3.0
 """Rows that are fitted in a period of the fastest that is compared."""
+LEAK = 0.15
+"""Share of a joint's rattling, too fast to be compared, that may come back as something slow: a drive clips it."""
+RATTLES = 3.0
+"""Torque too fast to be compared from which a joint rattles, in units of what counts as considerable there."""
 STOP = 0.1
 """s over which the sign of the velocity stays unknown at a stop."""
 
@@ -272,7 +277,10 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
         for v, run, there in zip(variance, runs, told, strict=True)
     )
     size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
-    rows = thinned(runs) if drive is None else filtered(runs)
+    rows: tuple[Thinned, ...] = thinned(runs)
+    if drive is not None:
+        rows = kept = filtered(runs)
+        variance = tuple(v + rattling(part, r, size) for v, part, r in zip(variance, target, kept, strict=True))
     return Problem(
         side="torque",
         states=tuple(states),
@@ -284,6 +292,16 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
         nuisance=torque_nuisance(states),
         measured=spread,
     )
+
+
+def rattling(target: Float, rows: Filtered, size: Float) -> Float:
+    """Variance (N, n) Nm² of what a joint that rattles leaves in the slow part of a run's target (N, n) Nm.
+
+    ``size`` (n,) Nm is what counts as considerable; a reversal's friction is no more.
+    """
+    fast = target - smooth(target, rows.sample_step, rows.bandwidth)
+    power = uniform_filter1d(np.square(fast), max(1, round(EDGE / rows.sample_step)), axis=0)
+    return np.asarray(np.where(power > np.square(RATTLES * size), np.square(LEAK) * power, 0.0))
 
 
 def _unsure(states: States, at_rest: Float) -> Float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.input.unread import unread
 from cellwatt_plugins.mismatch.simulators import Simulator
-from cellwatt_plugins.robot.servo.law import Drive, earlier, servo_of
+from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.servo.motion import filtered, held
 
 DELAYS = (0.0, *(float(d) for d in np.geomspace(0.004, 0.12, 16)))
@@ -18,31 +19,44 @@ BETTER = 0.5
 """Share of the error without a delay that one must leave to be believed."""
 
 
-def driven(run: Run, simulator: Simulator) -> Run:
-    """The run with its servos' torque where it has commands alone; as it is where it has torque, or no such servos."""
-    if run.command is None or not np.isfinite(run.command).all() or not unread(run).all():
-        return run
+def driven(runs: Sequence[Run], simulator: Simulator) -> list[Run]:
+    """The runs with their servos' torque where they have commands alone; as they are where they have torque."""
     servo = servo_of(simulator.path, simulator.joints)
     if servo is None:
-        return run
+        return list(runs)
+    drives = [_drive(run, servo) for run in runs]
+    late = _late([drive for drive in drives if drive is not None], simulator)
+    out = []
+    for run, drive in zip(runs, drives, strict=True):
+        own = None if drive is None else replace(drive, late=late)
+        out.append(run if own is None else replace(run, drive=own, torque=own.torque))
+    return out
+
+
+def _drive(run: Run, servo: Servo) -> Drive | None:
+    """The servos along a run; None where it has no commands, or torque."""
+    if run.command is None or not np.isfinite(run.command).all() or not unread(run).all():
+        return None
     command = earlier(held(run.command), servo.delay, run.step)
-    drive = Drive(servo, command, *filtered(run.position, run.step), run.step, run.command)
-    drive = replace(drive, late=_late(drive, simulator))
-    return replace(run, drive=drive, torque=drive.torque)
+    return Drive(servo, command, *filtered(run.position, run.step), run.step, run.command)
 
 
-def _late(drive: Drive, simulator: Simulator) -> float:
-    """s by which commands act later, about, where a drive seems to reach its limit."""
-    servo, asked = drive.servo, drive.asked(drive.command)
-    if not np.any((asked < servo.low) | (asked > servo.high)):
-        return 0.0
-    moved = drive.moved
-    needed = simulator.torque(moved.position, moved.velocity, moved.acceleration)
-    size = np.maximum(np.std(needed, axis=0), 1e-9)
+def _late(drives: Sequence[Drive], simulator: Simulator) -> float:
+    """s by which commands act later, about, where drives seem to reach their limits."""
+    tells = []
+    for drive in drives:
+        servo, asked, moved = drive.servo, drive.asked(drive.command), drive.moved
+        if np.any((asked < servo.low) | (asked > servo.high)):
+            needed = simulator.torque(moved.position, moved.velocity, moved.acceleration)
+            tells.append((drive, needed, np.maximum(np.std(needed, axis=0), 1e-9)))
 
     def off(late: float) -> float:
-        given = np.clip(drive.asked(earlier(drive.command, late, drive.step)), servo.low, servo.high)
-        return float(np.sum(np.median(np.abs(given - needed), axis=0) / size))
+        total = 0.0
+        for drive, needed, size in tells:
+            servo = drive.servo
+            given = np.clip(drive.asked(earlier(drive.command, late, drive.step)), servo.low, servo.high)
+            total += float(np.sum(np.median(np.abs(given - needed), axis=0) / size))
+        return total
 
     errors = [off(late) for late in DELAYS]
     best = int(np.argmin(errors))

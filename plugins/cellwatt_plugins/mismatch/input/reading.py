@@ -58,8 +58,7 @@ def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Pa
     runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=known)
     if loaded is None:
         return runs
-    runs = [driven(run, loaded) for run in runs]
-    return [_run_through(loaded, run) for run in steps(runs, "simulating run")]
+    return [_run_through(loaded, run) for run in steps(driven(runs, loaded), "simulating run")]
 
 
 def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
@@ -67,7 +66,7 @@ def read_one(source: Source, robot: RobotDescription, simulator: Path | None, ra
     loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
     known = _Known(robot, None if loaded is None else loaded.control_gains())
     run = _prepared((source, read_source(source, robot).slower(rate)), known)
-    return run if loaded is None else _run_through(loaded, driven(run, loaded))
+    return run if loaded is None else _run_through(loaded, driven([run], loaded)[0])
 
 
 @dataclass(frozen=True)

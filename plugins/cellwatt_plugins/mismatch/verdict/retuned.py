@@ -129,10 +129,11 @@ def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -
         slope = np.array([-is_ / now, 1 / now])
         std = float(np.sqrt(max(0.0, slope @ spread[np.ix_([0, i], [0, i])] @ slope)))
         out.append(_Moved(f"com_{axis}", joint, was, is_ - was, std, "m", tolerance * abs(was) + 0.001))
-    sizes = [(name, i) for name, i in (("ixx", 4), ("iyy", 6), ("izz", 9)) if own[i] > 0]
+    sizes = [(name, i, float(own[i])) for name, i in (("ixx", 4), ("iyy", 6), ("izz", 9)) if own[i] > 0]
     if not any(abs(m.off) > m.std for m in out):
         out += [
-            _Moved(name, joint, own[i], off[i], float(np.sqrt(spread[i, i])), "kg*m^2", prior[i]) for name, i in sizes
+            _Moved(name, joint, was, float(off[i]), float(np.sqrt(spread[i, i])), "kg*m^2", float(prior[i]))
+            for name, i, was in sizes
         ]
     return out
 

@@ -14,7 +14,9 @@ from cellwatt_plugins.robot.effects.states import States
 MOST = (0.5, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 0.997)
 """Quantiles of the torque asked for; what moves the joint where more is asked is tried as the limit."""
 FOLLOWS = 0.5
-"""Share of what is asked beyond the limit that the torque of the motion may follow."""
+"""Share of what is asked that the torque of the motion follows: more up to the limit, less beyond it."""
+UP_TO = 0.5
+"""Share of the limit from which the drive is seen to follow up to it."""
 CLIPPED = 8
 """Samples that must be beyond the limit."""
 
@@ -24,7 +26,7 @@ class DriveLimit(Effect):
 
     name = "torque_saturation"
     acts_on = "drive"
-    form = Form(to_scale=True)
+    form = Form(to_scale=True, error=0.02)
     confusions = (Confusion("drive_gain", "move slower: a soft loop stays soft, a limit is not reached"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
@@ -33,9 +35,11 @@ class DriveLimit(Effect):
         return [(level,) for level in levels if level > 0 and np.count_nonzero(asked > level) >= CLIPPED]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        """Beyond its limit a drive gives the same whatever is asked: the motion's torque does not follow that."""
+        """Up to its limit a drive gives what is asked, and beyond it the same, whatever is asked."""
         asked, given = self._torques(runs, joint or 0)
-        beyond = asked > shape[0]
+        beyond, below = asked > shape[0], (asked > UP_TO * shape[0]) & (asked < shape[0])
+        if np.sum(given[below]) < FOLLOWS * np.sum(asked[below]):
+            return False
         if np.count_nonzero(beyond) < CLIPPED:
             return False
         off = asked[beyond] - np.mean(asked[beyond])

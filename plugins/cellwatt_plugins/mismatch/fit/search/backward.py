@@ -50,8 +50,10 @@ def drop_needless(state: SearchState, now: Solution, beside: Term | None = None)
 
 def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
     """Terms that add less than the form of another one there may be wrong by leave."""
+    one_channel = now.problem.side == "supply"
     for term in list(now.terms):
-        doubt = {t.effect.name: t.effect.form.error * _size(now, t) for t in now.terms if t is not term}
+        beside = [t for t in now.terms if t is not term and (one_channel or shares_channel(term, t))]
+        doubt = {t.effect.name: t.effect.form.error * _size(now, t) for t in beside}
         name = max(doubt, key=lambda n: doubt[n], default="")
         if name and _size(now, term) < doubt[name]:
             state.refuse(term, 0.0, f"is less than the form of {name.replace('_', ' ')} may be wrong by")
