@@ -12,7 +12,7 @@ JOINT = 3
 """The elbow."""
 SPRING = {"stiffness": 60.0, "rest": 1.4}
 """Nm/rad, hooked on where the elbow is at home: Sabry et al.'s spring of 10 N at 0.3 m, at this arm's size."""
-LATE = 5.0
+LATE = 10.0
 FAULTY = ("arm", "board")
 """Emulators that share the arm on whose elbow the spring is hooked."""
 
