@@ -72,16 +72,16 @@ def write_recording(
                     raise RecordingError(f"{part.name}: other columns than in the parts before")
                 batches += _batches(name, streams[name][0], _counted_on(each), start, zero, sequence)
             for batch in sorted(batches, key=lambda each: each.arrival):
-                _taken(recorder.batch(batch), recorder)
+                _taken(recorder.put(batch), recorder)
                 counts["samples"] += len(batch)
                 for frames in aligner.add(batch):
-                    _taken(recorder.frames(frames), recorder)
+                    _taken(recorder.put(frames), recorder)
                     counts["frames"] += len(frames)
             start = max(batch.arrival for batch in batches) + PAUSE
             tick = Tick(start - PAUSE // 2)
-            _taken(recorder.tick(tick), recorder)
+            _taken(recorder.put(tick), recorder)
             for frames in aligner.tick(tick):
-                _taken(recorder.frames(frames), recorder)
+                _taken(recorder.put(frames), recorder)
                 counts["frames"] += len(frames)
             counts["parts"] += 1
             if not recorder.flush(WAIT):

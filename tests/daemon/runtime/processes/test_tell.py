@@ -112,7 +112,7 @@ async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_
     judge.put(task(0))
     first.left()
     for n in range(3 * LAST):
-        kept.batch(batch_of(n, 1))
+        kept.put(batch_of(n, 1))
         await asyncio.to_thread(kept.flush, PATIENCE)
     await kept.close()
     again = await Telling(shared, restarts=1).recording(tmp_path)
