@@ -109,7 +109,7 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
         for stream, figures in status["streams"].items()
     }
     stalled, missed = status["missed"].get(HOST, 0), sum(status["missed"].values())
-    if 2 * stalled > missed:  # the emulator that answered late is a process of this PC, too
+    if 4 * stalled > missed:  # the emulator that answered late is a process of this PC, too
         stalled = missed
     lost = missed + sum(status["dropped"].values()) - stalled
     kept = ("expected", "received", "missed", "dropped", "residue")
