@@ -65,55 +65,35 @@ def prefix(site: str, cell: str) -> str:
 
 
 class OneRoom:
-    """A page of one cell."""
+    """A page of one cell; of none, on which recordings can be dropped."""
 
-    mode: Mode = "cell"
     hub: Hub | None = None
 
-    def __init__(self, room: Room) -> None:
+    def __init__(self, room: Room | None) -> None:
         self._room = room
-        self.site: str | None = room.feed.site
-        self.acts = room.order is not None
+        self.mode: Mode = "recordings" if room is None else "cell"
+        self.site: str | None = None if room is None else room.feed.site
+        self.acts = room is not None and room.order is not None
 
     @property
     def cells(self) -> Sequence[tuple[str, str]]:
         """See ``Rooms.cells``."""
-        return ((self._room.feed.site, self._room.feed.cell),)
+        return () if self._room is None else ((self._room.feed.site, self._room.feed.cell),)
 
     async def room(self, site: str, cell: str) -> Room:
         """See ``Rooms.room``."""
-        if (site, cell) != self.cells[0]:
+        if self._room is None or (site, cell) not in self.cells:
             raise KeyError(cell)
         return self._room
 
     def summary(self) -> list[dict[str, Any]]:
         """See ``Rooms.summary``."""
+        if self._room is None:
+            return []
         feed = self._room.feed
         age = None if feed.live.heard is None else time.monotonic() - feed.live.heard
         task = None if feed.live.task is None else feed.live.task["name"]
         return [plant_cell(feed.site, feed.cell, feed.live.status, age_s=age, task=task)]
-
-    def url_of(self, site: str, cell: str) -> str | None:
-        """See ``Rooms.url_of``."""
-        return None
-
-
-class NoRooms:
-    """A page without cells: recordings can be dropped on it."""
-
-    mode: Mode = "recordings"
-    site: str | None = None
-    acts = False
-    cells: Sequence[tuple[str, str]] = ()
-    hub: Hub | None = None
-
-    async def room(self, site: str, cell: str) -> Room:
-        """See ``Rooms.room``."""
-        raise KeyError(cell)
-
-    def summary(self) -> list[dict[str, Any]]:
-        """See ``Rooms.summary``."""
-        return []
 
     def url_of(self, site: str, cell: str) -> str | None:
         """See ``Rooms.url_of``."""

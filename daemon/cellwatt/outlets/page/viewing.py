@@ -19,7 +19,7 @@ from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.followed import watch
 from cellwatt.outlets.page.plant import Plant
-from cellwatt.outlets.page.rooms import NoRooms, OneRoom, Room, Rooms, prefix
+from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, prefix
 from cellwatt.outlets.page.sessions import Sessions
 from cellwatt.outlets.page.settings import PageSettings
 from cellwatt.outlets.page.streams import Hub
@@ -78,7 +78,7 @@ def _rooms(
 ) -> tuple[Rooms, list[Coroutine[Any, Any, None]]]:
     """What is shown, and what follows it."""
     if link is None:
-        return NoRooms(), []
+        return OneRoom(None), []
     if cell is None:
         plant = Plant(link, site, browsers, desk)
         return plant, [plant.run()]
