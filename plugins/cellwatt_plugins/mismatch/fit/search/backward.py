@@ -24,6 +24,9 @@ from cellwatt_plugins.mismatch.fit.solution import Solution
 
 STRETCHED = 5.0
 """nats that the tolerances of nominal numbers give a name before a plainer one."""
+LEFT, COMPLETE = 1.3, 0.9
+"""Mean square residual that a plainer name leaves, and the share of it beyond the noise that one takes off that says
+all there is to say."""
 UNSURE = 0.65
 """Share of a term's evidence from which a quite different shape of it fits about as well."""
 
@@ -81,12 +84,19 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             joint = [term.joint or 0]
             beyond, alone = compared(old, new, joint), float(np.sum((bare - new)[:, joint]))
             share = float(np.sum((old - new)[:, joint])) / alone if alone > 0 else 0.0
-            if share < state.thresholds.better or beyond.sure < state.thresholds.steady:
+            little = share < state.thresholds.better and not _completes(plain, now, joint[0])
+            if little or beyond.sure < state.thresholds.steady:
                 gain = rest.fit.gain(rest.problem.block(term))[0]
                 state.refuse(term, gain, f"is no better than {name.replace('_', ' ')} on data left out")
                 now = rest if unconfirmed(rest, plain, plain.terms[-1], state.thresholds, gain) else plain
                 break
     return now
+
+
+def _completes(plain: Solution, now: Solution, joint: int) -> bool:
+    """True if hardly anything is left of what the plainer name leaves at a joint beyond the noise."""
+    before, after = (float(s.problem.chi2(s.residual)[joint]) for s in (plain, now))
+    return before > LEFT and before - after > COMPLETE * (before - 1)
 
 
 def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
