@@ -216,5 +216,6 @@ def single() -> tuple[Findings, list[Trace]]:
         {},
         Where(("tau_1",), (0.0, 0.6)),
         Improvement("tau_1", "N*m", 1.12, 1.12, 0.6, True),
+        followed=False,
     )
     return Findings("unexplained", (unknown,), (), fit([one]), TRIED[8:10]), [one]

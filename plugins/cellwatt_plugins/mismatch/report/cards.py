@@ -61,7 +61,7 @@ def _finding_card(finding: Finding) -> Card:
         for name, p in finding.parameters.items()
     ]
     left: list[Block] = [Table("Parameters", (), rows)] if rows else []
-    right = [_remains(finding.improvement)] if unknown else _improvement(finding.improvement)
+    right = [_remains(finding.improvement)] if not finding.followed else _improvement(finding.improvement)
     others = [inline(bold(capital(words.named(o))), ": ", o.why) for o in finding.alternatives]
     more: list[Block] = [Html("<h4>Could also be</h4>"), Notes(others)] if others else []
     blocks = [finding.statement, Columns([*left, *_where(finding.where, finding.improvement.unit)], right), *more]

@@ -51,7 +51,7 @@ def numbers(findings: Findings) -> Section:
 
 def number_rows(findings: Findings) -> list[NumberRow]:
     """Each number that is found, then each that is retuned; a centre of mass is one."""
-    rows = [row for f in findings.findings if f.effect != words.UNKNOWN for row in _found(f)]
+    rows = [row for f in findings.findings if f.followed for row in _found(f)]
     return [*rows, *(_retuned(moved) for moved in findings.retuned)]
 
 

@@ -22,7 +22,7 @@ def in_words(found: Explained, out: Path) -> str:
     for finding in findings.findings:
         gain = finding.improvement
         lines.append(f"  • {finding.statement}")
-        curved = " with the curves below" if finding.effect == "unknown" and gain.channel in with_curves else ""
+        curved = " with the curves below" if not finding.followed and gain.channel in with_curves else ""
         lines.append(
             f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
             f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"

@@ -73,6 +73,8 @@ class Finding:
     alternatives: tuple[Alternative, ...] = ()
     was: float | None = None
     """The simulation's own number, from which the first parameter is how far off; None where it has no such term."""
+    followed: bool = True
+    """False of what the model has no law of: something unknown, and blows that nothing foretells."""
 
 
 @dataclass(frozen=True)
@@ -192,8 +194,8 @@ class Findings:
 
     @property
     def without_finding(self) -> tuple[UnexplainedChannel, ...]:
-        """The unexplained channels that no finding of an unknown effect tells of."""
-        told = {f.improvement.channel for f in self.findings if f.effect == "unknown"}
+        """The unexplained channels that no finding tells of."""
+        told = {f.improvement.channel for f in self.findings if not f.followed}
         return tuple(rest for rest in self.unexplained if rest.channel not in told)
 
     def as_json(self) -> dict[str, Any]:

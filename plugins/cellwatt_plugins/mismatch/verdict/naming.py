@@ -17,6 +17,7 @@ from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_uni
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, between, mostly
+from cellwatt_plugins.mismatch.verdict.rebounds import rebounds
 from cellwatt_plugins.robot.curves import Curve
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
@@ -149,7 +150,7 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
 
 
 def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveOut) -> list[Finding]:
-    """Findings of channels where something real is left that is none of the known effects."""
+    """Findings of channels where something real is left that no known effect follows."""
     supply = solution.problem.side == "supply"
     return [_unknown(solution, u, held, None if supply else u.channel) for u in left]
 
@@ -167,15 +168,25 @@ def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | N
     tone = hum(parts, [rows.step for rows in solution.problem.rows])
     if tone is not None:
         where += f"; it hums at {tone:.1f} Hz"
+    size = f"{left.rms:.3g} {unit.replace('*', '')}"
+    share = None if joint is None else rebounds(solution, joint)
+    statement = (
+        f"{place} shows {size} that no known effect explains{where}."
+        if share is None
+        else f"{place} shows {size} that no law follows, all of it just after its load turned over, in "
+        f"{100 * share:.0f} % of the time: the link rebounds in a play between motor and link. Backlash is missing; "
+        "its width cannot be told."
+    )
     return Finding(
-        effect="unknown",
+        effect="unknown" if share is None else "backlash",
         joint=None if joint is None else joint + 1,
         kind="missing",
         confidence=0.9,
-        statement=f"{place} shows {left.rms:.3g} {unit.replace('*', '')} that no known effect explains{where}.",
+        statement=statement,
         parameters={"rms": Parameter(left.rms, 0.0, unit)},
         where=Where((name,), left.position, left.velocity, left.times),
         improvement=Improvement(name, unit, error, after, left.floor),
+        followed=False,
     )
 
 
