@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
-from typing import Any
 
 from cellwatt.files import open_file, sync_folder, write_all
 from cellwatt.record.chunks import open_chunk, walk
@@ -62,19 +61,6 @@ class Recovery:
             lost.append(f"{self.unreadable} bytes unreadable ({'; '.join(dict.fromkeys(d.what for d in self.damage))})")
         where = f"; kept as {self.aside.name}" if self.aside else ""
         return f"{kept}, lost: {', '.join(lost)}{where}"
-
-    def plain(self) -> dict[str, Any]:
-        """JSON-ready, for reports."""
-        return {
-            "file": self.part.name,
-            "result": self.result.name if self.result else None,
-            "messages": self.messages,
-            "bytes": self.size,
-            "unreadable_bytes": self.unreadable,
-            "missing": dict(self.missing),
-            "aside": self.aside.name if self.aside else None,
-            "text": str(self),
-        }
 
 
 def left_open(folder: Path, cell: str) -> list[Path]:
