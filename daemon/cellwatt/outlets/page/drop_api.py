@@ -12,7 +12,7 @@ from cellwatt.door.http import BODY
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.access import answer
 from cellwatt.outlets.page.api import REPORT_POLICY, body_of, visitor_of
-from cellwatt.outlets.page.dropped import LARGEST, Drop, Drops
+from cellwatt.outlets.page.dropped import Drop, Drops
 from cellwatt.outlets.page.settings import PageSettings
 
 ROOT: Final = "/api/recordings"
@@ -56,7 +56,7 @@ class DropApi:
 
     async def _all(self, request: web.Request) -> web.StreamResponse:
         self._checked(request)
-        return answer({"drops": self._drops.names, "largest": LARGEST})
+        return answer({"drops": self._drops.names})
 
     async def _open(self, request: web.Request) -> web.StreamResponse:
         self._checked(request)
@@ -80,11 +80,14 @@ class DropApi:
         return answer(await asyncio.to_thread(self._drop(request).told))
 
     async def _draw(self, request: web.Request) -> web.StreamResponse:
-        await self._drops.curves(self._drop(request), request.match_info["path"])
+        await self._drops.draw(self._drop(request), request.match_info["path"])
         return answer({})
 
     async def _curves(self, request: web.Request) -> web.StreamResponse:
-        return _page(await self._drops.curves(self._drop(request), request.match_info["path"]))
+        drawn = self._drop(request).drawn.get(request.match_info["path"])
+        if drawn is None:
+            raise web.HTTPNotFound(text="this recording is not drawn")
+        return _page(drawn)
 
     async def _explain(self, request: web.Request) -> web.StreamResponse:
         drop, body = self._drop(request), await body_of(request)
@@ -95,9 +98,9 @@ class DropApi:
 
     async def _result(self, request: web.Request) -> web.StreamResponse:
         drop, name = self._drop(request), request.match_info["file"]
-        if name not in [path.name for path in await asyncio.to_thread(lambda: list(drop.result.glob("*")))]:
+        made = await asyncio.to_thread(lambda: {path.name: path for path in drop.result.glob("*")})
+        if (file := made.get(name)) is None:
             raise web.HTTPNotFound(text="there is no such file")
-        file = drop.result / name
         if file.suffix == ".html":
             return _page(file)
         headers = {"Content-Disposition": "attachment", "Content-Type": "application/octet-stream"}

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import shutil
 import tempfile
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
@@ -54,6 +55,8 @@ class Drop:
     """What a sample conceals."""
     answer: Answer | None = None
     drawn: dict[str, Path] = field(default_factory=dict)
+    """Pages of curves, by the path of what was drawn."""
+    numbers: Iterator[int] = field(default_factory=count)
 
     @property
     def files(self) -> Path:
@@ -125,6 +128,7 @@ class Drops:
         if size is None:
             raise CellwattError(f"{path:.200} was not announced: drop it again")
         file, left = drop.files / path, size
+        drop.drawn.clear()  # it may be there already, in an older state
         try:
             out = await asyncio.to_thread(_begun, file)
             try:
@@ -142,14 +146,13 @@ class Drops:
         if left:
             raise CellwattError(f"{path:.200} has another size than was announced: drop it again")
 
-    async def curves(self, drop: Drop, path: str) -> Path:
-        """The page of a recording's curves. Raises ``CellwattError`` where it cannot be drawn."""
+    async def draw(self, drop: Drop, path: str) -> None:
+        """Make the page of a recording's curves. Raises ``CellwattError`` where it cannot be drawn."""
         if path not in drop.drawn:
             await asyncio.to_thread(_known, drop, [path])
-            out = drop.folder / f"curves-{len(drop.drawn)}.html"
+            out = drop.folder / f"curves-{next(drop.numbers)}.html"
             await self._run(drop, ["plot", f"./{path}", "--out", str(out)])
             drop.drawn[path] = out
-        return drop.drawn[path]
 
     async def sample(self) -> Drop:
         """A drop of an arm's simulation and two recordings of it, with physics concealed. Raises ``CellwattError``."""
@@ -228,7 +231,7 @@ def kind_of(path: Path) -> Kind:
 
 def _begun(file: Path) -> BinaryIO:
     file.parent.mkdir(parents=True, exist_ok=True)
-    return file.open("xb")
+    return file.open("wb")
 
 
 def _check(path: str) -> None:

@@ -13,6 +13,8 @@ const KINDS: Readonly<Record<DropKind, Key>> = {
   robot: 'drop.robot',
   other: 'drop.other',
 };
+/** Files of a drop. */
+const MOST = 200;
 /** ms between two looks at what `explain` does. */
 const AGAIN = 1000;
 
@@ -41,6 +43,7 @@ class Asking {
 
   /** Send files, and show them. */
   async take(files: Files): Promise<void> {
+    if (files.size > MOST) return say(this.problem, t('drop.too_many', { n: files.size, most: MOST }));
     await this.tried(async () => {
       const name = await drop(sizes(files), this.into(files));
       let sent = 0;
