@@ -19,11 +19,8 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 BENCHMARKS = {
     "rtde": ("--repeats", "3", "--seconds", "5"),
-    "hses": ("--seconds", "6"),
-    "ticker": ("--runs", "3", "--seconds", "5"),
     "clock": ("--seeds", "2", "--random", "50"),
     "record": ("--kills", "10"),
-    "model": ("--repeats", "3"),
     "chain": ("--repeats", "2", "--seconds", "10", "--robots", "8", "32"),
     "footprint": ("--seconds", "20"),
 }

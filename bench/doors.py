@@ -40,7 +40,7 @@ import psutil
 
 from cellwatt.demo.cells import free_endpoint
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.outlets.page.passwords import hash_of
+from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.outlets.zenoh.keys import QUESTIONS
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.record import Recording

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from bench.view import SITE, status
 from playwright.async_api import Page, expect
 from rich.console import Console
 from tests.browser import WAIT, chromium
@@ -30,11 +29,11 @@ from cellwatt.demo.cells import free_endpoint, shape_file
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
 from cellwatt.outlets.zenoh.encode import JSON
-from cellwatt.outlets.zenoh.heard import await_cell
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health
+from cellwatt.outlets.zenoh.reach import await_cell
 from cellwatt.subscriber import Subscriber
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,8 +43,18 @@ HOOKED = 50
 """s after the start of the emulators at which the spring is hooked on."""
 PATIENCE = 240.0
 CELLS = 24
+SITE, SESSION = "plant-1", time.time_ns()
 MINUTE = 62.0
 """s until the chart of a minute is full."""
+
+
+def status(cell: str) -> dict[str, Any]:
+    counts = {"expected": 1, "received": 10**6, "missed": {"gap": 3}, "dropped": {}, "residue": 0, "counters": {}}
+    source = {"state": "ok", "rate_hz": 500.0, "bound_ms": 1.5, "streams": {}, **counts}
+    about = {"site": SITE, "cell": cell, "session": SESSION, "state": "green", "time": time.time_ns()}
+    sources = {f"source_{i}": source for i in range(4)}
+    rest: dict[str, Any] = {"recorder": None, "frames": {"count": 0}, "results": 0, "alarms": [], "shelved": []}
+    return {**about, "sources": sources, **rest}
 
 
 @contextmanager

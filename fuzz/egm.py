@@ -10,7 +10,7 @@ from cellwatt.channel import Stream
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.intake import Intake
-from cellwatt_drivers.abb.messages import classes
+from cellwatt_drivers.abb.messages import MESSAGES
 from fuzz.inlet import CheckingInlet
 from fuzz.target import Target
 
@@ -39,7 +39,7 @@ def run(data: bytes) -> None:
 
 def datagram(sequence: int, clock: int | None, older_force: bool = False) -> bytes:
     """A full message; ``clock`` in µs."""
-    message = classes()["EgmRobot"]()
+    message = MESSAGES.classes["EgmRobot"]()
     message.header.seqno, message.header.tm, message.header.mtype = sequence, 4 * sequence, wire.DATA
     message.feedBack.joints.joints.extend([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
     message.feedBack.externalJoints.joints.append(7.0)
@@ -53,7 +53,7 @@ def datagram(sequence: int, clock: int | None, older_force: bool = False) -> byt
     message.CollisionInfo.collsionTriggered = True
     message.torqueRef.joints.extend([0.5] * 6)
     if older_force:
-        older = classes()["EgmMeasuredForce6"]()
+        older = MESSAGES.classes["EgmMeasuredForce6"]()
         older.force.extend([1.0] * 6)
         message.measuredForce.ParseFromString(older.SerializeToString())
     else:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from functools import cache
 from typing import Final
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.message import Order
@@ -24,12 +25,12 @@ TOPICS: Final = (COMMAND, STATE, KEPT, "cellwatt/plant/weld/health")
 
 @cache
 def _plain() -> PlainFormat:
-    return PlainFormat(MqttSettings(), "plant", "weld")
+    return PlainFormat(MqttSettings(), "plant", "weld", AlarmBook())
 
 
 def run(data: bytes) -> None:
     """Messages in turn: a byte for the topic and whether it is retained, one for the length, the payload."""
-    node = EdgeNode(SparkplugSettings(primary_host="scada"), "plant", "weld")
+    node = EdgeNode(SparkplugSettings(primary_host="scada"), "plant", "weld", AlarmBook())
     node.connect()
     node.birth(SESSION // 10**6)
     at = 0

@@ -18,15 +18,13 @@ from yarl import URL
 
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.access import Gate
-from cellwatt.outlets.page.app import Page
+from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk, P, T
-from cellwatt.outlets.page.assets import Assets
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import OneRoom, Room
 from cellwatt.outlets.page.sessions import Sessions
-from cellwatt.outlets.page.settings import PageSettings
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.results import Alarm
 from fuzz.items import MESSAGES, SESSION
 from fuzz.target import Target

@@ -13,11 +13,9 @@ from cellwatt.frames import Layout
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.daemon import Daemon
 from cellwatt.outlets.apart.wire import Kind
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
-from cellwatt.outlets.page.outlet import PageOutlet
-from cellwatt.outlets.page.settings import PageSettings
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.outlet import PageOutlet, PageSettings
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.results import Event
 from fuzz.items import LAYOUT, MESSAGES, SESSION, frames, same
 from fuzz.target import Target

@@ -9,7 +9,6 @@ TOGETHER = {
     "tests/daemon/record/test_kill.py": "timing",
     "tests/daemon/test_ticker.py": "timing",
     "tests/daemon/outlets/zenoh/plants": "timing",
-    "tests/bench/outlet/test_whole.py": "timing",
     "tests/daemon/scheduler": "tests/daemon/scheduler",  # workers are started once
     "tests/plugins/energy": "tests/plugins/energy",  # a campaign and its fit are made once
     "tests/plugins/faults": "tests/plugins/faults",  # a reference is learnt once

@@ -1,22 +1,17 @@
-"""Servers of this host: Mosquitto, InfluxDB, and one that takes connections and says nothing."""
+"""Servers of this host: Mosquitto and InfluxDB."""
 
 from __future__ import annotations
 
 import getpass
-import os
 import shutil
-import signal
 import socket
 import subprocess
-import threading
 import time
 import urllib.request
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
-
-from aiohttp import web
 
 from outlet.children import free_port
 
@@ -45,10 +40,6 @@ class Mosquitto:
             time.sleep(0.02)
         self.end()
         raise RuntimeError("mosquitto does not begin")
-
-    def signal(self, number: signal.Signals) -> None:
-        """Send it a signal."""
-        os.kill(self.process.pid, number)
 
     def end(self) -> None:
         """Kill it."""
@@ -96,59 +87,3 @@ def _until_it_answers(url: str, process: subprocess.Popen[bytes]) -> None:
             return
         time.sleep(0.05)
     raise RuntimeError("influxd does not begin")
-
-
-class Silent:
-    """A port whose connections are taken, and of which nothing is ever read; ``taken`` counts them."""
-
-    def __init__(self) -> None:
-        self._socket = socket.create_server(("127.0.0.1", 0), backlog=128)
-        self._kept: list[socket.socket] = []
-        self.port: int = self._socket.getsockname()[1]
-        self._thread = threading.Thread(target=self._take)
-        self._thread.start()
-
-    @property
-    def taken(self) -> int:
-        """Connections so far."""
-        return len(self._kept)
-
-    def _take(self) -> None:
-        with suppress(OSError):  # it is over
-            while True:
-                self._kept.append(self._socket.accept()[0])
-
-    def end(self) -> None:
-        """Close the port and its connections."""
-        with suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
-        for each in (self._socket, *self._kept):
-            each.close()
-
-
-@contextmanager
-def silent() -> Iterator[Silent]:
-    """A port that says nothing for as long as the context lasts."""
-    port = Silent()
-    try:
-        yield port
-    finally:
-        port.end()
-
-
-@asynccontextmanager
-async def saying_204() -> AsyncIterator[int]:
-    """A web server that takes everything and keeps nothing; gives its port."""
-
-    async def take(request: web.BaseRequest) -> web.Response:
-        await request.read()
-        return web.Response(status=204)
-
-    runner = web.ServerRunner(web.Server(take))
-    await runner.setup()
-    try:
-        await web.TCPSite(runner, "127.0.0.1", 0).start()
-        yield runner.addresses[0][1]
-    finally:
-        await runner.cleanup()

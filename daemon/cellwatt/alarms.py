@@ -1,20 +1,27 @@
-"""The alarm book: alarms raised, updated and cleared by their ids, with patience, damping, acknowledgement and shelf.
+"""The alarm book: alarms raised, changed and cleared by their ids, with patience and damping, and the word of people.
 
-Pure: times are given, UTC ns, and the same calls give the same alarms.
+Pure: times are given, UTC ns, and the same calls give the same alarms. A book decides (``raise_``, ``clear``,
+``look``), or follows another one by its messages (``hear``), events (``note``) and health (``agree``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import pydantic_core
 from pydantic import TypeAdapter
 
 from cellwatt.errors import CellwattError
-from cellwatt.results import Alarm, Severity
+from cellwatt.results import Alarm, Event, Severity
 
+LOST: Final = "It is over; the message that says why did not get here."
+"""Statement of an alarm that the cell no longer has, though nobody heard it cleared."""
+RESTARTED: Final = "The daemon ended while this was active; the next one tells anew what still holds."
+"""Statement of the end of an alarm that nobody cleared."""
+WORDS: Final = ("acknowledged", "shelved", "unshelved")
+"""Kinds of the events with the word of a person about an alarm."""
 SEVERITIES: Final[tuple[Severity, ...]] = ("info", "warning", "error")
 """From the least to the gravest."""
 
@@ -80,6 +87,10 @@ class Standing:
     """The last message, while that is not a clear."""
     acknowledgement: Acknowledgement | None = None
     shelf: Shelf | None = None
+    evidence: str | None = None
+    """File of its evidence, once that is kept."""
+    news: bool = False
+    """What was heard last says more than other figures: it came, is over, or has another severity or joint."""
 
     @property
     def raised(self) -> bool:
@@ -96,6 +107,10 @@ class Standing:
         text = f"{self.alarm.statement} It comes and goes, and stays raised until it is steady."
         return replace(self.alarm, statement=text, evidence={**self.alarm.evidence, "flaps": self.flaps})
 
+    def acknowledged_after(self, time: int) -> bool:
+        """True if a person acknowledged it after ``time``, UTC ns."""
+        return self.acknowledgement is not None and self.acknowledgement.time > time
+
     def observe(self, holds: bool, time: int, after: Patience) -> bool:
         """Count an observation at ``time``; true where ``holds`` is to change, as there were enough against it."""
         if holds == self.holds:
@@ -107,6 +122,9 @@ class Standing:
 
 
 _STATE: Final = TypeAdapter(list[Standing])
+_ALARM: Final = TypeAdapter(Alarm)
+_CLEARS: Final = 500
+"""Clears of which the time is remembered, so that health from before them raises nothing again."""
 
 
 class AlarmBook:
@@ -120,6 +138,8 @@ class AlarmBook:
         self._standing = _standings(state)
         self._expected: dict[str, Standing] = {}
         self._expected_until = 0
+        self._over: dict[str, int] = {}
+        """When alarms were heard to be over, ns, by id."""
 
     def state(self) -> list[Any]:
         """All that the book knows, as plain data for JSON."""
@@ -156,6 +176,16 @@ class AlarmBook:
     def raised(self) -> list[Standing]:
         """Alarms that are up, in the order in which they came."""
         return [standing for standing in self._standing.values() if standing.raised]
+
+    @property
+    def up(self) -> list[Standing]:
+        """Alarms that others know to be up: raised, published, and not on the shelf."""
+        return [s for s in self._standing.values() if s.raised and s.published is not None and s.shelf is None]
+
+    @property
+    def shelved(self) -> list[Standing]:
+        """Alarms that are raised and on the shelf."""
+        return [s for s in self._standing.values() if s.raised and s.shelf is not None]
 
     # conditions -----------------------------------------------------------------------------------
 
@@ -242,6 +272,28 @@ class AlarmBook:
         standing.shelf = None
         return self.look(time)
 
+    def note(self, event: Event) -> list[Standing]:
+        """Take what an event says of alarms, also once more; give those that it is about.
+
+        It is the word of a person, or says where the evidence is. Other events, and alarms not up, are passed over.
+        """
+        data, kind = event.data, event.kind
+        several = kind == "evidence" and "pack" in data
+        ids: Iterable[str] = data.get("alarms", ()) if several else [data["alarm"]] if kind in WORDS else ()
+        found = [self._standing[alarm_id] for alarm_id in ids if alarm_id in self]
+        for standing in found:
+            match kind:
+                case "acknowledged":
+                    standing.acknowledgement = Acknowledgement(data["name"], data["note"], event.time)
+                case "shelved":
+                    about = data["name"], data["note"], event.time, data["until"]
+                    standing.shelf = Shelf(*about, standing.alarm.severity)
+                case "unshelved":
+                    standing.shelf = None
+                case _:
+                    standing.evidence = str(data["pack"])
+        return found
+
     def _recall(self, standing: Standing, time: int) -> None:
         """Let what people said of an alarm before a restart hold for it again."""
         before = self._expected.pop(standing.alarm.id, None)
@@ -256,6 +308,64 @@ class AlarmBook:
         if alarm_id not in self:
             raise CellwattError(f"no alarm {alarm_id!r} is active: it may have been cleared")
         return self._standing[alarm_id]
+
+    # between books --------------------------------------------------------------------------------
+
+    def told(self) -> dict[str, Any]:
+        """Alarms that are up, with who acknowledged each, and those on the shelf, JSON-ready: what health says."""
+        alarms = [
+            {**{k: getattr(s.published, k) for k in Alarm.__slots__}, "acknowledged": _said(s.acknowledgement)}
+            for s in self.up
+        ]
+        about = ("id", "kind", "severity", "statement", "since")
+        shelved = [{**{k: getattr(s.alarm, k) for k in about}, "shelf": _said(s.shelf)} for s in self.shelved]
+        return {"alarms": alarms, "shelved": shelved}
+
+    def hear(self, said: Alarm | Mapping[str, Any]) -> Standing:
+        """Take a message that another book has published, also as its fields; give the alarm as it stands now."""
+        alarm = said if isinstance(said, Alarm) else _ALARM.validate_python(dict(said))
+        standing = self._standing.pop(alarm.id, None) or Standing(alarm)
+        before = standing.published
+        if not alarm.active:
+            standing.over, standing.published, standing.holds = alarm, None, False
+            standing.acknowledgement, standing.news = None, True
+            self._over[alarm.id] = alarm.time
+            while len(self._over) > _CLEARS:
+                del self._over[next(iter(self._over))]
+            return standing
+        standing.news = before is None or (before.severity, before.joint) != (alarm.severity, alarm.joint)
+        standing.alarm = standing.published = alarm
+        standing.holds, standing.shelf = True, None
+        self._standing[alarm.id] = standing
+        return standing
+
+    def agree(self, health: Mapping[str, Any]) -> list[Standing]:
+        """Take what the health of another book's cell says (see ``told``); give the alarms that were not heard so."""
+        time: int = health["time"]
+        alarms = {body["id"]: body for body in health.get("alarms", ())}
+        shelved = {body["id"]: body for body in health.get("shelved", ())}
+        over = [s.alarm for s in self.raised if s.alarm.id not in {**alarms, **shelved} and s.alarm.time <= time]
+        found = [self.hear(replace(alarm, active=False, time=time, statement=LOST)) for alarm in over]
+        for alarm_id, body in alarms.items():
+            if self._over.get(alarm_id, time) > time:
+                continue  # it was cleared after that
+            fields, known = {k: v for k, v in body.items() if k != "acknowledged"}, self._standing.get(alarm_id)
+            word = None if body.get("acknowledged") is None else Acknowledgement(**body["acknowledged"])
+            if known is None or known.shelf is not None:
+                found.append(known := self.hear(fields))
+            elif word != known.acknowledgement and not (word is None and known.acknowledged_after(time)):
+                found.append(known)
+                known.news = False
+            else:
+                continue
+            known.acknowledgement = word
+        for alarm_id, body in shelved.items():
+            alarm = _ALARM.validate_python(
+                {k: v for k, v in body.items() if k != "shelf"} | {"active": True, "time": time}
+            )
+            known = self._standing.setdefault(alarm_id, Standing(alarm, holds=True))
+            known.shelf = Shelf(**body["shelf"])
+        return found
 
     # damping --------------------------------------------------------------------------------------
 
@@ -288,6 +398,10 @@ class AlarmBook:
     def _span(self) -> float:
         """Span of damping, ns."""
         return 0.0 if self._damping is None else self._damping.seconds * 1e9
+
+
+def _said(word: Acknowledgement | Shelf | None) -> dict[str, Any] | None:
+    return None if word is None else asdict(word)
 
 
 def _standings(state: Iterable[Any]) -> dict[str, Standing]:

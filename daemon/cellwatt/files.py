@@ -6,13 +6,17 @@ every file that a command or the daemon reads is checked here, also those that a
 
 from __future__ import annotations
 
+import csv
 import errno
+import io
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import FileIO
 from pathlib import Path
 from typing import Final
+
+from cellwatt.errors import CellwattError, why
 
 Place = str | os.PathLike[str]
 Places = Place | Iterable[Place]
@@ -97,6 +101,23 @@ def unreadable(named: Mapping[str, Path | None]) -> Iterator[str]:
                 yield f"{option}: {path} cannot be read: {error.strerror}"
 
 
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write what a command was asked for, in a folder that is made. Raises ``CellwattError`` with a plain reason."""
+    try:
+        if not path.parent.exists():
+            path.parent.mkdir(parents=True)
+        path.write_bytes(content.encode(errors="replace") if isinstance(content, str) else content)
+    except OSError as error:
+        raise CellwattError(f"{path} cannot be written: {why(error)}") from error
+
+
+def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
+    """Write rows as CSV, as ``write_file``."""
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    write_file(path, text.getvalue())
+
+
 def replace_text(path: Path, text: str) -> None:
     """Put a text in place of a file, as ``replace_bytes``. Raises ``OSError``."""
     replace_bytes(path, text.encode())
@@ -130,6 +151,24 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def put_aside(path: Path, content: bytes, largest: int, mode: int = 0o600) -> bool:
+    """Add to a file, and sync it; one of ``largest`` bytes becomes ``.1`` first, in place of the one before.
+
+    True if an older file was thrown away for it. Raises ``OSError``. Blocks.
+    """
+    thrown = False
+    if path.exists() and path.stat().st_size + len(content) > largest:
+        old = path.with_name(f"{path.name}.1")
+        thrown = old.exists()
+        path.replace(old)
+    flags = os.O_CLOEXEC | os.O_NOFOLLOW
+    with open(path, "ab", opener=lambda name, how: os.open(name, how | flags, mode)) as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return thrown
 
 
 def _check(status: os.stat_result, limit: int | None) -> None:

@@ -60,6 +60,12 @@ def in_the_clear(url: str) -> bool:
     return parts.scheme == "http" and not stays_here(parts.hostname or "")
 
 
+def check_clear(url: str, *, allowed: bool) -> None:
+    """Raise ``ValueError`` where an address of the web beyond this PC has no TLS, unless that is ``allowed``."""
+    if in_the_clear(url) and not allowed:
+        raise ValueError("http is for this PC alone: use https, or set open: true")
+
+
 def _mistake(host: str) -> str:
     if len(host) > LONGEST:
         return f"a host name has at most {LONGEST} characters, this one has {len(host):,}"

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, SecretStr, ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.account import Account
+from cellwatt.alarms import AlarmBook
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
@@ -23,6 +25,38 @@ class OutletSettings(BaseModel):
     def warnings(self) -> tuple[str, ...]:
         """Warnings about valid settings, one line each, shown by ``check``, ``doctor``, health and the log."""
         return ()
+
+
+def together(**settings: object) -> None:
+    """Raise ``ValueError`` unless all of these settings are given, or none."""
+    given = [value is not None for value in settings.values()]
+    if any(given) and not all(given):
+        raise ValueError(f"{' and '.join(settings)} are needed together")
+
+
+def refusal(settings: BaseModel, *problems: tuple[tuple[str | int, ...], object, str]) -> ValidationError:
+    """The error of settings that are wrong together, with the place, the value and the text of each problem."""
+    found = [
+        InitErrorDetails(type=PydanticCustomError("value_error", "{error}", {"error": text}), loc=place, input=value)
+        for place, value, text in problems
+    ]
+    return ValidationError.from_exception_data(type(settings).__name__, found, hide_input=True)
+
+
+def revealed(value: Any) -> Any:
+    """Settings with their secrets, JSON-ready, for the process that serves by them and nobody else."""
+    match value:
+        case SecretStr():
+            return value.get_secret_value()
+        case BaseModel():
+            return {name: revealed(getattr(value, name)) for name in type(value).model_fields}
+        case Mapping():
+            return {name: revealed(inner) for name, inner in value.items()}
+        case tuple() | list():
+            return [revealed(inner) for inner in value]
+        case Path():
+            return str(value)
+    return value
 
 
 Item = Batch | Frames | Result | Event
@@ -57,6 +91,8 @@ class CellView(Protocol):
 
     It numbers them from the start of ``session`` on.
     """
+    alarms: AlarmBook
+    """Alarms that are up, with what people said of them: to be read, on the event loop alone."""
 
     def status(self) -> Mapping[str, Any]:
         """Health of every part with its figures, JSON-ready."""

@@ -17,7 +17,6 @@ from cellwatt.errors import CellwattError
 from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
 from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
 from cellwatt_plugins.energy.known import load_known
-from cellwatt_plugins.energy.procedure.cube import load_cube
 from cellwatt_plugins.faults import reference
 from cellwatt_plugins.faults.api import _described
 from cellwatt_plugins.faults.paper import equation
@@ -35,7 +34,6 @@ CASES: dict[str, tuple[str, Callable[[Path], object], str, str]] = {
     "supply": ("robot.yaml", lambda path: load_robot(path, ["winding_resistance"]), f"{ROBOT}  torque_constant: 1\n", "4:3: joints[0].winding_resistance: j1 has no winding_resistance: add it"),
     "outline": ("robot.yaml", load_robot, f"{ROBOT}capsules:\n- {{link: 1, from: [0, 0, 0], to: [0, 0, 1], radius: 0}}\n", "6:53: capsules[0].radius: found 0, expected a value above 0"),
     "--robot": ("arm.yaml", lambda path: _described(str(path)), "robot: 7\n", "1:8: robot: found 7, expected text; write it in quotes"),
-    "cube": ("cubes.yaml", lambda path: load_cube("mine", path), "mine:\n  payload: 0\n  points: [[0, 0, 0], [0, 0, 1], [0, 1, 1], [0, 1, 0]]\n", "2:12: mine.payload: found 0, expected a value above 0"),
     "energy.json": ("energy.json", lambda path: load_known(path, ARM), '{"robot": "a",\n "fixed": 5}', "1:1: the key 'runs' is missing (and 9 more); if it is of an earlier cellwatt, run `cellwatt disaggregate`"),
     "reference": ("reference.yaml", reference.load, "cellwatt_reference: 1\nrobot: a\narm: a\npower: p\njoints: 0\ntasks: []\n", "5:9: joints: found 0, expected at least 1"),
     "equation": ("equation.yaml", equation.load, "cellwatt_power_equation: 1\npower: p\norder: 2\nduration: 1\nrms: []\nK: 1\np: []\nr: []\n", "3:8: order: order 2 needs as many p and r"),

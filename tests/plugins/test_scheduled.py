@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, tzinfo
@@ -25,7 +24,6 @@ from cellwatt_plugins.energy.command import disaggregate
 from cellwatt_plugins.faults import train_command
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.models.command import predict, train
-from tests.daemon.scheduler.processes import scheduler
 from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run, write_table
 from tests.plugins.models.making import Mlp, metadata
 from tests.plugins.models.power.emulated_arm import write_case
@@ -33,20 +31,12 @@ from tests.plugins.models.static import arms
 
 codes_of = train_command._codes_of
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
-pytest.importorskip("distributed", reason="the extra scale is not installed")
 
 
-@pytest.fixture(scope="module")
-def workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a scheduler with two workers."""
-    from distributed import Client
-
-    with scheduler(tmp_path_factory.mktemp("workers")) as started:
-        for _ in range(2):
-            started.work()
-        with Client(started.address, set_as_default=False) as client:
-            client.wait_for_workers(2)
-        yield started.address
+@pytest.fixture
+def workers() -> str:
+    """Two processes of this machine."""
+    return "local:2"
 
 
 def called(command: click.Command, *words: object) -> str:

@@ -20,7 +20,6 @@ from cellwatt.yaml_file import parse_yaml
 from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
 from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
 from cellwatt_plugins.energy.known import load_known
-from cellwatt_plugins.energy.procedure.cube import load_cube
 from cellwatt_plugins.energy.recordings import read_reading
 from cellwatt_plugins.faults import reference
 from cellwatt_plugins.faults.api import _described
@@ -45,7 +44,6 @@ READERS: dict[str, tuple[str, Read]] = {
     "power equation": ("equation.yaml", equation.load),
     "model": ("model.yaml", load_model),
     "--robot": ("arm.yaml", lambda path: _described(str(path))),
-    "cube": ("cube.yaml", lambda path: load_cube("ur10e", path)),
     "energy.json": ("energy.json", lambda path: load_known(path, SimpleNamespace())),  # type: ignore[arg-type]
     "campaign's table": ("run.csv", read_reading),
     "campaign's Parquet": ("run.parquet", read_reading),

@@ -19,7 +19,7 @@ import pytest
 from asyncua import Client, ua
 
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.outlets.page.passwords import hash_of
+from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.record import Recording
 from tests.daemon.outlets.mqtt.broker import Broker, ears, needs_mosquitto
 from tests.daemon.outlets.mqtt.wire import command

@@ -29,7 +29,7 @@ async def test_a_password_in_the_file_is_told_nowhere(tmp_path: Path) -> None:
         text = (
             f"# {SECRET}\nsources:\n{ur('arm', device.address)}"
             f"  welder: {{driver: abb, host: 127.0.0.1, port: {free_port()}, password: {SECRET}}}\n"
-            f"  other: {{driver: kinova, host: 127.0.0.1, port: {free_port()}, password: '{SECRET}'}}\n"
+            f"  other: {{driver: abb, host: 127.0.0.1, port: {free_port()}, egm: [], password: '{SECRET}'}}\n"
         )
         async with running(tmp_path, text) as (daemon, audience):
             await audience.until(lambda a: a.received[RAW] > 100 and len(a.alarms) >= 2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,15 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import click
+import yaml
 
 from cellwatt.config import CellConfig, load
-from cellwatt.config.document import read
-from cellwatt.config.edit import edited
+from cellwatt.config.places import KeyPath
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places, running, targets
 from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import addressed
-from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.files import read_bytes, write_file
 from cellwatt.terminal import show_table
 
 
@@ -106,15 +106,27 @@ def _write(
 ) -> None:
     """Write a copy of the settings that reads the emulators; check that it says just that."""
     changes = places(devices, emulators)
-    try:
-        write.write_text(edited(read(config.path, os.environ), changes))
-    except OSError as error:
-        raise CellwattError(f"{write} cannot be written: {why(error)}") from error
+    write_file(write, _changed(read_bytes(config.path), changes))
     copy = load(write)
     for (_, name, key), value in changes.items():
         if getattr(copy.sources[str(name)].settings, str(key)) != value:
             shown = json.dumps(value)
             raise CellwattError(f"{write}: sources.{name}.{key} could not be set; write {key}: {shown} there")
+
+
+def _changed(text: bytes, changes: Mapping[KeyPath, Any]) -> str:
+    """The text of a settings file with other values, without its comments; all else as it stands."""
+    root: Any = yaml.compose(text, Loader=yaml.SafeLoader)
+    for (*where, key), value in changes.items():
+        node = root
+        for name in where:
+            found = [inside for known, inside in node.value if known.value == name]
+            if not found:
+                raise CellwattError(f"{'.'.join(map(str, where))} is merged by '<<': write it out for --write")
+            node = found[0]
+        new: Any = yaml.compose(yaml.safe_dump({key: value}), Loader=yaml.SafeLoader)
+        node.value = [*(pair for pair in node.value if pair[0].value != key), *new.value]
+    return str(yaml.serialize(root, Dumper=yaml.SafeDumper, allow_unicode=True, width=float("inf")))
 
 
 def _show(file: Path, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:

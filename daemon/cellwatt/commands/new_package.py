@@ -14,7 +14,7 @@ from string import Template
 
 import click
 
-from cellwatt.errors import CellwattError, why
+from cellwatt.files import write_file
 from cellwatt.registry import available
 
 
@@ -72,13 +72,8 @@ def _write(kit: Kit, name: str, folder: Path) -> None:
     target = folder / name
     if os.path.lexists(target):
         raise click.UsageError(f"{target} is there already: choose another name or --folder")
-    try:
-        for path, text in package(name, kit).items():
-            file = target / path
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CellwattError(f"{target} cannot be written: {why(error)}") from error
+    for path, text in package(name, kit).items():
+        write_file(target / path, text)
     click.echo(f"{target} is written. Next:\n")
     click.echo(f"  cd {target}\n  pip install -e '.[test]'\n  pytest\n  cellwatt drivers {name}")
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from cellwatt.scheduler import scheduled
-from cellwatt.scheduler.place import parse_place
+from cellwatt.scheduler.spread import parse_place
 
 R = TypeVar("R")
 
@@ -20,12 +20,9 @@ def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
     @click.option(
         "--scheduler",
         "place",
-        metavar="local|tcp://HOST:PORT",
+        metavar="local[:N]",
         callback=_place,
-        help=(
-            "Do the work on all cores (local; local:2 on two), or on the workers of this dask scheduler. It is "
-            "trusted: its answers are pickled objects, so whoever answers in its place runs code here."
-        ),
+        help="Do the work on all cores (local), or on so many (local:2).",
     )
     @wraps(command)
     def run(*args: Any, place: str | None, **given: Any) -> R:

@@ -17,8 +17,9 @@ from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import ConfigError, why
 from cellwatt.files import read_text
+from cellwatt.outlet import revealed
 from cellwatt.outlets.page import PageSettings
-from cellwatt.outlets.page.passwords import hash_of
+from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.subscriber import LinkSettings
 from cellwatt.yaml_file import NotYamlError, parse_yaml
 
@@ -67,7 +68,7 @@ def command(
     if page is not None:
         values = _written(page)
     else:
-        values = own.told() if isinstance(own, PageSettings) else {}
+        values = revealed(own) if isinstance(own, PageSettings) else {}
         values.pop("listen", None)  # there the cell's own page is
     settings = _settings(values, listen, arms, page)
     if (plant := where.whole_site) is not None:

@@ -24,8 +24,8 @@ from cellwatt.live.site import site as table_of
 from cellwatt.live.site import summary
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
-from cellwatt.outlets.zenoh.heard import await_cell, site_health
 from cellwatt.outlets.zenoh.link import open_session
+from cellwatt.outlets.zenoh.reach import await_cell, site_health
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
 if TYPE_CHECKING:

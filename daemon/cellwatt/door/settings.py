@@ -7,15 +7,14 @@ import ssl
 from pathlib import Path
 from typing import ClassVar, Final
 
-from pydantic import ConfigDict, ValidationError, field_validator
+from pydantic import ConfigDict, field_validator
 from pydantic import model_validator as model_check
-from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.door import validity
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
-from cellwatt.outlet import OutletSettings
+from cellwatt.outlet import OutletSettings, refusal, together
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 _LAST_PORT: Final = 65535
@@ -52,13 +51,10 @@ class Listening(OutletSettings):
 
     @model_check(mode="after")
     def _closed(self) -> Listening:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key are needed together")
+        together(certificate=self.certificate, key=self.key)
         if not self.open and (text := self.opening):
             advice = f"use 127.0.0.1, or give certificate, key and {self.login}, or set open: true"
-            kind = PydanticCustomError("value_error", "{error}", {"error": f"{text}; {advice}"})
-            problem = InitErrorDetails(type=kind, loc=("listen",), input=self.listen)
-            raise ValidationError.from_exception_data(type(self).__name__, [problem], hide_input=True)
+            raise refusal(self, (("listen",), self.listen, f"{text}; {advice}"))
         return self
 
     @property

@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
@@ -27,14 +27,6 @@ KEPT: Final = 30 * 86400.0
 _PIECE: Final = 8_000_000
 _ORIGIN: Final = ".origin"
 _PART: Final = ".part-"
-
-
-class Origin(NamedTuple):
-    """What a path of the cache is a copy of: ``version`` of a URL, and the path below that."""
-
-    url: str
-    version: str
-    below: tuple[str, ...]
 
 
 def folder() -> Path:
@@ -56,30 +48,6 @@ def fetch(url: str) -> Path:
     remote = Remote(url)
     files = remote.files()
     return _copy(remote, files, _version(url, files))
-
-
-def again(origin: Origin) -> Path:
-    """The same path of the cache on this host, fetched if need be. Raises ``CellwattError`` if it has changed since."""
-    kept = _kept(origin.version)
-    if kept is None:
-        remote = Remote(origin.url)
-        files = remote.files()
-        if _version(origin.url, files) != origin.version:
-            raise CellwattError(f"{blank(origin.url)} has changed since this work began: start it again")
-        kept = _copy(remote, files, origin.version)
-    return kept.joinpath(*origin.below)
-
-
-def origin(path: Path) -> Origin | None:
-    """What the path is a copy of; None for any that is not in the cache."""
-    try:
-        parts = path.absolute().relative_to(folder()).parts
-        if len(parts) < 2:
-            return None
-        about = json.loads((folder() / parts[0] / _ORIGIN).read_text("utf-8"))
-    except (ValueError, OSError, CellwattError):
-        return None
-    return Origin(about["url"], parts[0], parts[2:])
 
 
 def _version(url: str, files: Sequence[File]) -> str:

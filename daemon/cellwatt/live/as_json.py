@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cellwatt.alarms import Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.live.state import LiveCell
@@ -33,14 +34,15 @@ def line_of(message: Message) -> dict[str, Any]:
     }
 
 
-def take_line(cell: LiveCell, line: Mapping[str, Any]) -> None:
-    """Let a live cell take a line; of frames it takes the power."""
+def take_line(cell: LiveCell, line: Mapping[str, Any]) -> list[Standing]:
+    """Let a live cell take a line, of frames the power; give the alarms of which it says something."""
     content = line["content"]
     if line["kind"] != "frame":
-        cell.add(line["kind"], content)
-    elif power := content.get("power"):
+        return cell.add(line["kind"], content)
+    if power := content.get("power"):
         values = np.array(list(power.values()), dtype=float).T
         cell.frames.add(np.array(content["time"], np.int64), tuple(power), ("W",) * len(power), values)
+    return []
 
 
 def _kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:

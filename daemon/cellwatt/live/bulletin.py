@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
 
+from cellwatt.alarms import Standing
 from cellwatt.live.as_json import line_of, take_line
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Message
@@ -31,13 +32,13 @@ class Bulletin:
         """Lines about a message as ``watch --json`` prints it."""
         return self._news(line, lambda: take_line(self.cell, line))
 
-    def _news(self, line: Mapping[str, Any], take: Callable[[], None]) -> Iterator[str]:
+    def _news(self, line: Mapping[str, Any], take: Callable[[], list[Standing]]) -> Iterator[str]:
         """Lines about what ``take``, which lets the cell take a message, has changed."""
         if self._silent:
             self._silent = False
             yield _line("messages again")
-        before, alarms, restarts = self.cell.status, dict(self.cell.alarms), self.cell.restarts
-        take()
+        before, restarts = self.cell.status, self.cell.restarts
+        alarms = take()
         if self.cell.restarts > restarts:
             before = {}
             yield _line("the daemon was started again")
@@ -46,12 +47,12 @@ class Bulletin:
             yield from _changes(before, self.cell.status)
         elif kind == "gap":
             yield _line(f"{content['count']} of {line['topic']} are lost: {content['reason']}")
-        elif kind == "alarm":
-            if _is_news(content, alarms.get(content["id"])):
-                word = content["severity"] if content["active"] else "cleared"
-                yield _line(f"{word}: {content['statement']}", content["time"])
         elif said := _said(kind, content):
             yield _line(said, content["time" if kind == "event" else "end"])
+        for standing in alarms:
+            if standing.news:
+                word = standing.alarm.severity if standing.raised else "cleared"
+                yield _line(f"{word}: {standing.message.statement}", standing.message.time)
 
     def stands(self, now: float) -> Iterator[str]:
         """Lines that are due: the silence of the cell, or each ``EVERY`` s how it stands."""
@@ -63,12 +64,6 @@ class Bulletin:
         elif cell.status and now >= self._stands_at:
             self._stands_at = now + EVERY
             yield _line(_standing(cell))
-
-
-def _is_news(alarm: Mapping[str, Any], before: Mapping[str, Any] | None) -> bool:
-    """True unless an alarm only tells other figures than before."""
-    same = before and (alarm["severity"], alarm["joint"]) == (before["severity"], before["joint"])
-    return not (alarm["active"] and same)
 
 
 def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[str]:
@@ -111,7 +106,8 @@ def _standing(cell: LiveCell) -> str:
     sources = status["sources"].values()
     lost = sum(sum(s["missed"].values()) + sum(s["dropped"].values()) for s in sources)
     well = sum(s["state"] == "ok" for s in sources)
-    alarms = f"{len(cell.alarms)} alarm{'s' * (len(cell.alarms) != 1)}" if cell.alarms else "no alarm"
+    up = len(cell.alarms.up)
+    alarms = f"{up} alarm{'s' * (up != 1)}" if up else "no alarm"
     return (
         f"{status['site']}/{status['cell']} is {cell.state}: {well} of {len(sources)} sources ok, "
         f"{sum(s['received'] for s in sources)} samples received, {lost} lost, {alarms}"

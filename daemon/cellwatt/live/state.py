@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
+from cellwatt.alarms import RESTARTED, AlarmBook, Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.live.history import History
@@ -32,15 +33,15 @@ Body = Mapping[str, Any]
 class LiveCell:
     """State of a cell; ``take`` and ``add`` take its messages in order of arrival.
 
-    ``alarms`` are active, by id; ``cleared`` are those of this session that no longer are, ``forgotten`` counts older
-    ones. ``predicted`` are the outputs of models, by model. ``heard`` is the monotonic time of the last message.
+    ``alarms`` is the cell's book as it was heard; ``cleared`` are those that are over, ``forgotten`` counts older ones.
+    ``predicted`` are the outputs of models, by model. ``heard`` is the monotonic time of the last message.
     """
 
     status: Body = field(default_factory=dict)
     session: int | None = None
     restarts: int = 0
-    alarms: dict[str, Body] = field(default_factory=dict)
-    cleared: deque[Body] = field(default_factory=lambda: deque(maxlen=CLEARED))
+    alarms: AlarmBook = field(default_factory=AlarmBook)
+    cleared: deque[Standing] = field(default_factory=lambda: deque(maxlen=CLEARED))
     forgotten: int = 0
     intervals: deque[Body] = field(default_factory=lambda: deque(maxlen=32))
     task: Body | None = None
@@ -53,8 +54,8 @@ class LiveCell:
     heard_at: int = 0
     """UTC time of the last message, ns."""
 
-    def take(self, message: Message) -> None:
-        """Take a message of a subscriber."""
+    def take(self, message: Message) -> list[Standing]:
+        """Take a message of a subscriber; give the alarms of which it says something."""
         content = message.content
         if isinstance(content, Gap):
             self.lost += content.count
@@ -62,19 +63,21 @@ class LiveCell:
         elif isinstance(content, Frames):
             self.add_frames(content)
         elif isinstance(content, Health):
-            self._session(content.session)
-            self.add("health", content.status)
-        elif not isinstance(content, Batch | Event):
-            self.add(message.topic.split("/", 1)[0], asdict(content))
+            return [*self._session(content.session), *self.add("health", content.status)]
+        elif not isinstance(content, Batch):
+            return self.add(message.topic.split("/", 1)[0], asdict(content))
+        return []
 
-    def add(self, kind: str, body: Body) -> None:
-        """Take a message of kind health, alarm, interval, task, energy or prediction; others are ignored."""
+    def add(self, kind: str, body: Body) -> list[Standing]:
+        """Take a health message, a result or an event as its fields; give the alarms of which it says something."""
         self._alive()
         if kind == "health":
-            self._health(body)
-        elif kind == "alarm":
-            self._alarm(body)
-        elif kind == "interval" and body["closed"]:
+            return self._health(body)
+        if kind == "alarm":
+            return self._over([self.alarms.hear(body)])
+        if kind == "event":
+            return self.alarms.note(Event(**body))
+        if kind == "interval" and body["closed"]:
             self.intervals.append(body)
         elif kind == "task":
             self.task = body
@@ -82,6 +85,7 @@ class LiveCell:
             self.energies.setdefault(body["task"], deque(maxlen=REPETITIONS)).append(body)
         elif kind == "prediction":
             self._prediction(body)
+        return []
 
     def add_frames(self, frames: Frames) -> None:
         """Take frames."""
@@ -96,10 +100,8 @@ class LiveCell:
         An error that nobody has acknowledged is ``red``, any other error or warning ``amber``; the shelf is silent.
         """
         own = str(self.status["state"])
-        known = {alarm["id"] for alarm in self.status.get("alarms", ()) if alarm.get("acknowledged")}
-        shelved = {alarm["id"] for alarm in self.status.get("shelved", ())}
-        grave = [a for a in self.alarms.values() if a["severity"] != "info" and a["id"] not in shelved]
-        if own == "red" or any(a["severity"] == "error" and a["id"] not in known for a in grave):
+        grave = [standing for standing in self.alarms.up if standing.alarm.severity != "info"]
+        if own == "red" or any(s.alarm.severity == "error" and s.acknowledgement is None for s in grave):
             return "red"
         return "amber" if grave else own
 
@@ -111,37 +113,30 @@ class LiveCell:
     def _alive(self) -> None:
         self.heard, self.heard_at = time.monotonic(), time.time_ns()
 
-    def _health(self, status: Body) -> None:
+    def _health(self, status: Body) -> list[Standing]:
         if not status.keys() >= _TOLD:
-            return  # a cell of another version, or none
-        if not self.status:
-            for alarm in status.get("alarms", ()):
-                self.alarms.setdefault(alarm["id"], alarm)
+            return []  # a cell of another version, or none
         self.status = status
+        return self._over(self.alarms.agree(status))
 
-    def _session(self, session: int) -> None:
+    def _session(self, session: int) -> list[Standing]:
         """Forget the alarms of a daemon that has ended: the new one raises again what still holds."""
-        if self.session not in (None, session):
-            self.restarts += 1
-            for alarm in self.alarms.values():
-                self._clear({**alarm, "active": False, "time": session})
-            self.alarms.clear()
-            self.status = {}
-        self.session = session
+        before, self.session = self.session, session
+        if before in (None, session):
+            return []
+        self.restarts += 1
+        self.status = {}
+        left, self.alarms = self.alarms, AlarmBook()
+        ends = (replace(s.alarm, active=False, time=session, statement=RESTARTED) for s in left.raised)
+        return self._over([left.hear(end) for end in ends])
 
-    def _alarm(self, alarm: Body) -> None:
-        before = self.alarms.pop(alarm["id"], None)
-        if alarm["active"]:
-            self.alarms[alarm["id"]] = alarm
-        elif before is not None:
-            # The clear says why it was cleared; what was wrong, and the evidence, stand in the alarm itself.
-            self._clear({**before, "active": False, "time": alarm["time"], "cleared": alarm["statement"]})
-        else:
-            self._clear(alarm)
-
-    def _clear(self, alarm: Body) -> None:
-        self.forgotten += len(self.cleared) == CLEARED
-        self.cleared.append(alarm)
+    def _over(self, alarms: list[Standing]) -> list[Standing]:
+        """Remember those that are over; give all."""
+        for standing in alarms:
+            if not standing.raised:
+                self.forgotten += len(self.cleared) == CLEARED
+                self.cleared.append(standing)
+        return alarms
 
     def _prediction(self, body: Body) -> None:
         names = tuple(body["outputs"])

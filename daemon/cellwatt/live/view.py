@@ -195,12 +195,12 @@ def _number(value: float) -> str:
 
 def alarms(cell: LiveCell, look: Look) -> list[Text]:
     """The active alarms: the gravest first, of these the latest first."""
-    if not cell.alarms:
+    if not (up := [standing.alarm for standing in cell.alarms.up]):
         return [Text("no alarm", "green")]
     order, lines = list(SEVERITY), list[Text]()
-    for alarm in sorted(cell.alarms.values(), key=lambda a: (-order.index(a["severity"]), -a["since"])):
-        said = f"{alarm['severity']} since {look.clock(alarm['since'])}: {alarm['statement']}"
+    for alarm in sorted(up, key=lambda a: (-order.index(a.severity), -a.since)):
+        said = f"{alarm.severity} since {look.clock(alarm.since)}: {alarm.statement}"
         lines += [
-            Text(line, SEVERITY[alarm["severity"]]) for line in textwrap.wrap(said, look.width, subsequent_indent="  ")
+            Text(line, SEVERITY[alarm.severity]) for line in textwrap.wrap(said, look.width, subsequent_indent="  ")
         ]
     return lines

@@ -77,6 +77,19 @@ class Table:
         label = escape(self.label)
         return Html(f'<div class=wide><table aria-label="{label}">{head}<tbody>{body}</tbody></table></div>')
 
+    def text(self) -> str:
+        """The same for a terminal: its label, then a line a row, numbers to the right."""
+        rows = [self.heads, *self.rows]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = (
+            "  ".join(
+                cell.rjust(width) if i else cell.ljust(width)
+                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            )
+            for row in rows
+        )
+        return "\n".join([self.label, *(line.rstrip() for line in lines)])
+
 
 @dataclass(frozen=True)
 class Bars:

@@ -10,7 +10,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from cellwatt.errors import CellwattError, why
+from cellwatt.errors import CellwattError
+from cellwatt.files import write_file
 from cellwatt.report.blocks import Block, Html, joined, quiet
 from cellwatt.report.facts import Facts
 from cellwatt.report.figure import pack
@@ -70,10 +71,7 @@ class Report:
 
     def write(self, path: Path) -> None:
         """Write the page to ``path``. Raises ``CellwattError`` where that fails or plotly is missing."""
-        try:
-            path.write_text(self.html(), encoding="utf-8", errors="replace")
-        except OSError as error:
-            raise CellwattError(f"{path} cannot be written: {why(error)}") from error
+        write_file(path, self.html())
 
     def html(self) -> str:
         """The page. Raises ``CellwattError`` where plotly is not installed."""

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import math
 from collections import deque
 from datetime import date, datetime
 from pathlib import Path
@@ -17,6 +18,7 @@ from pydantic import BaseModel, ValidationError
 from cellwatt.errors import why
 from cellwatt.files import read_bytes, replace_text
 from cellwatt.frames import Frames, Layout
+from cellwatt.results import Energy
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +38,10 @@ class _Kept(BaseModel):
 
 
 class Consumption:
-    """Power and energy of a cell; a value that is missing counts as none, so the energy is the least that it took."""
+    """Power and energy of a cell; a value that is missing counts as none, so the energy is the least that it took.
+
+    Where no channel tells what it draws, the energies of its tasks count.
+    """
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
@@ -45,6 +50,15 @@ class Consumption:
         self._day: date | None = None
         self._joule = 0.0
         self._time = 0
+        self.task: str | None = None
+        """The task that ended last."""
+
+    def end(self, energy: Energy) -> None:
+        """Take the energy of a task that has ended."""
+        self.task = energy.task
+        if not self._columns and math.isfinite(energy.total):
+            self._date(energy.end)
+            self._joule += energy.total
 
     def add(self, frames: Frames) -> None:
         """Add frames, in order; those that were added before are left out."""
@@ -52,23 +66,26 @@ class Consumption:
             self._layout, self._columns = frames.layout, _columns(frames.layout)
             self._recent.clear()
         if not self._columns:
+            if len(frames) and self._day is not None:
+                self._date(int(frames.time[-1]))
             return
         new = int(np.searchsorted(frames.time, self._time, side="right"))
         power = np.nansum(frames.values[new:, self._columns], axis=1)
         step = frames.layout.step * 1e-9
         for time, watts in zip(frames.time[new:].tolist(), power.tolist(), strict=True):
-            day = datetime.fromtimestamp(time * 1e-9).astimezone().date() if self._turns(time) else self._day
-            if day != self._day:
-                self._day, self._joule = day, 0.0
+            self._date(time)
             self._joule += watts * step
             self._recent.append((time, watts))
-            self._time = time
         while self._recent and self._recent[0][0] <= self._time - SPAN:
             self._recent.popleft()
 
-    def _turns(self, time: int) -> bool:
-        """True where another day may have begun: zones change by quarters of an hour."""
-        return self._day is None or time // _QUARTER != self._time // _QUARTER
+    def _date(self, time: int) -> None:
+        """Begin anew with another day, which may come at each quarter of an hour: zones differ by these."""
+        if self._day is None or time // _QUARTER != self._time // _QUARTER:
+            day = datetime.fromtimestamp(time * 1e-9).astimezone().date()
+            if day != self._day:
+                self._day, self._joule = day, 0.0
+        self._time = time
 
     def told(self) -> dict[str, Any]:
         """``power_W`` of now and ``energy_today_J``, ``None`` where nothing measures it."""

@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from cellwatt.alarms import AlarmBook
 from cellwatt.channel import Stream
 from cellwatt.frames import Layout
-from cellwatt.results import Alarm
 from cellwatt.runtime.watch import Trouble
 
 
@@ -34,16 +32,3 @@ def colour(status: Mapping[str, Any], troubles: Sequence[Trouble]) -> str:
     if (sources and all(s == "retrying" for s in sources)) or (recorder and recorder["state"] != "ok"):
         return "red"
     return "amber" if troubles or any(s != "ok" for s in sources) else "green"
-
-
-def told_of(book: AlarmBook, now: int) -> dict[str, Any]:
-    """Alarms that are up, with who acknowledged each, and those on the shelf at ``now`` ns, JSON-ready."""
-    alarms, shelved = [], []
-    for standing in book.raised:
-        if standing.shelf is not None and now < standing.shelf.until:
-            about = {k: getattr(standing.alarm, k) for k in ("id", "kind", "severity", "statement", "since")}
-            shelved.append({**about, "shelf": asdict(standing.shelf)})
-        elif standing.published is not None:
-            known, alarm = standing.acknowledgement, {k: getattr(standing.published, k) for k in Alarm.__slots__}
-            alarms.append({**alarm, "acknowledged": None if known is None else asdict(known)})
-    return {"alarms": alarms, "shelved": shelved}

@@ -16,11 +16,11 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import Journal
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import outlet as find_outlet
-from cellwatt.results import Alarm, Event, Result, series_of
+from cellwatt.results import Alarm, Energy, Event, Result, series_of
 from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
-from cellwatt.runtime.health import colour, describe, told_of
+from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.watch import Watch
 from cellwatt.runtime.words import Words
@@ -62,7 +62,7 @@ class Teller:
             if isinstance(item, Alarm):
                 self.alarms.take(item)
             elif isinstance(item, Event):
-                self._words.again(item)
+                self.alarms.note(item)
         self._watch = Watch(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
         self._displaced = 0
@@ -194,6 +194,8 @@ class Teller:
         else:
             if isinstance(item, Frames):
                 self._consumption.add(item)
+            elif isinstance(item, Energy):
+                self._consumption.end(item)
             self._offer(item)
 
     @property
@@ -234,7 +236,7 @@ class Teller:
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
-        status |= told_of(self.alarms, now)
+        status |= self.alarms.told()
         for outlet in self.outlets.values():
             outlet.health(status)
         if self.recorder is not None:
@@ -253,6 +255,7 @@ class Teller:
             **parts,
             "warnings": self._warnings,
             **self._consumption.told(),
+            "task": self._consumption.task,
             "results": self._results,
             "sinks": {name: outlet.status() for name, outlet in self.outlets.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,

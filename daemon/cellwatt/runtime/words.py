@@ -7,7 +7,6 @@ published, is in the file ``alarms.json`` beside the recordings, with all words 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import logging
 from collections.abc import Callable
@@ -76,18 +75,6 @@ class Words:
         back = self._book.unshelve(alarm_id, self._now())
         self._tell("unshelved", alarm_id, name, "")
         self._publish(back)
-
-    def again(self, event: Event) -> None:
-        """Take a word once more, as an earlier process of this session told it."""
-        data = event.data
-        with contextlib.suppress(CellwattError, KeyError):  # its alarm is over, or is not known yet
-            match event.kind:
-                case "acknowledged":
-                    self._book.acknowledge(data["alarm"], data["name"], data["note"], event.time)
-                case "shelved":
-                    self._book.shelve(data["alarm"], data["until"], data["name"], data["note"], event.time)
-                case "unshelved":
-                    self._book.unshelve(data["alarm"], event.time)
 
     def _tell(self, kind: str, alarm_id: str, name: str, note: str, **more: int) -> None:
         text = f"{name} {_DONE[kind]} {alarm_id}{': ' if note else ''}{note}"

@@ -1,4 +1,4 @@
-"""Independent parts of long work, done one after the other, in processes of this machine, or by dask workers."""
+"""Independent parts of long work, done one after the other, or in processes of this machine."""
 
 from cellwatt.scheduler.spread import scheduled, spread
 

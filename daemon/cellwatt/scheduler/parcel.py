@@ -1,11 +1,7 @@
-"""Items, results and errors as bytes between a command and its workers, and what a worker does with them.
-
-Path of a file that was fetched from a URL travels as that URL, so that each host has its own copy.
-"""
+"""Items, results and errors as bytes between a command and its workers, and what a worker does with them."""
 
 from __future__ import annotations
 
-import io
 import os
 import pickle
 import traceback
@@ -15,46 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from cellwatt.errors import CellwattError
-from cellwatt.fetch import again, origin
 from cellwatt.scheduler.threads import one_thread
 
-try:
-    from cloudpickle import Pickler  # type: ignore[import-untyped]
-except ModuleNotFoundError:  # the extra ``scale``: functions that a worker cannot import are refused without it
-    from pickle import Pickler
+_held: tuple[Path, Any] | None = None
+"""What the items of the present work share: the file with its bytes, and the value."""
 
 
-class _Pickler(Pickler):  # type: ignore[misc]
-    def reducer_override(self, obj: Any) -> Any:
-        if isinstance(obj, Path) and (found := origin(obj)) is not None:
-            return again, (found,)
-        return getattr(super(), "reducer_override", lambda _: NotImplemented)(obj)
-
-
-def pack(content: object) -> bytes:
-    """Bytes of any picklable object."""
-    file = io.BytesIO()
-    _Pickler(file, protocol=5).dump(content)
-    return file.getvalue()
-
-
-def unpack(parcel: bytes) -> Any:
-    """The object of ``pack``. Raises ``CellwattError`` where a file cannot be fetched."""
-    return pickle.loads(parcel)
-
-
-_held: tuple[bytes | Path, Any] | None = None
-"""What the items of the present work share: its bytes, or the file with them, and the value."""
-
-
-def _value(shared: bytes | Path) -> Any:
+def _value(shared: Path) -> Any:
     global _held  # one value a worker, however many items
     if _held is None or _held[0] != shared:
-        _held = shared, unpack(shared.read_bytes() if isinstance(shared, Path) else shared)
+        _held = shared, pickle.loads(shared.read_bytes())
     return _held[1]
 
 
-def call(parcel: bytes, folder: str, shared: bytes | Path | None) -> tuple[bool, bytes]:
+def call(parcel: bytes, folder: str, shared: Path | None) -> tuple[bool, bytes]:
     """Call the function with the item in the parcel, and with the ``shared`` value where there is one.
 
     Relative paths are those of ``folder``, where the command runs. Returns True and the packed result, or False and
@@ -63,22 +33,22 @@ def call(parcel: bytes, folder: str, shared: bytes | Path | None) -> tuple[bool,
     with suppress(OSError):  # not there: a relative path is not either, which the function tells
         os.chdir(folder)
     try:
-        function, item = unpack(parcel)
+        function, item = pickle.loads(parcel)
         with one_thread():
-            return True, pack(function(item) if shared is None else function(item, _value(shared)))
+            return True, pickle.dumps(function(item) if shared is None else function(item, _value(shared)))
     except Exception as error:  # whatever the function raises is for the one who called spread
         return False, _pack_error(error)
 
 
 def parcels(function: Callable[..., Any], items: Any) -> list[bytes]:
     """The calls of a function with each of the items, for ``call``."""
-    return [pack((function, item)) for item in items]
+    return [pickle.dumps((function, item)) for item in items]
 
 
 def result(answer: tuple[bool, bytes]) -> Any:
     """The result that ``call`` returned. Raises the error where it is one."""
     done, parcel = answer
-    content = unpack(parcel)
+    content = pickle.loads(parcel)
     if done:
         return content
     raise content
@@ -89,12 +59,12 @@ def _pack_error(error: Exception) -> bytes:
     try:
         if not isinstance(error, CellwattError):
             error.add_note("on a worker:\n" + "".join(traceback.format_exception(error)))
-        parcel = pack(error)
-        if isinstance(unpack(parcel), type(error)):
+        parcel = pickle.dumps(error)
+        if isinstance(pickle.loads(parcel), type(error)):
             return parcel
     except Exception:  # an exception class of others may fail in any way
         pass
-    return pack(CellwattError(f"{type(error).__name__}: {' '.join(str(error).split())}"))
+    return pickle.dumps(CellwattError(f"{type(error).__name__}: {' '.join(str(error).split())}"))
 
 
 def shortened(item: object) -> str:

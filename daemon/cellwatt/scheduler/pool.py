@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import shutil
 import signal
 import tempfile
@@ -17,7 +18,7 @@ from typing import Any
 from cellwatt.child import end_with
 from cellwatt.errors import CellwattError
 from cellwatt.progress import Stage
-from cellwatt.scheduler.parcel import call, pack, parcels, result, shortened
+from cellwatt.scheduler.parcel import call, parcels, result, shortened
 
 Answer = Future[tuple[bool, bytes]]
 
@@ -87,7 +88,7 @@ class Pool:
             return None
         self._folder = self._folder or Path(tempfile.mkdtemp(prefix="cellwatt-workers-"))
         path = self._folder / uuid.uuid4().hex
-        path.write_bytes(pack(value))
+        path.write_bytes(pickle.dumps(value))
         return path
 
     def _end(self) -> None:

@@ -1,15 +1,15 @@
-"""One function over many items, here or by the workers that the command was given."""
+"""One function over many items, here or in processes of this machine."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, Protocol, TypeVar, overload
+from typing import Any, Final, TypeVar, overload
 
 from cellwatt.errors import ConfigError
-from cellwatt.progress import Stage, stage
-from cellwatt.scheduler.place import parse_place
+from cellwatt.progress import stage
 from cellwatt.scheduler.pool import Pool
 from cellwatt.scheduler.threads import one_thread
 
@@ -18,48 +18,39 @@ S = TypeVar("S")
 R = TypeVar("R")
 
 
-class Workers(Protocol):
-    """Processes that do the items of ``spread``."""
+EXPECTED: Final = "expected local, or local:2 (that many workers)"
 
-    def run(self, function: Callable[..., Any], items: Sequence[Any], shared: Any, told: Stage) -> list[Any]:
-        """Results in the order of the items. Raises the function's error for the first item that it fails for."""
+_WORKERS: ContextVar[Pool | None] = ContextVar("workers", default=None)
 
 
-_WORKERS: ContextVar[Workers | None] = ContextVar("workers", default=None)
-
-
-def workers() -> Workers | None:
+def workers() -> Pool | None:
     """The workers of the innermost ``scheduled``; None outside, and for an item that is on a worker."""
     return _WORKERS.get()
+
+
+def parse_place(text: str) -> int | None:
+    """Number of workers that ``local`` or ``local:2`` asks for, None for one a core. Raises ``ValueError``."""
+    if (local := re.fullmatch(r"local(?::([1-9]\d{0,2}))?", text)) is None:
+        raise ValueError(f"{text!r} names no scheduler: {EXPECTED}")
+    return None if local[1] is None else int(local[1])
 
 
 @contextmanager
 def scheduled(place: str | None) -> Iterator[None]:
     """Let ``spread`` give its items to workers inside.
 
-    ``place`` is ``local`` for a process a core of this machine (``local:2``: two), or a dask scheduler
-    (``tcp://host:8786``, ``tls://host:8786``); None changes nothing. Raises ``ConfigError`` where it names neither or
-    dask is missing, ``CellwattError`` where nobody answers.
+    ``place`` is ``local`` for a process a core of this machine (``local:2``: two); None changes nothing. Raises
+    ``ConfigError`` where it is neither.
     """
     if place is None:
         yield
         return
     try:
-        found = parse_place(place)
+        count = parse_place(place)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    if found.address is None:
-        opened: Any = Pool(found.workers)
-    else:
-        try:
-            from cellwatt.scheduler.hosts import Hosts
-        except ModuleNotFoundError as error:
-            if error.name is None or error.name.startswith("cellwatt"):
-                raise
-            raise ConfigError(f"a scheduler needs the package {error.name}: pip install 'cellwatt[scale]'") from error
-        opened = Hosts(found.address)
-    with opened:
-        token = _WORKERS.set(opened)
+    with Pool(count) as pool:
+        token = _WORKERS.set(pool)
         try:
             yield
         finally:

@@ -34,7 +34,7 @@ from cellwatt.outlets.zenoh.received import (
     read_refusal,
     read_sessions,
 )
-from cellwatt.outlets.zenoh.witness import Witness
+from cellwatt.outlets.zenoh.signing import Witness
 from cellwatt.results import Alarm
 from cellwatt.subscriber.message import Message
 

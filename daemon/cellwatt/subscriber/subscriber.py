@@ -14,7 +14,7 @@ from cellwatt.errors import ConfigError, OutletError
 from cellwatt.outlets.zenoh.follow import Following, Positions
 from cellwatt.outlets.zenoh.keys import HEALTH, KINDS, CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
-from cellwatt.outlets.zenoh.witness import Witness
+from cellwatt.outlets.zenoh.signing import Witness
 from cellwatt.subscriber.asking import Asker
 from cellwatt.subscriber.inbox import Inbox
 from cellwatt.subscriber.message import EVERYTHING, Message

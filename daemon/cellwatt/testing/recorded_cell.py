@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.outlet import Journal
 from cellwatt.record.encoder import Encoder
@@ -32,6 +33,7 @@ class RecordedCell:
         self.site, self.cell, self.folder = site, cell, folder
         self.record_folder: Path | None = folder
         self.journal: Journal | None = None
+        self.alarms = AlarmBook()
         self.session = (time.time_ns() // 10**9 - 600) * 10**9
         self.made = 0
         self._file = OpenFile(folder / str(FileName(self.session, 1, cell)), Header(site, cell, self.session, number=1))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.emulation import Signals
 from cellwatt.emulation.blocks import Blocks
-from cellwatt_drivers.abb.messages import classes
+from cellwatt_drivers.abb.messages import MESSAGES
 from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import DATA
 
@@ -41,7 +41,7 @@ class EmulatedRobot:
     def packet(self, index: int, stamp: Stamp) -> bytes:
         """The packet of ``index`` periods after the epoch."""
         values, row = self._blocks.at(index)
-        message = classes()["EgmRobot"]()
+        message = MESSAGES.classes["EgmRobot"]()
         message.header.seqno = stamp.number & 0xFFFFFFFF
         message.header.tm = round(stamp.time * 1e3) & 0xFFFFFFFF
         message.header.mtype = DATA

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from cellwatt.channel import Channel
 from cellwatt.errors import ProtocolError
-from cellwatt_drivers.abb.messages import classes, parse
+from cellwatt_drivers.abb.messages import MESSAGES, parse
 
 PORT = 6510
 CYCLE = 0.004
@@ -178,7 +178,7 @@ def force(message: Any) -> Sequence[float]:
         return list(measured.force)
     from google.protobuf.message import DecodeError
 
-    older = classes()["EgmMeasuredForce6"]()
+    older = MESSAGES.classes["EgmMeasuredForce6"]()
     try:
         older.ParseFromString(measured.SerializeToString())
     except DecodeError:  # unknown fields are whatever was sent: here, half a number

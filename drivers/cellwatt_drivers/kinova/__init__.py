@@ -1,4 +1,4 @@
-"""Kinova Gen3 arms over Modbus TCP, or over Kortex with the vendor's library."""
+"""Kinova Gen3 arms over Modbus TCP."""
 
 from cellwatt_drivers.kinova.driver import KinovaDriver, KinovaSettings
 

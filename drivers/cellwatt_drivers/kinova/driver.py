@@ -1,11 +1,12 @@
-"""Polls a Kinova arm over Modbus TCP, or over Kortex."""
+"""Polls a Kinova arm over Modbus TCP."""
 
 from __future__ import annotations
 
-from contextlib import AbstractAsyncContextManager
-from typing import ClassVar, Literal
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import ClassVar
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, field_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
@@ -13,24 +14,14 @@ from cellwatt.errors import SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
-from cellwatt_drivers.kinova import kortex, registers
-from cellwatt_drivers.kinova.kortex import KortexLink, open_kortex
-from cellwatt_drivers.kinova.link import Answer, Link, open_link
+from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
 from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
 from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.shared.states import State, StateWatch
 
 _NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNELS)}
-_LIBRARIES = {
-    "modbus": ("pymodbus.client", "the package pymodbus", "pip install 'cellwatt[modbus]'"),
-    "kortex": (
-        "kortex_api.RouterClient",
-        "Kinova's own library kortex_api",
-        "install its wheel from Kinova, or use protocol modbus",
-    ),
-}
-"""By protocol: a module of the library, its name, and how to get it."""
 
 
 class KinovaSettings(SourceSettings):
@@ -40,16 +31,10 @@ class KinovaSettings(SourceSettings):
 
     host: Host = "192.168.1.10"
     """Address of the arm."""
-    protocol: Literal["modbus", "kortex"] = "modbus"
-    """``modbus`` needs nothing of the vendor's; ``kortex`` needs its Python library."""
-    port: int | None = Field(None, ge=1, le=65535)
-    """TCP port; without it 502 (Modbus) or 10000 (Kortex)."""
+    port: int = Field(registers.PORT, ge=1, le=65535)
+    """TCP port."""
     unit: int = Field(1, ge=0, le=255)
     """Modbus unit to ask."""
-    user: str = "admin"
-    """User of the Kortex session."""
-    password: SecretStr = SecretStr("admin")
-    """Its password, best as ``${KINOVA_PASSWORD}``; ``admin`` where none is given."""
     axes: int = Field(7, ge=6, le=7)
     """Joints of the arm."""
     read: tuple[Block, ...] = ("arm", "joints")
@@ -81,17 +66,13 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     Settings = KinovaSettings
     libraries = ("pymodbus.client",)
-    title = "Kinova Gen3 and Gen3 lite over Modbus TCP or Kortex"
+    title = "Kinova Gen3 and Gen3 lite over Modbus TCP"
     emulator = "cellwatt_drivers.kinova.emulator:KinovaEmulator"
-    writes = (
-        "Modbus: read requests only (function 4): input registers 0 to 13, and 34 to 103 or 139",
-        "Kortex: CreateSession, KeepAlive, BaseCyclic.RefreshFeedback, CloseSession",
-    )
+    writes = ("Modbus: read requests only (function 4): input registers 0 to 13, and 34 to 103 or 139",)
 
     def __init__(self, name: str, settings: KinovaSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
-        module, package, how = _LIBRARIES[settings.protocol]
-        require(name, f"protocol {settings.protocol}", {module: package}, how)
+        require(name, "driver kinova", {"pymodbus": "the package pymodbus"}, "pip install 'cellwatt[modbus]'")
         self._reads = _reads(settings)
         self._slots = Slots(settings.rate, self._miss_slots)
         self._turns = Turns()
@@ -107,63 +88,57 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     async def identify(self) -> Identity:
         """Identify the arm by its registers, as Modbus has no name of it. Raises ``SourceError``."""
-        async with self._open() as link:
-            return await self._greet(link)
+        async with self._open() as modbus:
+            return await self._greet(modbus)
 
     async def run(self) -> None:
         """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
         await keep_conversing(self, self._converse)
 
-    def _open(self) -> AbstractAsyncContextManager[Link | KortexLink]:
-        s = self.settings
-        if s.protocol == "kortex":
-            return open_kortex(
-                s.host, s.port or kortex.PORT, s.user, s.password.get_secret_value(), s.timeout, self.inlet.now
-            )
-        return open_link(s.host, s.port or registers.PORT, s.unit, s.timeout, self.inlet.now)
+    def _open(self) -> AbstractAsyncContextManager[Modbus]:
+        return open_modbus(self.settings.host, self.settings.port, self.settings.timeout)
 
-    async def _greet(self, link: Link | KortexLink) -> Identity:
+    async def _greet(self, modbus: Modbus) -> Identity:
         for read in self._reads:
-            await link.read(read.first, read.count)
-        return Identity(
-            "Kinova", f"Gen3, {self.settings.axes} joints as set", notes={"protocol": self.settings.protocol}
-        )
+            await modbus.read("input", read.first, read.count, self.settings.unit)
+        return Identity("Kinova", f"Gen3, {self.settings.axes} joints as set")
 
     async def _converse(self) -> None:
         """One connection, from the greeting on."""
-        async with self._open() as link:
-            self.inlet.connected(await self._greet(link))
+        async with self._open() as modbus:
+            self.inlet.connected(await self._greet(modbus))
             self._turns = Turns()
             async with self._slots as slots:
                 async for _ in slots:
                     for done, read in enumerate(self._reads):
-                        await self._serve(link, read, len(self._reads) - done)
+                        await self._serve(modbus, read, len(self._reads) - done)
 
     def _miss_slots(self, slots: int, reason: str) -> None:
         self.inlet.account.lose(slots * len(self._reads), reason)
 
-    async def _serve(self, link: Link | KortexLink, read: Read, left: int) -> None:
+    async def _serve(self, modbus: Modbus, read: Read, left: int) -> None:
         """One request; where it fails, the ``left`` ones of this slot are missed."""
+        asked = self.inlet.now()
         try:
-            answer = await link.read(read.first, read.count)
+            answer = await modbus.read("input", read.first, read.count, self.settings.unit)
         except SourceError as error:
             self.inlet.account.lose(left, reason_of(error))
             raise
-        self._emit(read, answer)
+        self._emit(read, answer, asked, self.inlet.now())
 
-    def _emit(self, read: Read, answer: Answer) -> None:
+    def _emit(self, read: Read, answer: list[int], asked: int, arrival: int) -> None:
         name = read.stream.name
-        if answer.registers == self._last.get(name):
+        if answer == self._last.get(name):
             self.inlet.account.count(f"{name} repeats")
-        self._last[name] = answer.registers
+        self._last[name] = answer
         if name == "arm":
-            values = registers.arm_values(answer.registers)
+            values = registers.arm_values(answer)
             self._report_flags(values)
         else:
             axes = self.settings.axes
-            values = registers.motion_values(answer.registers, axes)
+            values = registers.motion_values(answer, axes)
             values[:axes] = self._turns.unwrap(values[:axes])
-        deliver(self.inlet, read.stream, values, answer.asked, answer.arrival)
+        deliver(self.inlet, read.stream, values, asked, arrival)
         self._watches[name].see(values.reshape(1, -1))
 
     def _report_flags(self, values: Float) -> None:
@@ -175,6 +150,24 @@ class KinovaDriver(Driver[KinovaSettings]):
             if before != flags:
                 text = f"{self.name}: {kind} flags 0x{before:08x} → 0x{flags:08x}"
                 self.inlet.event(kind, text, before=before, after=flags)
+
+
+@asynccontextmanager
+async def open_modbus(host: str, port: int, timeout: float) -> AsyncIterator[Modbus]:
+    """Open a connection. Raises ``ConnectError`` that says what to check."""
+    from pymodbus.client import AsyncModbusTcpClient
+
+    numbering = Numbering()
+    client = AsyncModbusTcpClient(
+        host, port=port, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=numbering.trace
+    )
+    place = f"TCP {host}:{port}"
+    advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
+    await connect(client, timeout, lambda: f"nobody answers at {place}; {advice}")
+    try:
+        yield Modbus(client, place, numbering)
+    finally:
+        client.close()
 
 
 def _reads(settings: KinovaSettings) -> tuple[Read, ...]:

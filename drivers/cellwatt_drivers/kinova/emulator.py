@@ -7,9 +7,9 @@ import math
 import struct
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from cellwatt.emulation import Emulator, Options, Signals, TcpPort
 from cellwatt.emulation.blocks import Blocks
@@ -46,13 +46,6 @@ class KinovaEmulator(Emulator):
     usual_port = registers.PORT
     changes = MappingProxyType({"state": "number", "fault_flags": "number", "warning_flags": "number"})
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
-
-    @classmethod
-    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
-        """See ``Emulator.options_for``."""
-        if sources[0].protocol != "modbus":
-            raise ValueError("an emulated arm speaks Modbus, not Kortex")
-        return {}
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""

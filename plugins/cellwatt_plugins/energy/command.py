@@ -5,7 +5,6 @@ Pinocchio and scipy are imported when it runs, so that a missing one is told wit
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import fields
 from pathlib import Path
@@ -17,7 +16,8 @@ from cellwatt.commands.inputs import INPUT, Input
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.commands.units import with_units
-from cellwatt.errors import CellwattError, RecordingError, why
+from cellwatt.errors import CellwattError
+from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
 from cellwatt.units import Units
 from cellwatt_plugins.energy.findings import Findings, RunEnergy
@@ -75,24 +75,19 @@ def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bo
 
 def _write(outcome: Outcome, out: Path) -> None:
     found = outcome.findings
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "energy.json").write_text(json.dumps(found.as_json(), indent=1))
-        write_table(found, out / "energy.csv")
-    except OSError as error:
-        raise RecordingError(f"{out}: cannot be written: {why(error)}") from error
+    write_file(out / "energy.json", json.dumps(found.as_json(), indent=1))
+    write_table(found, out / "energy.csv")
 
 
 def write_table(found: Findings, path: Path) -> None:
     """Write the runs as CSV, one a line, with the uncertainty of each column beside it."""
     names = [f.name for f in fields(RunEnergy) if f.name not in ("uncertainty", "notes")]
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        unsure = [name for name in names if name in found.runs[0].uncertainty]
-        writer.writerow([*names, *(f"{name}_uncertainty" for name in unsure), "notes"])
-        for run in found.runs:
-            values = [getattr(run, name) for name in names]
-            writer.writerow([*values, *(run.uncertainty[name] for name in unsure), "; ".join(run.notes)])
+    unsure = [name for name in names if name in found.runs[0].uncertainty]
+    rows: list[list[object]] = [[*names, *(f"{name}_uncertainty" for name in unsure), "notes"]]
+    for run in found.runs:
+        values = [getattr(run, name) for name in names]
+        rows.append([*values, *(run.uncertainty[name] for name in unsure), "; ".join(run.notes)])
+    write_csv(path, rows)
 
 
 def in_words(found: Findings, out: Path, units: Units) -> str:

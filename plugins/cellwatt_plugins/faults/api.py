@@ -57,7 +57,7 @@ class Learned:
         }
 
     def save(self, path: Place) -> None:
-        """Write the reference file. Raises ``ModelError``."""
+        """Write the reference file. Raises ``CellwattError``."""
         save(self.reference, Path(path))
 
 

@@ -18,7 +18,7 @@ from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.errors import RecordingError, why
+from cellwatt.files import write_file
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
@@ -102,10 +102,7 @@ def judge(out: Path | None, page: Path | None, as_json: bool, **asked: Any) -> N
     found = api.faults(**asked)
     content = found.as_json()
     if out is not None:
-        try:
-            out.write_text(json.dumps(content, indent=1))
-        except OSError as error:
-            raise RecordingError(f"--out {out}: cannot be written: {why(error)}") from error
+        write_file(out, json.dumps(content, indent=1))
     if page is not None:
         with stage("writing the report"):
             found.report(page)

@@ -49,6 +49,7 @@ from pydantic import ConfigDict, Field
 
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
+from cellwatt.files import write_file
 from cellwatt.frames import Layout
 from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredModel
 
@@ -159,12 +160,9 @@ class Reference:
 
 
 def save(reference: Reference, path: Path) -> None:
-    """Write the YAML file; raises ``ModelError`` where it cannot be written."""
-    try:
-        content = _plain(_content(reference))
-        path.write_text(yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=118))
-    except OSError as error:
-        raise ModelError(f"reference {path}: cannot be written: {error.strerror or error}") from error
+    """Write the YAML file; raises ``CellwattError`` where it cannot be written."""
+    content = _plain(_content(reference))
+    write_file(path, yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=118))
 
 
 def load(path: Path) -> Reference:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.errors import ConfigError, ModelError, why
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.files import write_file
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
@@ -68,7 +69,6 @@ def train(
     reference = load(file)
     known = None if robot is None else _known(reference, robot)
     wanted = _Wanted(reference, out, recordings, arm, power or reference.power, seed)
-    _make(out)
     report = list(_train_codes(wanted, faulty, known, emulated))
     click.echo(json.dumps({"networks": report}) if as_json else _in_words(report))
 
@@ -105,9 +105,11 @@ def _train_codes(
     sources = Sources(told, None if known is None else known.arm, emulated, tolerance)
     for trained in spread(_codes_of, courses, "networks of codes", shared=(sources, wanted.seed)):
         course = trained.course
-        name = f"{course.task}-{course.speed:.2f}-codes.onnx"
+        path = wanted.out / f"{course.task}-{course.speed:.2f}-codes.onnx"
+        if trained.content is not None:
+            write_file(path, trained.content)
         yield {
-            "file": None if trained.content is None else str(_write(wanted.out, name, trained.content)),
+            "file": None if trained.content is None else str(path),
             "task": course.task,
             "speed": course.speed,
             "table": trained.table.tolist(),
@@ -157,22 +159,6 @@ def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
             raise ConfigError(f"--fault {given}: there is no {name}")
         out[int(joint)].append(Path(name))
     return out
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"--out {folder}: cannot be made: {why(error)}") from error
-
-
-def _write(folder: Path, name: str, content: bytes) -> Path:
-    path = folder / name
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise ConfigError(f"--out {path}: cannot be written: {why(error)}") from error
-    return path
 
 
 def _in_words(report: Sequence[Mapping[str, Any]]) -> str:

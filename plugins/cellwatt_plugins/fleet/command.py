@@ -15,7 +15,6 @@ from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.errors import RecordingError, why
 from cellwatt.progress import stage
 
 
@@ -56,15 +55,10 @@ def fleet(lake: Path, out: Path, as_json: bool, no_report: bool, **asked: Any) -
     """
     from cellwatt_plugins.fleet.api import fleet as compare
     from cellwatt_plugins.fleet.report import report_of
-    from cellwatt_plugins.fleet.written import in_words, write_csv, write_json
+    from cellwatt_plugins.fleet.written import in_words, write
 
     found = compare(lake, **asked)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(f"{out}: cannot be written: {why(error)}") from error
-    write_json(found, out / "fleet.json")
-    write_csv(found, out / "fleet.csv")
+    write(found, out)
     if not no_report:
         with stage("writing the report"):
             report_of(found, lake.resolve().name).write(out / "report.html")

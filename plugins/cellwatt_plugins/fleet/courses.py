@@ -15,10 +15,8 @@ from cellwatt_plugins.fleet.weekly import Repetition, Week
 
 Float = NDArray[np.float64]
 
-QUANTITIES: Final = ("friction", "energy", "load")
-"""Friction and energy as logs, load in kg."""
 PROGRAMS: Final = {"friction": 0.05, "energy": 1.0, "load": 5.0}
-"""Standard deviation by which programs of a cell differ in it."""
+"""Quantities, friction and energy as logs, load in kg: standard deviation by which programs of a cell differ in it."""
 UNKNOWN: Final = 0.01
 """By which recordings of a week are apart where no week has several; weeks tell the rest by their own scatter."""
 

@@ -1,4 +1,4 @@
-"""Friction and rigid torque of each joint, and the load of the arm, from samples of repetitions.
+"""Friction of each joint, and the load of the arm, from samples of repetitions.
 
 Each joint's torque is what its links and rotor need, which is fitted about the description, and friction. Friction is
 the part that turns over with the direction of motion, so that wrong masses hardly touch it.
@@ -44,8 +44,6 @@ class JointFit:
     speed: float
     friction: Float
     """(K,)."""
-    gain: Float
-    """(K,)."""
     left: Float
     """(N,) torque beyond the description and friction, by its own size; NaN where the joint does not slide."""
     size: float
@@ -72,7 +70,7 @@ def fit_joint(
     slides = np.abs(qd) > SLIDES
     nothing = np.full(len(ends), np.nan)
     if slides.sum() < FEWEST:
-        return JointFit(np.nan, np.nan, np.nan, nothing, nothing, np.full(len(qd), np.nan), 1.0)
+        return JointFit(np.nan, np.nan, np.nan, nothing, np.full(len(qd), np.nan), 1.0)
     rotor = arm.description.joints[i].rotor_inertia
     modelled = rows @ arm.body.parameters()[PER_LINK * i :] + rotor * qdd
     size = float(np.sqrt(np.mean(np.square(torque[slides])))) or 1.0
@@ -81,13 +79,11 @@ def fit_joint(
     matrix = np.column_stack([direction(qd), qd, np.ones_like(qd), modelled, qdd, rows])
     found = _solved(matrix[slides], (torque - modelled)[slides], Prior.joined(known, prior), size)
     left = torque - modelled - matrix @ found
-    rigid = matrix[:, 3:] @ found[3:] + modelled
-    gain = float(rigid[slides] @ modelled[slides] / max(float(modelled[slides] @ modelled[slides]), 1e-12)) - 1
     shape = found[0] * matrix[:, 0] + found[1] * qd
-    level, more = _by_repetition(np.column_stack([shape, modelled, np.ones_like(qd)]), left, slides, ends, size)
+    level = _by_repetition(np.column_stack([shape, modelled, np.ones_like(qd)]), left, slides, ends, size)
     beyond = np.where(slides, (torque - modelled - shape) / size, np.nan)
     speed = float(np.abs(qd[slides]).mean())
-    return JointFit(found[0], found[1], speed, 1 + level, gain + more, beyond, size)
+    return JointFit(found[0], found[1], speed, 1 + level, beyond, size)
 
 
 def loads_of(joints: Sequence[JointFit], of_body: Float, ends: NDArray[np.intp]) -> Float:
@@ -127,9 +123,9 @@ def _solved(matrix: Float, target: Float, prior: Prior, size: float) -> Float:
 
 def _by_repetition(
     columns: Float, left: Float, slides: NDArray[np.bool_], ends: NDArray[np.intp], size: float
-) -> tuple[Float, Float]:
-    """How far friction and gain of each of K repetitions are off the week's, shares (K,) each."""
-    out = np.full((2, len(ends)), np.nan)
+) -> Float:
+    """How far friction of each of K repetitions is off the week's, shares (K,); rigid torque may be off as well."""
+    out = np.full(len(ends), np.nan)
     weight = np.diag(1 / np.square([OFF, OFF, 0.2 * size]))
     noise = float(np.mean(np.square(left[slides])))
     first = 0
@@ -138,5 +134,5 @@ def _by_repetition(
         first = last
         if len(rows) >= FEWEST // 2:
             own = columns[rows]
-            out[:, k] = np.linalg.solve(own.T @ own + noise * weight, own.T @ left[rows])[:2]
-    return out[0], out[1]
+            out[k] = np.linalg.solve(own.T @ own + noise * weight, own.T @ left[rows])[0]
+    return out

@@ -1,4 +1,4 @@
-"""A week of a cell in numbers: friction and rigid torque of each joint, load and energy, by repetition."""
+"""A week of a cell in numbers: friction of each joint, load and energy, by repetition."""
 
 from __future__ import annotations
 
@@ -38,8 +38,6 @@ class Repetition:
     signature: tuple[float, ...]
     friction: Float
     """Share of the week's."""
-    gain: Float
-    """Rigid torque, as a share of the described one beyond it."""
     load: float
     """Mass at the last joint that explains best what is left of the torques, kg; NaN where the arm hardly moved."""
     temperature: Float | None
@@ -144,19 +142,18 @@ def _fitted(item: CellWeek, arm: Arm, parts: Sequence[_Part], skipped: list[Skip
     ]
     loads = loads_of(joints, regressor[:, :, -PER_LINK : -PER_LINK + 4], ends)
     repetitions = tuple(
-        _repetition(part, np.array([j.friction[k] for j in joints]), np.array([j.gain[k] for j in joints]), loads[k])
-        for k, part in enumerate(parts)
+        _repetition(part, np.array([j.friction[k] for j in joints]), loads[k]) for k, part in enumerate(parts)
     )
     coulomb, viscous, speed = (np.array([getattr(j, key) for j in joints]) for key in ("coulomb", "viscous", "speed"))
     seconds = sum((part.span.last - part.span.first) * part.stretch.step for part in parts)
     return Week(item.cell, item.week, coulomb, viscous, speed, repetitions, tuple(skipped), float(seconds))
 
 
-def _repetition(part: _Part, friction: Float, gain: Float, load: float) -> Repetition:
+def _repetition(part: _Part, friction: Float, load: float) -> Repetition:
     stretch, span = part.stretch, part.span
     energy = None
     if span.whole and stretch.power is not None:
         first, last = at_work(stretch, span)
         energy = float(stretch.power[first:last].sum() * stretch.step)
     told = signature(stretch, span)
-    return Repetition(part.recording, told, friction, gain, float(load), stretch.temperature, energy)
+    return Repetition(part.recording, told, friction, float(load), stretch.temperature, energy)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 from typing import Final
 
-from cellwatt.errors import RecordingError, why
+from cellwatt.files import write_csv, write_file
 from cellwatt_plugins.fleet.findings import Fleet
 
 COLUMNS: Final = (
@@ -18,23 +17,10 @@ MOST_SKIPPED: Final = 5
 """Skipped recordings that the terminal lists."""
 
 
-def write_json(found: Fleet, path: Path) -> None:
-    """Write fleet.json. Raises ``RecordingError``."""
-    try:
-        path.write_text(json.dumps(found.as_json(), indent=1), encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {why(error)}") from error
-
-
-def write_csv(found: Fleet, path: Path) -> None:
-    """Write the one table: findings by cell. Raises ``RecordingError``."""
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            writer.writerows(_rows(found))
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {why(error)}") from error
+def write(found: Fleet, out: Path) -> None:
+    """Write fleet.json, and fleet.csv, the one table: findings by cell. Raises ``CellwattError``."""
+    write_file(out / "fleet.json", json.dumps(found.as_json(), indent=1))
+    write_csv(out / "fleet.csv", [COLUMNS, *_rows(found)])
 
 
 def _rows(found: Fleet) -> list[tuple[object, ...]]:

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from models import ur3e
+from models.ur10e import TRAINED, UNSEEN
+from real import ur10e
 
 from cellwatt_plugins.robot import Body, load_robot
 
@@ -70,3 +72,9 @@ def test_torques_at_rest_are_those_that_the_controller_reckons_with(body):
         seen += int(rest.sum())
         np.testing.assert_allclose(body.gravity(q[rest]), moment[rest], atol=0.05)
     assert seen > 20
+
+
+def test_no_recording_of_the_ur10e_is_judged_that_was_trained_on():
+    bare = set(TRAINED)
+    assert not bare & {*UNSEEN, ur10e.LOAD}
+    assert ur10e.LOAD.removesuffix("Load") in UNSEEN  # the same path without the load was not trained on either

@@ -29,7 +29,7 @@ CELL = f"""\
 site: plant
 cell: weld
 sources:
-  arm: {{driver: kinova, host: 192.0.2.10, protocol: modbus, password: {SECRETS["driver"]}}}
+  arm: {{driver: abb, host: 192.0.2.10, robotware: 6, egm: [], password: {SECRETS["driver"]}}}
   board: {{driver: abb, host: 192.0.2.11, user: ann, password: "${{PLANT_PASSWORD}}"}}
 zenoh:
   connect: [tcp/127.0.0.1:1]
@@ -84,7 +84,7 @@ def test_a_right_file_and_no_daemon(folder: Path) -> None:
     [
         CELL,
         TYPO,
-        CELL.replace("driver: kinova", "driver: kinowa"),
+        CELL.replace("driver: abb", "driver: abbb", 1),
         CELL.replace("zenoh:", "zenog:"),
         CELL.replace(SECRETS["user"], "[" + SECRETS["user"] + "]"),
         CELL.replace(SECRETS["user"], "'" + SECRETS["quoted"] + "'"),
@@ -109,7 +109,8 @@ def test_no_secret_is_in_the_bundle_whatever_is_wrong(folder: Path, text: str) -
 def test_the_keys_of_a_wrong_file_stay_readable(folder: Path) -> None:
     _, found = diagnose(folder, TYPO)
     outline = json.loads(found["settings.json"])["outline"]
-    assert outline["sources"]["arm"] == {"driver": "kinova", "host": "***", "protocol": "***", "pasword": "***"}
+    told = {"driver": "abb", "host": "***", "robotware": "***", "egm": [], "pasword": "***"}
+    assert outline["sources"]["arm"] == told
     assert "unknown key 'pasword'; did you mean 'password'?" in found["check.txt"]
 
 

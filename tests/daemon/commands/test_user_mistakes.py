@@ -93,8 +93,12 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("replay", "recordings", "--settings", "bad.yaml"), USAGE, "bad.yaml:2:1: not valid YAML"),
         # places that cannot be written
         (("export", "recordings", "--out", "weld.yaml/out"), ERROR, "weld.yaml/out cannot be made: Not a directory"),
-        (("plot", "recordings", "--out", "absent/a.html"), ERROR, "absent/a.html cannot be written: No such file"),
-        (("new-driver", "my_meter", "--folder", "weld.yaml/x"), ERROR, "x/my_meter cannot be written: Not a directory"),
+        (("plot", "recordings", "--out", "weld.yaml/a.html"), ERROR, "a.html cannot be written: Not a directory"),
+        (
+            ("new-driver", "my_meter", "--folder", "weld.yaml/x"),
+            ERROR,
+            "__init__.py cannot be written: Not a directory",
+        ),
         (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be made: Not a directory"),
         (("run", "unwritable.yaml"), ERROR, "weld.yaml/recordings cannot be made: Not a directory"),
         (("record", "unwritable.yaml"), ERROR, "weld.yaml/recordings cannot be made: Not a directory"),

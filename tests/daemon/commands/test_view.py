@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 
 from cellwatt import ConfigError
 from cellwatt.commands import view
-from cellwatt.outlets.page.passwords import parse
+from cellwatt.outlets.page.sessions import parse
 from tests.daemon.outlets.page.cell import HASH
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE
 from tests.daemon.outlets.zenoh.processes import Child, free_port
@@ -80,7 +80,7 @@ def test_without_any_cell_it_is_for_recordings() -> None:
 
 
 def test_a_password_becomes_its_hash(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.outlets.page.passwords.P", 1)
+    monkeypatch.setattr("cellwatt.outlets.page.sessions.P", 1)
     ended = run("--hash-password", input="correct horse\ncorrect horse\n")
     assert ended.exit_code == 0
     assert "correct" not in ended.output

@@ -48,7 +48,6 @@ MISTAKES = {
     "polls out of reach": ("  k: {driver: kinova, host: h, rate: 1 kHz}", "4:38", "at most 500 Hz"),
     "tool without joints": ("  k: {driver: kinova, host: h, read: [tool]}", "4:38", "add 'joints' to read"),
     "five joints": ("  k: {driver: kinova, host: h, axes: 5}", "4:38", "at least 6"),
-    "unknown protocol": ("  k: {driver: kinova, host: h, protocol: tcp}", "4:42", "'modbus' or 'kortex'"),
     "meter without an address": (
         "  m: {driver: modbus_meter, meter: eastron_sdm630}",
         "4:3",

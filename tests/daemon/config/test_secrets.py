@@ -43,7 +43,7 @@ FORMS = {
     "escaped": f'{HEAD}{ABB}password: "hunter2\\x2dZ\\u00fcrich"\n',
     "block": f"{HEAD}{ABB}password: >-\n      {SECRET}\n    user: x\n",
     "flow": f"{HEAD}sources: {{arm: {{driver: abb, host: h, password: {SECRET}, user: x}}}}\n",
-    "anchor": f"{HEAD}{ABB}password: &pw {SECRET}\n  two: {{driver: kinova, password: *pw}}\n",
+    "anchor": f"{HEAD}{ABB}password: &pw {SECRET}\n  two: {{driver: abb, host: i, egm_port: 6599, password: *pw}}\n",
     "merged": f"{HEAD}sources:\n  arm: &x {{driver: abb, host: h, password: {SECRET}}}\n  two: {{<<: *x, host: i}}\n",
     "tag": f"{HEAD}{ABB}password: !!str {SECRET}\n",
     "default": f"{HEAD}{ABB}password: ${{ABB_PASSWORD:-{SECRET}}}\n",

@@ -133,7 +133,7 @@ async def test_the_copy_reads_the_emulators_and_says_all_else_as_it_was(tmp_path
         device = copy.sources[name].settings
         assert ready[name] == f"{device.host}:{device.port}"  # type: ignore[attr-defined]
     assert ready["board"] == copy.sources["board"].settings.port  # type: ignore[attr-defined]
-    assert "# the arm" in written and "# its supply" in written
+    assert written.startswith("site: test\ncell: test\nsources:\n  arm: {driver: ur, host: 127.0.0.1, port: ")
     process.send_signal(signal.SIGTERM)
     assert await asyncio.wait_for(process.wait(), PATIENCE) == 0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,9 +10,8 @@ import fsspec
 import pytest
 
 from cellwatt import CellwattError, ConfigError
-from cellwatt.fetch import MissingError, again, cache, fetch, is_url, origin
+from cellwatt.fetch import MissingError, cache, fetch, is_url
 from cellwatt.fetch.remote import Remote
-from cellwatt.scheduler.parcel import pack, unpack
 
 
 @pytest.fixture(autouse=True)
@@ -73,33 +71,6 @@ def test_what_is_cut_off_leaves_nothing(
         with pytest.raises(CellwattError, match=r"5 bytes of 99 came of .*run\.mcap: try again"):
             fetch("memory://plant/run.mcap")
     assert list(home.iterdir()) == []
-
-
-def test_a_path_of_the_cache_travels_as_its_url(
-    store: fsspec.AbstractFileSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store.pipe({"/plant/runs/a.mcap": b"a", "/plant/runs/day/b.mcap": b"b"})
-    path = fetch("memory://plant/runs") / "day" / "b.mcap"
-    parcel = pack({"runs": [path], "local": Path("a/b")})
-    assert unpack(parcel) == {"runs": [path], "local": Path("a/b")}
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another host"))
-    there = unpack(parcel)["runs"][0]
-    assert there != path and there.read_bytes() == b"b"
-    assert there.relative_to(tmp_path / "another host" / "cellwatt") == path.relative_to(tmp_path / "cache/cellwatt")
-    assert pickle.loads(pickle.dumps(path)) == path
-
-
-def test_what_has_changed_since_is_not_taken_for_it(
-    store: fsspec.AbstractFileSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store.pipe("/plant/run.mcap", b"first")
-    found = origin(fetch("memory://plant/run.mcap"))
-    assert found is not None and found.url == "memory://plant/run.mcap"
-    store.pipe("/plant/run.mcap", b"second")
-    assert again(found).read_bytes() == b"first"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another host"))
-    with pytest.raises(CellwattError, match=r"memory://plant/run\.mcap has changed since this work began"):
-        again(found)
 
 
 def test_what_nobody_used_for_long_is_removed(store: fsspec.AbstractFileSystem, home: Path) -> None:

@@ -1,3 +1,4 @@
+from dataclasses import asdict
 from typing import Any
 
 from cellwatt.live.site import site, summary
@@ -11,7 +12,7 @@ def standing(*severities: str) -> list[Any]:
     cell = LiveCell()
     for severity in severities:
         cell.take(alarm(f"of {severity}", severity=severity))
-    return [*cell.alarms.values()]
+    return [asdict(standing.alarm) for standing in cell.alarms.up]
 
 
 SOURCES = {"arm": source(lost=3), "board": source("retrying", "gone")}

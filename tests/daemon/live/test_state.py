@@ -15,25 +15,31 @@ def told(*messages):
 
 def test_an_alarm_is_active_until_it_is_cleared_and_keeps_its_evidence() -> None:
     cell = told(alarm("a"), alarm("b"), alarm("a", statement="a is worse."))
-    assert {name: a["statement"] for name, a in cell.alarms.items()} == {"a": "a is worse.", "b": "b is wrong."}
+    assert {s.alarm.id: s.alarm.statement for s in cell.alarms.up} == {"a": "a is worse.", "b": "b is wrong."}
     cell.take(alarm("a", active=False, statement="a is well again.", time=START + 9, evidence={}))
     (cleared,) = cell.cleared
     assert list(cell.alarms) == ["b"]
-    assert (cleared["statement"], cleared["cleared"], cleared["time"]) == ("a is worse.", "a is well again.", START + 9)
-    assert cleared["evidence"] == {"residual_W": 12.5}
+    assert cleared.over is not None
+    assert (cleared.alarm.statement, cleared.over.statement, cleared.over.time) == (
+        "a is worse.",
+        "a is well again.",
+        START + 9,
+    )
+    assert cleared.alarm.evidence == {"residual_W": 12.5}
 
 
-def test_the_first_health_tells_the_alarms_that_a_viewer_may_not_ask_for() -> None:
-    standing = {**told(alarm("a")).alarms["a"]}
+def test_health_tells_the_alarms_that_were_not_heard() -> None:
+    standing = asdict(alarm("a").content)
     assert list(told(health(alarms=[standing])).alarms) == ["a"]
-    late = told(health(), health(alarms=[standing]))
-    assert not late.alarms  # it comes as a message, or was cleared meanwhile
+    assert list(told(health(), health(alarms=[standing])).alarms) == ["a"]
+    cleared = told(health(), alarm("a"), alarm("a", active=False, time=START + 1), health(alarms=[standing]))
+    assert not list(cleared.alarms), "it was cleared after that health was taken"
 
 
 def test_a_new_session_of_the_daemon_ends_the_alarms_of_the_old_one() -> None:
     cell = told(health(), alarm("a"), health(session=2))
     assert (cell.restarts, cell.session, list(cell.alarms)) == (1, 2, [])
-    assert [a["id"] for a in cell.cleared] == ["a"]
+    assert [s.alarm.id for s in cell.cleared] == ["a"]
 
 
 def test_cleared_alarms_beyond_the_limit_are_counted() -> None:
@@ -76,10 +82,12 @@ def test_tasks_energies_gaps_frames_and_predictions_are_kept() -> None:
 
 def test_the_state_is_the_worse_of_the_daemons_and_that_of_the_alarms_as_on_the_page() -> None:
     raised = alarm("a").content
-    known = {**asdict(raised), "acknowledged": {"by": "anna"}}
+    known = {**asdict(raised), "acknowledged": {"name": "anna", "note": "", "time": START}}
+    shelf = {"name": "anna", "note": "", "time": START, "until": START + 9, "severity": "error"}
+    shelved = {name: getattr(raised, name) for name in ("id", "kind", "severity", "statement", "since")}
     assert told(health()).state == "green"
     assert told(health(), alarm("a")).state == "red"
-    assert told(health(alarms=[known]), alarm("a")).state == "amber"
-    assert told(health(shelved=[{"id": raised.id}]), alarm("a")).state == "green"
+    assert told(alarm("a"), health(alarms=[known])).state == "amber"
+    assert told(alarm("a"), health(shelved=[{**shelved, "shelf": shelf}])).state == "green"
     assert told(health(state="amber")).state == "amber"
     assert told(health(), alarm("a"), alarm("a", active=False)).state == "green"

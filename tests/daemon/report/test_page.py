@@ -103,8 +103,9 @@ def test_it_says_files_version_command_and_settings(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_written_is_said_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(CellwattError, match=r"nowhere.* cannot be written: No such file or directory"):
-        report.Report("a", "b", [], "c", []).write(tmp_path / "nowhere" / "page.html")
+    with pytest.raises(CellwattError, match=r"page.html cannot be written: Is a directory"):
+        (tmp_path / "page.html").mkdir()
+        report.Report("a", "b", [], "c", []).write(tmp_path / "page.html")
 
 
 def test_missing_plotly_names_the_extra() -> None:

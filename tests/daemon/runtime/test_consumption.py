@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt import FrameChannel, Frames, Layout
+from cellwatt import Energy, FrameChannel, Frames, Layout
 from cellwatt.runtime.consumption import FILE, Consumption
 from tests.daemon.runtime.test_teller import Told
 
@@ -89,6 +89,19 @@ async def test_a_damaged_file_is_told(tmp_path: Path, caplog: pytest.LogCaptureF
     assert "energy.json cannot be read" in caplog.text
     await cell.write(tmp_path)
     assert (tmp_path / FILE).read_text() == text, "nothing was measured"
+
+
+def test_without_a_measured_channel_the_energies_of_tasks_of_today_count() -> None:
+    cell, measured = Consumption(), Consumption()
+    measured.add(block(layout("board.supply.power"), [[10.0]] * 50))
+    for hour, joule in ((0, 100.0), (1, float("nan")), (2, 20.0)):
+        end = NOON + hour * 3600 * 10**9
+        for told in (cell, measured):
+            told.end(Energy("arm", "task_1", "v", 1, end - 1, end, joule, {}, 1.0, 1.0, 1.0))
+    assert (cell.told()["energy_today_J"], cell.task) == (120.0, "task_1")
+    assert (measured.told()["energy_today_J"], measured.task) == (10.0, "task_1")
+    cell.add(block(layout("arm.joint_1.power"), [[80.0]], NOON + 13 * 3600 * 10**9))
+    assert cell.told()["energy_today_J"] == 0.0, "midnight has passed"
 
 
 def test_health_has_it() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -13,9 +12,8 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 from cellwatt import ConfigError
-from cellwatt.scheduler import scheduled, spread
+from cellwatt.scheduler import spread
 from cellwatt.scheduler.spread import workers
-from tests.patience import wait_until
 
 
 class Item(NamedTuple):
@@ -80,30 +78,12 @@ def dies_once(item: Item) -> int:
     return item.number
 
 
-def dies_once_shared(item: Item, factor: int) -> int:
-    return factor * dies_once(item)
-
-
 def dies(item: Item) -> int:
     with (item.folder / "calls").open("a") as file:
         file.write(f"{item.number}\n")
     if item.number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return item.number
-
-
-def waits(item: Item) -> int:
-    """Ends when the test says so."""
-    (item.folder / "begun").touch()
-    wait_until((item.folder / "over").exists, "the end of the test")
-    return item.number
-
-
-def command() -> None:
-    """The work of a command: the arguments are the scheduler's address and a folder."""
-    address, folder = sys.argv[1:]
-    with scheduled(address):
-        spread(waits, [Item(number, Path(folder)) for number in range(8)], "numbers")
 
 
 def content(path: Path) -> tuple[str, bytes]:

@@ -60,10 +60,6 @@ class TestOnWorkers:
     def test_linear_algebra_has_one_thread(self) -> None:
         assert spread(parts.threads, [1, 2], "threads") == [1, 1]
 
-    def test_a_function_of_a_session_is_taken_too(self) -> None:
-        factor = 3
-        assert spread(lambda number: number * factor, range(5), "numbers") == [0, 3, 6, 9, 12]
-
     def test_progress_is_told(self) -> None:
         told = Stage("where", 6)
         pool = workers()

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 
 import pytest
 
-from cellwatt_drivers.kinova.link import open_link
+from cellwatt_drivers.kinova.driver import open_modbus
 from cellwatt_drivers.shared.polling import NoAnswerError
 
 UNASKED = bytes.fromhex("beef 0000 0005 01 04 02 0000") * 20
@@ -31,7 +30,7 @@ async def test_answers_that_nobody_asked_for_are_no_lines_of_the_log(caplog: pyt
     server = await asyncio.get_running_loop().create_server(Flood, "127.0.0.1", 0)
     async with server:
         port = server.sockets[0].getsockname()[1]
-        async with open_link("127.0.0.1", port, 1, 0.2, time.time_ns) as link:
+        async with open_modbus("127.0.0.1", port, 0.2) as modbus:
             with pytest.raises(NoAnswerError), caplog.at_level(logging.INFO):
-                await link.read(0, 2)
+                await modbus.read("input", 0, 2, 1)
     assert not [record for record in caplog.records if record.name.startswith("pymodbus")]

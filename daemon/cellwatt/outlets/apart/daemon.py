@@ -14,8 +14,7 @@ from typing import Any, Final
 from cellwatt.errors import CellwattError, OutletError
 from cellwatt.log_lines import log_to_stderr
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.process import LIMIT
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.apart.wire import LIMIT, Kind
 from cellwatt.outlets.zenoh.messages import parse_json
 
 log = logging.getLogger(__name__)
@@ -40,8 +39,22 @@ class Daemon:
         if not self._writer.is_closing():
             self._writer.write(wire.json_message(kind, body))
 
+    async def serve(
+        self, url: str, counts: Callable[[], Mapping[str, int]], take: Callable[[Kind, bytes], Awaitable[None]]
+    ) -> None:
+        """Say that all is ready at ``url``, and each second that all is well; hand on what the daemon says.
+
+        A message that breaks ``take`` costs only itself.
+        """
+        self.say(Kind.READY, {"url": url})
+        beating = asyncio.create_task(self._beat(counts))
+        try:
+            await self.hear(take)
+        finally:
+            beating.cancel()
+
     async def hear(self, take: Callable[[Kind, bytes], Awaitable[None]]) -> None:
-        """Hand on what the daemon says until it goes; a message that breaks ``take`` costs only itself."""
+        """Hand on what the daemon says until it goes."""
         while (got := await wire.receive(self._reader)) is not None:
             try:
                 if got[0] is Kind.ANSWER:
@@ -74,7 +87,7 @@ class Daemon:
             raise CellwattError(told["error"])
         return told["answer"]
 
-    async def beat(self, counts: Callable[[], Mapping[str, int]]) -> None:
+    async def _beat(self, counts: Callable[[], Mapping[str, int]]) -> None:
         """Say each second that all is well, with ``counts`` so far."""
         while True:
             broken = {"messages not shown": self._broken} if self._broken else {}

@@ -17,8 +17,7 @@ from cellwatt.errors import CellwattError, OutletError, ProtocolError
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.process import begin, end_of, ending
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.apart.wire import Kind, begin, end_of, ending
 from cellwatt.outlets.together import until_one_ends
 from cellwatt.outlets.zenoh.messages import parse_json
 from cellwatt.results import Event, Result
@@ -52,7 +51,7 @@ class Apart(Outlet[S]):
         super().__init__(name, settings, view)
         self._heard: float | None = None
         self._process = 0
-        self._spent = 0.0  # s of processor time, when it was heard last
+        self._spent = 0.0  # s of processor time, at its last sign of life
         self._counted: dict[str, int] = {}
 
     @abstractmethod
@@ -117,12 +116,12 @@ class Apart(Outlet[S]):
         try:
             while (got := await wire.receive(reader)) is not None:
                 kind, body = got
-                self._heard, self._spent = time.monotonic(), spent(self._process)
                 told = parse_json(body)
                 if kind is Kind.ORDER:
                     writer.write(wire.json_message(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
                     await writer.drain()
                 elif kind is Kind.ALIVE:
+                    self._heard, self._spent = time.monotonic(), spent(self._process)
                     self._count(told["counts"])
                 elif kind is Kind.FAILED:
                     raise OutletError(told["error"])
@@ -226,7 +225,7 @@ class ApartOutlet(Apart[S]):
                         layout = block.layout
                         writer.write(self.columns(layout))
                     self._put(writer, len(block), partial(self.rows, block))
-                if self._status is not None:
+                if self._status is not None and not self._results:  # it says how alarms stand after those
                     status, self._status = self._status, None
                     writer.write(wire.json_message(Kind.HEALTH, status))
                 await writer.drain()

@@ -5,8 +5,7 @@ companion   writes a file beside a recording with the arm in space and the log, 
 layout_for  the panels for a cell, live and recorded; layout_of takes its settings file
 """
 
-from cellwatt.outlets.foxglove.companion import companion
 from cellwatt.outlets.foxglove.layout import layout_for, layout_of
-from cellwatt.outlets.foxglove.serving import serve
+from cellwatt.outlets.foxglove.serving import companion, serve
 
 __all__ = ["companion", "layout_for", "layout_of", "serve"]

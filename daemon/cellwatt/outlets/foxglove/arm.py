@@ -6,12 +6,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, hypot, sin
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from cellwatt.outlets.foxglove.topics import SCENE, TRANSFORMS, Outgoing, drawn_topic
-
-if TYPE_CHECKING:
-    from foxglove import messages as wellknown
+from cellwatt.outlets.foxglove.topics import SCENE, TRANSFORMS, Outgoing, drawn_topic, own, stamp_of
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -76,7 +73,10 @@ _THICK: Final = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A joint of an arm in space; ``parent`` is the frame that it sits in, ``channel`` measures its value."""
+    """A joint of an arm in space; ``parent`` is the frame that it sits in.
+
+    Its value is ``multiplier`` times that of ``channel`` plus ``offset``; of one that follows no other, just that.
+    """
 
     frame: str
     parent: str
@@ -85,6 +85,8 @@ class Joint:
     axis: Vector
     kind: str
     channel: str | None
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +112,8 @@ def joints_of(skeleton: Mapping[str, Any]) -> tuple[Joint, ...]:
             _vector(joint["axis"]),
             joint["type"],
             joint["channel"],
+            joint.get("multiplier", 1.0),
+            joint.get("offset", 0.0),
         )
         for frame, joint in zip(frames, joints, strict=True)
     )
@@ -119,7 +123,7 @@ def poses(joints: Iterable[Joint], values: Mapping[str, float]) -> list[Pose]:
     """The poses of all joints whose values are known; one without a channel stands at 0."""
     found = []
     for joint in joints:
-        value = 0.0 if joint.channel is None else values.get(joint.channel, math.nan)
+        value = 0.0 if joint.channel is None else values.get(joint.channel, math.nan) * joint.multiplier + joint.offset
         if math.isfinite(value):
             place, rotation = joint_pose(joint.xyz, joint.rpy, joint.axis, joint.kind, value)
             found.append(Pose(joint.frame, joint.parent, place, rotation))
@@ -140,64 +144,51 @@ class Arms:
 
     def at(self, time: int, values: Mapping[str, float]) -> Outgoing:
         """The transforms at ``time``, UTC ns, for the channels' ``values`` in rad or m."""
-        from foxglove import messages as wellknown
-
         stamp = stamp_of(time)
         transforms = [
-            wellknown.FrameTransform(
+            own().FrameTransform(
                 timestamp=stamp,
                 parent_frame_id=pose.parent,
                 child_frame_id=pose.frame,
                 translation=_drawn(pose.place),
-                rotation=wellknown.Quaternion(**dict(zip("xyzw", pose.rotation, strict=True))),
+                rotation=own().Quaternion(**dict(zip("xyzw", pose.rotation, strict=True))),
             )
             for pose in (*self._bases, *poses(self._joints, values))
         ]
-        return Outgoing(self._transforms, time, wellknown.FrameTransforms(transforms=transforms).encode())
+        return Outgoing(self._transforms, time, own().FrameTransforms(transforms=transforms).encode())
 
     def links(self, time: int) -> Outgoing:
         """Lines for the links; each moves with its joint's parent."""
-        from foxglove import messages as wellknown
-
-        entities = [_link(wellknown, joint, stamp_of(time)) for joint in self._joints]
-        return Outgoing(self._scene, time, wellknown.SceneUpdate(entities=entities).encode(), "links")
+        entities = [_link(joint, stamp_of(time)) for joint in self._joints]
+        return Outgoing(self._scene, time, own().SceneUpdate(entities=entities).encode(), "links")
 
 
-def _link(wellknown: Any, joint: Joint, stamp: Any) -> Any:
+def _link(joint: Joint, stamp: Any) -> Any:
     """A line in the parent's frame from its origin to the joint, and a ball at the joint."""
     x, y, z = joint.xyz
-    line = wellknown.LinePrimitive(
-        type=wellknown.LinePrimitiveLineType.LineStrip,
-        pose=_still(wellknown, (0.0, 0.0, 0.0)),
+    line = own().LinePrimitive(
+        type=own().LinePrimitiveLineType.LineStrip,
+        pose=_still((0.0, 0.0, 0.0)),
         thickness=_THICK,
-        points=[wellknown.Point3(x=0.0, y=0.0, z=0.0), wellknown.Point3(x=x, y=y, z=z)],
-        color=wellknown.Color(r=0.45, g=0.5, b=0.56, a=1.0),
+        points=[own().Point3(x=0.0, y=0.0, z=0.0), own().Point3(x=x, y=y, z=z)],
+        color=own().Color(r=0.45, g=0.5, b=0.56, a=1.0),
     )
-    ball = wellknown.SpherePrimitive(
-        pose=_still(wellknown, joint.xyz),
-        size=wellknown.Vector3(x=2 * _THICK, y=2 * _THICK, z=2 * _THICK),
-        color=wellknown.Color(r=0.9, g=0.45, b=0.1, a=1.0),
+    ball = own().SpherePrimitive(
+        pose=_still(joint.xyz),
+        size=own().Vector3(x=2 * _THICK, y=2 * _THICK, z=2 * _THICK),
+        color=own().Color(r=0.9, g=0.45, b=0.1, a=1.0),
     )
-    return wellknown.SceneEntity(
+    return own().SceneEntity(
         timestamp=stamp, frame_id=joint.parent, id=joint.frame, frame_locked=True, lines=[line], spheres=[ball]
     )
 
 
-def _still(wellknown: Any, place: Vector) -> Any:
-    return wellknown.Pose(position=_drawn(place), orientation=wellknown.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+def _still(place: Vector) -> Any:
+    return own().Pose(position=_drawn(place), orientation=own().Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
 
 
-def _drawn(place: Vector) -> wellknown.Vector3:
-    from foxglove import messages as wellknown
-
-    return wellknown.Vector3(x=place[0], y=place[1], z=place[2])
-
-
-def stamp_of(time: int) -> wellknown.Timestamp:
-    """A time in UTC ns as the app's own type."""
-    from foxglove import messages as wellknown
-
-    return wellknown.Timestamp(*divmod(time, 1_000_000_000))
+def _drawn(place: Vector) -> Any:
+    return own().Vector3(x=place[0], y=place[1], z=place[2])
 
 
 def _vector(values: Sequence[float]) -> Vector:

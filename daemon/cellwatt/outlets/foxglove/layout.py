@@ -1,16 +1,15 @@
 """The panels of a cell as a layout file of the Foxglove app; the same for a live cell and a recording.
 
-``python -m cellwatt.outlets.foxglove OUT`` writes the packaged ``layout.json``, of a cell like the demo's.
+The packaged ``layout.json``, of a cell like the demo's, has all that is the same for every cell.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
-from cellwatt.outlets.foxglove.arm import WORLD
-from cellwatt.outlets.foxglove.topics import LOG, SCENE
 from cellwatt.record.encoder import FRAME_TOPIC
 from cellwatt.record.protobuf import identifiers
 from cellwatt.record.rows import FRAME_FIELDS
@@ -26,12 +25,6 @@ _EFFORTS: Final = (
     ("Plot!currents", "Joint currents", "A", ".current"),
     ("Plot!targets", "Target torques", "Nm", ".target_torque"),
 )
-LIKE_THE_DEMO: Final[Mapping[str, str]] = {
-    **{f"arm.joint_{i}.position": "rad" for i in range(1, 7)},
-    **{f"arm.joint_{i}.current": "A" for i in range(1, 7)},
-    "arm.bus.power": "W",
-    "board.supply.power": "W",
-}
 
 
 def layout_for(channels: Mapping[str, str], models: Sequence[str]) -> dict[str, Any]:
@@ -40,26 +33,18 @@ def layout_for(channels: Mapping[str, str], models: Sequence[str]) -> dict[str, 
     A model is ``<model>`` for its output ``power``, or ``<model>/<output>``.
     """
     fields = dict(zip(channels, identifiers(list(channels), (f.name for f in FRAME_FIELDS)), strict=True))
-    efforts = _efforts(channels, fields)
-    panels = {
-        "Plot!power": _plot("Power", "W", [*_measured(channels, fields), *_predicted(models)]),
-        "Plot!positions": _plot("Joint positions", "rad", _joints(channels, fields, ".position")),
-        **efforts,
-        "StateTransitions!states": _states(channels),
-        "3D!arms": _space(),
-        "RosOut!log": {TITLE: "Log", "topicToRender": LOG, "searchTerms": [], "minLogLevel": 1},
-        "Table!alarm": {TITLE: "Newest message of an alarm", "topicPath": "/alarm"},
-        "RawMessages!health": _raw("Health", "/health"),
+    layout: dict[str, Any] = json.loads(files(__package__).joinpath("layout.json").read_text("utf-8"))
+    panels = layout["configById"]
+    plots = {
+        "Plot!power": _plot(panels, "Power", "W", [*_measured(channels, fields), *_predicted(models)]),
+        "Plot!positions": _plot(panels, "Joint positions", "rad", _joints(channels, fields, ".position")),
+        **_efforts(panels, channels, fields),
+        "StateTransitions!states": {**panels["StateTransitions!states"], "paths": _states(channels)},
     }
-    left = _stacked(["Plot!power", "Plot!positions", *efforts, "StateTransitions!states"])
-    right = _column("3D!arms", _column("RosOut!log", _column("Table!alarm", "RawMessages!health"), 40), 45)
-    return {
-        "configById": panels,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": {"direction": "row", "first": left, "second": right, "splitPercentage": 62},
-    }
+    rest = {name: panel for name, panel in panels.items() if not name.startswith(("Plot!", "StateTransitions!"))}
+    layout["configById"] = plots | rest
+    layout["layout"]["first"] = _stacked(list(plots))
+    return layout
 
 
 def layout_of(config: CellConfig) -> dict[str, Any]:
@@ -74,36 +59,20 @@ def layout_of(config: CellConfig) -> dict[str, Any]:
     return layout_for({channel.name: channel.unit for channel in layout.channels}, models)
 
 
-def _column(first: Any, second: Any, percent: int = 50) -> dict[str, Any]:
-    return {"direction": "column", "first": first, "second": second, "splitPercentage": percent}
-
-
 def _stacked(panels: Sequence[str]) -> Any:
     """Panels of the same height, one above the other."""
     if len(panels) == 1:
         return panels[0]
-    return _column(panels[0], _stacked(panels[1:]), round(100 / len(panels)))
+    first, rest = panels[0], _stacked(panels[1:])
+    return {"direction": "column", "first": first, "second": rest, "splitPercentage": round(100 / len(panels))}
 
 
 def _series(path: str, label: str, *, enabled: bool = True) -> dict[str, Any]:
     return {"value": path, "label": label, "enabled": enabled, "timestampMethod": "receiveTime"}
 
 
-def _plot(title: str, unit: str, paths: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        TITLE: f"{title} [{unit}]",
-        "paths": list(paths),
-        "yAxisLabel": unit,
-        "showLegend": True,
-        "legendDisplay": "floating",
-        "showPlotValuesInLegend": True,
-        "showXAxisLabels": True,
-        "showYAxisLabels": True,
-        "isSynced": True,
-        "xAxisVal": "timestamp",
-        "followingViewWidth": 30,
-        "sidebarDimension": 240,
-    }
+def _plot(panels: Mapping[str, Any], title: str, unit: str, paths: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    return {**panels["Plot!power"], TITLE: f"{title} [{unit}]", "paths": list(paths), "yAxisLabel": unit}
 
 
 def _measured(channels: Mapping[str, str], fields: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -128,63 +97,27 @@ def _joints(channels: Mapping[str, str], fields: Mapping[str, str], ending: str)
     return [_series(f"{FRAME_TOPIC}.{fields[name]}", name) for name in wanted]
 
 
-def _efforts(channels: Mapping[str, str], fields: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+def _efforts(
+    packaged: Mapping[str, Any], channels: Mapping[str, str], fields: Mapping[str, str]
+) -> dict[str, dict[str, Any]]:
     """Plots of measured torques, of currents of arms without, and of what controllers ask for of arms without both."""
     told: set[str] = set()
     panels = {}
     for panel, title, unit, ending in _EFFORTS:
         those = {name: its for name, its in channels.items() if name.partition(".")[0] not in told}
         if paths := _joints(those, fields, ending):
-            panels[panel] = _plot(title, unit, paths)
+            panels[panel] = _plot(packaged, title, unit, paths)
             told |= {path["label"].partition(".")[0] for path in paths}
     return panels
 
 
-def _states(channels: Mapping[str, str]) -> dict[str, Any]:
+def _states(channels: Mapping[str, str]) -> list[dict[str, Any]]:
     arms = dict.fromkeys(name.partition(".")[0] for name in channels if name.endswith(".joint_1.position"))
     paths = [_series("/health.status.state", "health")]
     for arm in arms:
         paths.append(_series(f'/interval{{source=="{arm}"}}.number', f"{arm}: interval"))
         paths.append(_series(f'/task{{source=="{arm}"}}.name', f"{arm}: task that ended"))
-    return {TITLE: "States", "isSynced": True, "paths": paths}
-
-
-def _space() -> dict[str, Any]:
-    return {
-        TITLE: "Arms",
-        "cameraState": {
-            "perspective": True,
-            "distance": 3.5,
-            "phi": 65,
-            "thetaOffset": 40,
-            "target": [0, 0, 0],
-            "targetOffset": [0, 0, 0.5],
-            "targetOrientation": [0, 0, 0, 1],
-            "fovy": 45,
-            "near": 0.05,
-            "far": 500,
-        },
-        "followTf": WORLD,
-        "followMode": "follow-pose",
-        "scene": {"transforms": {"showLabel": False}},
-        "transforms": {},
-        "topics": {SCENE: {"visible": True}},
-        "layers": {
-            "grid": {"layerId": "foxglove.Grid", "instanceId": "grid", "visible": True, "size": 4, "divisions": 8}
-        },
-    }
-
-
-def _raw(title: str, path: str) -> dict[str, Any]:
-    return {
-        TITLE: title,
-        "topicPath": path,
-        "diffEnabled": False,
-        "diffMethod": "previous message",
-        "diffTopicPath": "",
-        "showFullMessageForDiff": False,
-        "fontSize": 12,
-    }
+    return paths
 
 
 def text_of(layout: Mapping[str, Any]) -> str:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 from cellwatt.record import messages
 from cellwatt.record.encoder import PACKAGE
@@ -92,9 +92,20 @@ def channels_topic() -> Topic:
     return Topic(CHANNELS, "json", f"{PACKAGE}.Channels", json.dumps(_CHANNELS_SCHEMA).encode())
 
 
+@cache
+def own() -> Any:
+    """Foxglove's own types; the library is loaded when they are first needed."""
+    from foxglove import messages as found
+
+    return found
+
+
+def stamp_of(time: int) -> Any:
+    """A time in UTC ns as the app's own type."""
+    return own().Timestamp(*divmod(time, 1_000_000_000))
+
+
 def drawn_topic(name: str, kind: str) -> Topic:
     """A topic of one of Foxglove's own types, such as ``Log``."""
-    from foxglove import messages as wellknown
-
-    schema = getattr(wellknown, kind).get_schema()
+    schema = getattr(own(), kind).get_schema()
     return Topic(name, schema.encoding, schema.name, schema.data)

@@ -10,8 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlets.foxglove.arm import Arms, stamp_of
+from cellwatt.outlets.foxglove.arm import Arms
 from cellwatt.outlets.foxglove.topics import (
     KINDS,
     LOG,
@@ -23,6 +24,8 @@ from cellwatt.outlets.foxglove.topics import (
     channels_topic,
     drawn_topic,
     json_topic,
+    own,
+    stamp_of,
 )
 from cellwatt.record import messages
 from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE, described
@@ -78,7 +81,7 @@ class Translator:
         self._frames: FrameMessages | None = None
         self._arms: Arms | None = None
         self._moved = -math.inf
-        self._up: dict[str, str] = {}
+        self._alarms = AlarmBook()
         self._log = drawn_topic(LOG, "Log")
 
     @property
@@ -115,20 +118,11 @@ class Translator:
         told = [Outgoing(json_topic(type(item)), time, messages.encode(item), _key(item), over)]
         if isinstance(item, Event):
             told.append(Outgoing(self._log, time, _line(time, "Info", item.text, item.source or "cellwatt")))
-        elif isinstance(item, Alarm) and self._is_news(item):
+        elif isinstance(item, Alarm) and self._alarms.hear(item).news:
             level = _LEVELS[item.severity] if item.active else "Info"
             line = _line(time, level, item.statement, item.source or item.stage or "cellwatt")
             told.append(Outgoing(self._log, time, line, _key(item), over))
         return Moment(time, tuple(told))
-
-    def _is_news(self, alarm: Alarm) -> bool:
-        """True unless an alarm only tells other figures than before."""
-        if not alarm.active:
-            self._up.pop(alarm.id, None)
-            return True
-        before = self._up.get(alarm.id)
-        self._up[alarm.id] = alarm.severity
-        return before != alarm.severity
 
     def lost(self, time: int, topic: str, count: int) -> Moment:
         """The moment at which it became known that samples or results of a topic are lost for ever."""
@@ -151,7 +145,6 @@ def _key(item: Result | Event | messages.Health) -> str | None:
 
 
 def _line(time: int, level: str, text: str, name: str) -> bytes:
-    from foxglove import messages as wellknown
-
-    kind = getattr(wellknown.LogLevel, level)
-    return wellknown.Log(timestamp=stamp_of(time), level=kind, message=text, name=name).encode()
+    kind = getattr(own().LogLevel, level)
+    found: bytes = own().Log(timestamp=stamp_of(time), level=kind, message=text, name=name).encode()
+    return found

@@ -16,10 +16,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellwatt.errors import OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
-from cellwatt.outlets.historian.pieces import Piece, Place, Position, next_frames, next_results, root
+from cellwatt.outlets.historian.pieces import Piece, Place, Position, merged, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
-from cellwatt.outlets.historian.tables import merged, parquet
 from cellwatt.outlets.past import ARCHIVED
 from cellwatt.units import Units
 

@@ -1,28 +1,96 @@
-"""Keeps the history of a cell elsewhere: in InfluxDB, and in a lake of Parquet files."""
+"""Keeps the history of a cell elsewhere: in InfluxDB, and by a process, again and again, in a lake of Parquet files."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import logging
+import signal
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
+from cellwatt.account import Account
+from cellwatt.child import ends_with_parent
 from cellwatt.errors import OutletError, why
-from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.aside import put_aside
+from cellwatt.files import put_aside
+from cellwatt.outlet import CellView, Item, Outlet, revealed
+from cellwatt.outlets.apart.wire import ending
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
-from cellwatt.outlets.historian.client import Client
-from cellwatt.outlets.historian.lake import Lake
-from cellwatt.outlets.historian.line_protocol import result_line, row_line
-from cellwatt.outlets.historian.settings import HistorianSettings
+from cellwatt.outlets.historian.client import Client, result_line, row_line
+from cellwatt.outlets.historian.settings import HistorianSettings, LakeSettings
 from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
+
+MODULE: Final = "cellwatt.outlets.historian.worker"
+PAUSE: Final = 30.0
+"""s until the next try after one that failed, at most."""
+
+
+class Lake:
+    """Runs the process every some time; counts what it tells in ``account``."""
+
+    def __init__(self, settings: LakeSettings, told: dict[str, Any], account: Account) -> None:
+        self._settings, self._account = settings, account
+        self._told = {**told, "settings": revealed(settings)}
+        self.problem: str | None = None
+        """Reason why the last run failed; ``None`` if it did not."""
+
+    async def run(self) -> None:
+        """Export until cancelled. Raises ``OutletError`` where that can never be."""
+        if find_spec("pyarrow") is None:
+            raise OutletError("lake: pyarrow is missing: pip install pyarrow")
+        while True:
+            self.problem = await self.once()
+            if self.problem is not None:
+                self._account.count("lake: runs failed")
+            await asyncio.sleep(self._settings.every if self.problem is None else min(PAUSE, self._settings.every))
+
+    async def once(self) -> str | None:
+        """Export what is new; return the reason where that failed."""
+        problem: str | None = None
+        process = await self._begin()
+        async with ending(process):
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.write(json.dumps(self._told).encode())
+            process.stdin.close()
+            async for line in process.stdout:
+                problem = self._heard(line) or problem
+            code = await process.wait()
+        return problem if code == 0 or problem is not None else f"lake: the process that writes it ended with {code}"
+
+    def _heard(self, line: bytes) -> str | None:
+        """Count a line of the process; return the reason where it tells one."""
+        try:
+            said = json.loads(line)
+        except ValueError:
+            return None
+        if "error" in said:
+            return str(said["error"])
+        self._account.expect(said["rows"] + said["lost"])
+        self._account.receive(said["rows"])
+        self._account.miss(said["lost"], "lake: no longer in the record")
+        if said["rows"] or not said["lost"]:
+            what = f"files of {said['table']}" if said["rows"] else "sessions without any of its channels"
+            self._account.count(f"lake: {what}")
+        return None
+
+    async def _begin(self) -> asyncio.subprocess.Process:
+        pipe = asyncio.subprocess.PIPE
+        try:
+            return await asyncio.create_subprocess_exec(
+                sys.executable, "-m", MODULE, stdin=pipe, stdout=pipe, preexec_fn=ends_with_parent(signal.SIGKILL)
+            )
+        except OSError as error:
+            raise OutletError(f"lake: the process that writes it cannot be started: {error.strerror}") from error
+
 
 if find_spec("aiohttp") is None:  # a lake alone does without it, but what is missing is told at once
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")

@@ -11,8 +11,8 @@ from pydantic import ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
-from cellwatt.host import in_the_clear, web_address
-from cellwatt.outlet import OutletSettings
+from cellwatt.host import check_clear, in_the_clear, web_address
+from cellwatt.outlet import OutletSettings, together
 from cellwatt.outlets.forward import Flow
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Seconds
@@ -74,18 +74,11 @@ class InfluxSettings(Flow):
             raise ValueError("bucket needs org and token")
         if self.database is None and (self.policy is not None or self.user is not None):
             raise ValueError("policy and user go with database")
-        if (self.user is None) != (self.password is None):
-            raise ValueError("user and password are needed together")
+        together(user=self.user, password=self.password)
         if self.user is not None and ":" in self.user:
             raise ValueError("user: a name has no ':'")
-        if not self.open and self.clear:
-            raise ValueError("http is for this PC alone: use https, or set open: true")
+        check_clear(self.url, allowed=self.open)
         return self
-
-    @property
-    def clear(self) -> bool:
-        """True if data leave this PC without encryption."""
-        return in_the_clear(self.url)
 
 
 class LakeSettings(Selection):
@@ -123,25 +116,18 @@ class LakeSettings(Selection):
     def _whole(self) -> LakeSettings:
         if self.dead_band:
             raise ValueError("dead_band: a lake has every row; Parquet packs what does not change")
-        if (self.access_key is None) != (self.secret_key is None):
-            raise ValueError("access_key and secret_key are needed together")
+        together(access_key=self.access_key, secret_key=self.secret_key)
         if not self.remote and (self.endpoint is not None or self.access_key is not None or self.region is not None):
             raise ValueError("endpoint, region and keys go with a folder s3://…")
         if self.remote and not re.fullmatch(r"s3://[a-z0-9][a-z0-9.-]{1,62}(/[^\s]*)?", self.folder):
             raise ValueError(f"{self.folder!r:.120} is not a place in S3; expected s3://BUCKET/PATH")
-        if not self.open and self.clear:
-            raise ValueError("http is for this PC alone: use https, or set open: true")
+        check_clear(self.endpoint or "", allowed=self.open)
         return self
 
     @property
     def remote(self) -> bool:
         """True if the lake is in S3."""
         return self.folder.startswith("s3://")
-
-    @property
-    def clear(self) -> bool:
-        """True if data leave this PC without encryption."""
-        return self.endpoint is not None and in_the_clear(self.endpoint)
 
 
 class HistorianSettings(OutletSettings):
@@ -165,9 +151,9 @@ class HistorianSettings(OutletSettings):
         return tuple(self._doubts())
 
     def _doubts(self) -> Iterator[str]:
-        if self.influx is not None and self.influx.clear:
+        if self.influx is not None and in_the_clear(self.influx.url):
             yield f"influx.url: {self.influx.url}: data and token pass in the clear (open: true)"
-        if self.lake is not None and self.lake.clear:
+        if self.lake is not None and in_the_clear(self.lake.endpoint or ""):
             yield f"lake.endpoint: {self.lake.endpoint}: data pass in the clear (open: true)"
         sections = {"influx": self.influx, "lake": self.lake}
         yield from unreadable({f"{name}.ca": section.ca for name, section in sections.items() if section is not None})

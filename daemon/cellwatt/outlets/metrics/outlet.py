@@ -1,23 +1,188 @@
-"""Tells Prometheus of a cell, and answers probes of its health."""
+"""Tells Prometheus of a cell, and answers probes: what the cell told last, and totals that never fall."""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from importlib.util import find_spec
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from cellwatt.frames import Frames
-from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.frames import Frames, Layout
+from cellwatt.outlet import CellView, Item, Outlet, revealed
 from cellwatt.outlets.apart.outlet import Apart
-from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family
-from cellwatt.outlets.metrics.meter import Meter, Sample
+from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family, Reading, lives_of, of_health
 from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.results import Energy
+from cellwatt.version import __version__
+
+MOST: Final = 50_000
+"""Counts that are remembered; what is beyond is told as it is counted."""
+
+
+@dataclass(slots=True)
+class _Mark:
+    life: Hashable
+    before: float
+    top: float
+
+
+class Ratchet:
+    """Totals by key over several lives of the part that counts."""
+
+    def __init__(self) -> None:
+        self._marks: dict[Hashable, _Mark] = {}
+
+    def total(self, key: Hashable, value: float, life: Hashable = None) -> float:
+        """Total of a count that shows ``value`` now.
+
+        Where ``life`` is another than before, or is ``None`` and the count fell, it has begun anew at 0; within a life
+        the highest value counts, since samples that arrive late are taken back.
+        """
+        mark = self._marks.get(key)
+        if mark is None and len(self._marks) >= MOST:
+            return value
+        if mark is None:
+            mark = self._marks[key] = _Mark(life, 0.0, value)
+        elif mark.life != life or (life is None and value < mark.top):
+            mark.before, mark.life, mark.top = mark.before + mark.top, life, value
+        else:
+            mark.top = max(mark.top, value)
+        return mark.before + mark.top
+
+
+class Lives:
+    """Numbers the lives of parts: one ends when its process is another one or its steady count falls."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[int, int | None, float]] = {}
+
+    def life(self, part: str, process: int | None, steady: float) -> int:
+        """Number of the part's life, by the ``process`` id it runs in and a count that only a new life lowers."""
+        number, before, last = self._known.get(part, (0, process, 0.0))
+        number += process != before or steady < last
+        self._known[part] = number, process, steady
+        return number
+
+
+LONGEST: Final = 200
+"""Characters of a label."""
+_MOST_ENERGIES: Final = 10_000
+"""Tasks and consumers whose energies are summed."""
+Sample = tuple[tuple[str, ...], float]
+
+
+class Meter:
+    """Takes frames, energies and health; ``samples`` gives the series of each metric, at most ``most`` of one.
+
+    ``channels`` are the patterns of channels whose power is told, ``session`` is the daemon's start, UTC ns.
+    """
+
+    def __init__(self, channels: Iterable[str], most: int, session: int) -> None:
+        self._patterns, self._most, self._session = tuple(channels), most, session
+        self._layout: Layout | None = None
+        self._columns: tuple[tuple[int, str], ...] = ()
+        self._power: dict[str, float] = {}
+        self._readings: list[Reading] = []
+        self._looked: float | None = None
+        self._energies: dict[tuple[str, tuple[str, ...]], float] = {}
+        self._alarms: dict[tuple[str, ...], None] = {}
+        self._ratchet, self._lives = Ratchet(), Lives()
+        self._told: dict[str, set[tuple[str, ...]]] = {}
+        self.scrapes = 0
+        self.status: Mapping[str, Any] = {}
+
+    def succeed(self, before: Meter) -> None:
+        """Go on with the totals of another meter, and with what it was told last."""
+        self._ratchet, self._lives, self._energies = before._ratchet, before._lives, before._energies
+        self._readings, self._looked, self.status = before._readings, before._looked, before.status
+        self._alarms, self.scrapes = before._alarms, before.scrapes
+
+    def frames(self, frames: Frames) -> None:
+        """Take frames: the last is the newest."""
+        if frames.layout is not self._layout:
+            self._layout = frames.layout
+            names = enumerate(frames.layout.names)
+            chosen = ((i, n) for i, n in names if any(fnmatchcase(n, pattern) for pattern in self._patterns))
+            self._columns = tuple((i, n) for i, n in chosen if frames.layout.channels[i].unit == "W")
+        if len(frames):
+            self._power = {name: float(frames.values[-1, i]) for i, name in self._columns}
+
+    def energy(self, energy: Energy) -> None:
+        """Add the energy of a task that ended."""
+        self._add("task_repetitions", (energy.task,), 1.0)
+        self._add("energy_measured_joules", (energy.task,), energy.total)
+        for group, value in energy.groups.items():
+            self._add("energy_joules", (energy.task, group), value)
+            self._add("energy_returned_joules", (energy.task, group), -value)
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Take the cell's health."""
+        self.status, self._looked = status, time.monotonic()
+        lives = {part: self._lives.life(part, process, steady) for part, process, steady in lives_of(status)}
+        self._readings = [self._steady(reading, lives) for reading in of_health(status)]
+        now = {r.labels for r in self._readings if r.metric == "alarms_active"}
+        # An alarm that is over is told as 0 from now on, so that nobody takes it for unknown.
+        self._readings += [Reading("alarms_active", labels, 0.0) for labels in self._alarms if labels not in now]
+        for labels in now:
+            if len(self._alarms) < self._most:
+                self._alarms[labels] = None
+
+    def age(self, now: float) -> float | None:
+        """Time in s since the last health, at monotonic time ``now``; ``None`` before the first."""
+        return None if self._looked is None else now - self._looked
+
+    def samples(self) -> dict[str, list[Sample]]:
+        """Series of each metric by its name, in the order of the catalogue."""
+        found: dict[str, dict[tuple[str, ...], float]] = {name: {} for name in CATALOGUE}
+        for reading in self._all():
+            series = found[f"cellwatt_{reading.metric}"]
+            labels = tuple(label[:LONGEST] for label in reading.labels)
+            if math.isfinite(reading.value):
+                series[labels] = series.get(labels, 0.0) + reading.value
+        out = {name: self._bounded(name, series) for name, series in found.items()}
+        left = {(name,): float(len(found[name]) - len(out[name])) for name in found}
+        out["cellwatt_series_left_out"] = [(name, n) for name, n in left.items() if n]
+        return out
+
+    def _all(self) -> Iterator[Reading]:
+        yield Reading("build", (__version__,), 1.0)
+        yield Reading("session_start_time_seconds", (), 1e-9 * self._session)
+        yield Reading("scrapes", (), self.scrapes)
+        if (age := self.age(time.monotonic())) is not None:
+            yield Reading("health_age_seconds", (), age)
+        yield from self._readings
+        yield from (Reading("power_watts", (name,), value) for name, value in self._power.items())
+        yield from (Reading(metric, labels, value) for (metric, labels), value in self._energies.items())
+
+    def _add(self, metric: str, labels: tuple[str, ...], value: float) -> None:
+        key = metric, labels
+        if math.isfinite(value) and (key in self._energies or len(self._energies) < _MOST_ENERGIES):
+            self._energies[key] = self._energies.get(key, 0.0) + max(value, 0.0)
+
+    def _steady(self, reading: Reading, lives: Mapping[str, int]) -> Reading:
+        """A reading of a counter that does not fall."""
+        if CATALOGUE[f"cellwatt_{reading.metric}"].type != "counter":
+            return reading
+        life = lives[reading.part] if reading.part is not None else None
+        return reading._replace(value=self._ratchet.total((reading.metric, reading.labels), reading.value, life))
+
+    def _bounded(self, name: str, series: Mapping[tuple[str, ...], float]) -> list[Sample]:
+        """The series that are told: those told before, then others while there is room."""
+        told = self._told.get(name, set()) & series.keys()
+        for labels in series:
+            if len(told) >= self._most:
+                break
+            told.add(labels)
+        self._told[name] = told
+        return [(labels, value) for labels, value in series.items() if labels in told]
+
 
 if find_spec("aiohttp") is None:  # only the process that serves imports it, but what is missing is told at once
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
@@ -38,22 +203,16 @@ class CellCollector(Collector):
 
 def _filled(family: Family, samples: Sequence[Sample], constant: Mapping[str, str]) -> Metric:
     names, given = (*family.labels, *constant), tuple(constant.values())
-    match family.type:
-        case "counter":
-            counter = CounterMetricFamily(family.name, family.help, labels=names, unit=family.unit)
-            for labels, value in samples:
-                counter.add_metric((*labels, *given), value)
-            return counter
-        case "gauge":
-            gauge = GaugeMetricFamily(family.name, family.help, labels=names, unit=family.unit)
-            for labels, value in samples:
-                gauge.add_metric((*labels, *given), value)
-            return gauge
-        case "info":
-            info = InfoMetricFamily(family.name, family.help, labels=tuple(constant))
-            for labels, _ in samples:
-                info.add_metric(given, dict(zip(family.labels, labels, strict=True)))
-            return info
+    if family.type == "info":
+        info = InfoMetricFamily(family.name, family.help, labels=tuple(constant))
+        for labels, _ in samples:
+            info.add_metric(given, dict(zip(family.labels, labels, strict=True)))
+        return info
+    kind = CounterMetricFamily if family.type == "counter" else GaugeMetricFamily
+    made = kind(family.name, family.help, labels=names, unit=family.unit)
+    for labels, value in samples:
+        made.add_metric((*labels, *given), value)
+    return made
 
 
 def exposed(collector: CellCollector, accept: str) -> tuple[bytes, str]:
@@ -81,7 +240,8 @@ class MetricsOutlet(Apart[MetricsSettings]):
 
     def hello(self) -> Mapping[str, Any]:
         """See ``Apart.hello``."""
-        return self.settings.told()
+        told: dict[str, Any] = revealed(self.settings)
+        return told
 
     def offer(self, item: Item) -> None:
         """Keep the newest frame, and sum energies."""

@@ -170,12 +170,9 @@ async def serve(daemon: Daemon, settings: Mapping[str, Any]) -> None:
     read = MetricsSettings.model_validate(settings)
     endpoint = Endpoint(read, daemon.order)
     url = await endpoint.door.start(await asyncio.to_thread(tls_context, read))
-    daemon.say(Kind.READY, {"url": url})
-    beating = asyncio.create_task(daemon.beat(lambda: endpoint.door.counts))
     try:
-        await daemon.hear(_ignore)
+        await daemon.serve(url, lambda: endpoint.door.counts, _ignore)
     finally:
-        beating.cancel()
         await endpoint.door.stop()
 
 

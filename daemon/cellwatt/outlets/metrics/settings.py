@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from pydantic import Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.door.settings import Listening
+from cellwatt.outlet import together
 from cellwatt.outlets.metrics.catalogue import LABELS
 
 LOCAL: Final = "127.0.0.1:9480"
@@ -62,8 +63,7 @@ class MetricsSettings(Listening):
 
     @model_check(mode="after")
     def _login(self) -> MetricsSettings:
-        if (self.user is None) != (self.password is None):
-            raise ValueError("user and password are needed together")
+        together(user=self.user, password=self.password)
         if self.user is not None and ":" in self.user:
             raise ValueError("user: a name has no ':'")
         if any(secret is not None and not secret.get_secret_value() for secret in (self.token, self.password)):
@@ -81,9 +81,3 @@ class MetricsSettings(Listening):
         short = [name for name, secret in secrets.items() if secret and len(secret.get_secret_value()) < _SHORT]
         advice = f"fewer than {_SHORT} characters can be guessed; 'openssl rand -hex 16' makes enough"
         return (*super().warnings(), *(f"{name}: {advice}" for name in short))
-
-    def told(self) -> dict[str, Any]:
-        """All settings with their secrets, JSON-ready, for the process that serves and nobody else."""
-        secrets = {"token": self.token, "password": self.password}
-        shown = {name: secret.get_secret_value() for name, secret in secrets.items() if secret is not None}
-        return {**self.model_dump(mode="json", exclude=set(secrets)), **shown}

@@ -26,9 +26,9 @@ PAUSE: Final = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """A row or result of the past, or the end of a gap, and what is to be done once it has arrived."""
+    """A row or result of the past, and what is to be done once it has arrived."""
 
-    entry: Row | Archived | None
+    entry: Row | Archived
     arrived: Callable[[], None]
 
 
@@ -39,13 +39,11 @@ class Backfill:
         self, settings: MqttSettings, record: tuple[Path, str], cursor: Cursor, outbox: Outbox, account: Account
     ) -> None:
         self.problem: str | None = None
-        self._settings = settings
-        self._record = record
-        self._cursor = cursor
-        self._outbox = outbox
-        self._account = account
+        self._settings, self._record = settings, record
+        self._cursor, self._outbox, self._account = cursor, outbox, account
         self._lane: asyncio.Queue[Past] = asyncio.Queue(1)
-        self._filled = asyncio.Event()
+        self._due = 0.0
+        """Monotonic time, s, at which the next entry may go."""
 
     def next(self) -> Past | None:
         """What is to be sent now, if anything is."""
@@ -53,29 +51,23 @@ class Backfill:
 
     async def run(self) -> None:
         """Read, and hand over row by row, until cancelled."""
-        pace = _Pace(self._settings.backfill)
         while True:
             await self._cursor.lacking.wait()
             gap = self._cursor.first
-            if gap is None or not self._outbox.serving or self._outbox.last is None:
+            if gap is None or not self._outbox.serving or self._outbox.last is None or await self._fill(*gap):
                 await asyncio.sleep(PAUSE)
-                continue
-            await self._fill(*gap, pace)
 
-    async def _fill(self, after: int, until: int, pace: _Pace) -> None:
-        self._filled.clear()
+    async def _fill(self, after: int, until: int) -> bool:
+        """Bring a part of a span to its arrival; true where the record has not got as far yet."""
         part = await self._read(after, until)
         for result in part.results:  # before the rows, which note how far all is
-            await pace.wait()
-            await self._hand_over(Past(result, partial(self._account.count, "results back-filled")))
+            await self._hand_over(result, partial(self._account.count, "results back-filled"))
         for row in part.rows:
-            await pace.wait()
-            await self._hand_over(Past(row, partial(self._sent, after, row.time)))
+            await self._hand_over(row, partial(self._sent, after, row.time))
             after = row.time
-        await self._hand_over(Past(None, partial(self._done, after, part.until)))
-        if part.waits:
-            await asyncio.sleep(PAUSE)
-        await self._filled.wait()
+        await self._lane.join()
+        self._cursor.pay(after, part.until)
+        return part.waits
 
     async def _read(self, after: int, until: int) -> Part:
         before = after < self._outbox.begun  # results of before this start did not wait in our queue
@@ -91,29 +83,20 @@ class Backfill:
         self.problem = None
         return part
 
-    async def _hand_over(self, past: Past) -> None:
-        await self._lane.put(past)
+    async def _hand_over(self, entry: Row | Archived, note: Callable[[], None]) -> None:
+        """Have an entry sent, as soon as the rate allows."""
+        now = time.monotonic()
+        self._due = max(self._due + 1.0 / self._settings.backfill, now - 0.01)
+        if self._due > now + 0.005:
+            await asyncio.sleep(self._due - now)
+        await self._lane.put(Past(entry, partial(self._arrived, note)))
         self._outbox.wake.set()
+
+    def _arrived(self, note: Callable[[], None]) -> None:
+        note()
+        self._lane.task_done()
 
     def _sent(self, after: int, time_: int) -> None:
         self._account.count("rows back-filled")
         self._account.receive()
         self._cursor.pay(after, time_, 1)
-
-    def _done(self, after: int, until: int) -> None:
-        self._cursor.pay(after, until)
-        self._filled.set()
-
-
-class _Pace:
-    """Lets through ``rate`` calls a second at most."""
-
-    def __init__(self, rate: float) -> None:
-        self._step = 1.0 / rate
-        self._due = 0.0
-
-    async def wait(self) -> None:
-        now = time.monotonic()
-        self._due = max(self._due + self._step, now - 0.01)
-        if self._due > now + 0.005:
-            await asyncio.sleep(self._due - now)

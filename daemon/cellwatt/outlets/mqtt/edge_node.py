@@ -5,11 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
-from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
+from cellwatt.outlets.mqtt.payload import (
+    MS,
+    DataType,
+    Device,
+    Metric,
+    Tag,
+    Tags,
+    Values,
+    decode,
+    encode,
+    finite,
+    values_of,
+)
 from cellwatt.outlets.mqtt.settings import SparkplugSettings
-from cellwatt.outlets.mqtt.tags import MS, Device, Tag, Tags, Values, finite, values_of
 from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.zenoh.messages import parse_json
@@ -22,22 +34,12 @@ NUMBERS: Final = 256
 
 
 class EdgeNode:
-    """Messages of an edge node. ``births`` is the bdSeq of the next connection.
-
-    ``alarms`` are those that are up when it begins, as health tells them.
-    """
+    """Messages of an edge node. ``births`` is the bdSeq of the next connection; ``alarms`` is the cell's book."""
 
     announced = True
     """Whether the broker is to publish the death also when we leave on purpose."""
 
-    def __init__(
-        self,
-        settings: SparkplugSettings,
-        site: str,
-        cell: str,
-        births: int = 0,
-        alarms: Iterable[Mapping[str, Any]] = (),
-    ) -> None:
+    def __init__(self, settings: SparkplugSettings, site: str, cell: str, alarms: AlarmBook, births: int = 0) -> None:
         self._group = level(settings.group or site)
         self._node = level(settings.node or cell)
         self._host = settings.primary_host
@@ -49,9 +51,9 @@ class EdgeNode:
         self._seq = 0
         self._tags = Tags()
         self._labels = Labels({}, {})
-        self._up = {alarm["id"] for alarm in alarms}
+        self._alarms = alarms
         self._tags.declare(self._tags.node, "health/state", DataType.STRING)
-        self._tags.declare(self._tags.node, "alarms/active", DataType.INT64).value = len(self._up)
+        self._tags.declare(self._tags.node, "alarms/active", DataType.INT64).value = len(alarms.up)
 
     @property
     def ready(self) -> bool:
@@ -195,8 +197,7 @@ class EdgeNode:
         time, values = values_of(item)
         messages = list(self._node_data(values, time, historical, now // MS)) if values else []
         if isinstance(item, Alarm):
-            (self._up.add if item.active else self._up.discard)(item.id)
-            count: Values = {"alarms/active": (DataType.INT64, len(self._up), None)}
+            count: Values = {"alarms/active": (DataType.INT64, len(self._alarms.up), None)}
             messages += self._node_data(count, time, False, now // MS)
         return messages
 

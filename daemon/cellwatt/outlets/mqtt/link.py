@@ -36,7 +36,12 @@ _HEARD: Final = 1000
 """Messages from the broker that may wait for us; more are dropped by the library, which logs it."""
 _WITH_WILL: Final = 4
 """Reason code of MQTT 5: Disconnect with Will Message."""
-_CLOSED: Final = "the broker closed the connection: does it want a certificate, or speak another version than MQTT 5?"
+_CLOSED: Final = (
+    "the broker closed the connection without a word; if it goes on so: does it want a certificate, or speak another "
+    "version than MQTT 5?"
+)
+_LATE: Final = "Operation timed out"
+"""What the library says where the broker gives no answer on a connection that it took."""
 _ERRNO = re.compile(r"^\[Errno -?\d+\] ")
 _FENCE: Final = "cellwatt/fence"
 _REFUSED: Final = 0x80
@@ -86,7 +91,7 @@ class _Client(aiomqtt.Client):
             async with asyncio.timeout(self.timeout if timeout is None else timeout):
                 return await fut
         except TimeoutError:
-            raise aiomqtt.MqttError("Operation timed out") from None
+            raise aiomqtt.MqttError(_LATE) from None
 
     def _on_socket_register_write(self, client: mqtt.Client, userdata: Any, sock: Any) -> None:
         def write() -> None:
@@ -148,7 +153,7 @@ class Link:
         try:
             await asyncio.shield(connecting)
         except (aiomqtt.MqttError, OSError, ValueError) as error:
-            closed = "timed out" in str(error) and self._client._client.socket() is None
+            closed = str(error) == _LATE and self._client._client.socket() is None
             await self.abort()
             raise OutletError(f"{self._broker}: {_CLOSED if closed else reason(error)}") from None
         except asyncio.CancelledError:
@@ -226,8 +231,11 @@ def reason(error: Exception) -> str:
     if isinstance(error, OSError):
         return why(error)
     text = _ERRNO.sub("", str(error.__cause__ or error))
+    if text == _LATE:
+        return f"no answer within {ANSWER:g} s: the broker hangs or is too busy, or it is none"
     if "timed out" in text.lower():
-        return "somebody answers there, but not as a broker, or it hangs"
+        tls = "handshake" in text.lower()
+        return "no answer to the TLS handshake: is this a port for TLS?" if tls else "nobody answers: is the host up?"
     if "certificate" in text.lower() or "ssl" in text.lower():
         return f"TLS failed: {text}; check ca, certificate and the broker's name"
     return text

@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -155,19 +155,13 @@ class Outbox:
         """Take a result or event."""
         self._put(self.results, Told(item, not self.serving), "results")
 
-    def row_again(self, live: Live) -> None:
-        """Put back a row that may not have arrived, before all others."""
-        self._back(self.rows, replace(live, late=True), "rows")
-
-    def result_again(self, told: Told) -> None:
-        """Put back a result that may not have arrived, before all others."""
-        self._back(self.results, replace(told, late=True), "results")
-
-    def _back(self, queue: deque[T], entry: T, what: str) -> None:
+    def again(self, entry: Live | Told) -> None:
+        """Put back what may not have arrived, before all others of its kind."""
+        queue: deque[Any] = self.rows if isinstance(entry, Live) else self.results
         if len(queue) < self._most:
-            queue.appendleft(entry)
+            queue.appendleft(replace(entry, late=True))
         else:
-            self._dropped(what, 1)
+            self._dropped("rows" if queue is self.rows else "results", 1)
 
     def _put(self, queue: deque[T], entry: T, what: str) -> None:
         if len(queue) >= self._most:

@@ -142,11 +142,10 @@ class MqttOutlet(Outlet[MqttSettings]):
             await link.abort()
 
     def _made(self) -> Format:
-        alarms = self.view.status().get("alarms", ())
+        view = self.view
         if self.settings.format == "sparkplug":
-            births = self._cursor.births
-            return EdgeNode(self.settings.sparkplug, self.view.site, self.view.cell, births, alarms)
-        return PlainFormat(self.settings, self.view.site, self.view.cell, alarms)
+            return EdgeNode(self.settings.sparkplug, view.site, view.cell, view.alarms, self._cursor.births)
+        return PlainFormat(self.settings, view.site, view.cell, view.alarms)
 
     @property
     def _client(self) -> str:

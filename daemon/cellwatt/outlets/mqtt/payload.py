@@ -1,24 +1,21 @@
-"""Sparkplug B payloads: the fields that an edge node needs, with the numbers of the specification 3.0. Pure.
+"""Sparkplug B payloads, with the numbers of the specification 3.0, and the metrics of an edge node. Pure.
 
-The message classes are made from a table and live in a pool of their own, so that another library's Sparkplug in the
-same process does not clash with them. Fields that are not in the table are passed over.
+Fields that are not in the table are passed over.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import cache
-from typing import Any, Final
+from itertools import count
+from typing import Any, Final, cast
 
 from cellwatt.errors import ProtocolError
+from cellwatt.protobuf_classes import Messages, Table
+from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
 
-_PACKAGE: Final = "cellwatt.sparkplug"
-_SCALARS: Final = {"double": 1, "float": 2, "uint64": 4, "bool": 8, "string": 9, "uint32": 13}
-_MESSAGE: Final = 11
-
-# field: (number, type); a type with a star repeats, one with a dot is a value: at most one of them is there.
 _VALUES: Final = {
     "int_value": "uint32",
     "long_value": "uint64",
@@ -27,7 +24,7 @@ _VALUES: Final = {
     "boolean_value": "bool",
     "string_value": "string",
 }
-_TABLE: Final[Mapping[str, Mapping[str, tuple[int, str]]]] = {
+_TABLE: Final[Table] = {
     "PropertyValue": {
         "type": (1, "uint32"),
         "is_null": (2, "bool"),
@@ -46,6 +43,7 @@ _TABLE: Final[Mapping[str, Mapping[str, tuple[int, str]]]] = {
     },
     "Payload": {"timestamp": (1, "uint64"), "metrics": (2, "Metric*"), "seq": (3, "uint64")},
 }
+_MESSAGES: Final = Messages("cellwatt.sparkplug", _TABLE)
 
 
 class DataType(IntEnum):
@@ -89,31 +87,9 @@ class Metric:
     historical: bool = False
 
 
-@cache
-def _classes() -> Mapping[str, Any]:
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-
-    file = descriptor_pb2.FileDescriptorProto(name="cellwatt/sparkplug.proto", package=_PACKAGE, syntax="proto2")
-    for name, fields in _TABLE.items():
-        message = file.message_type.add(name=name)
-        for field, (number, kind) in fields.items():
-            plain = kind.rstrip("*.")
-            added = message.field.add(name=field, number=number, label=3 if kind.endswith("*") else 1)
-            added.type = _SCALARS.get(plain, _MESSAGE)
-            if plain not in _SCALARS:
-                added.type_name = f".{_PACKAGE}.{plain}"
-            if kind.endswith("."):
-                if not message.oneof_decl:
-                    message.oneof_decl.add(name="value")
-                added.oneof_index = 0
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in _TABLE}
-
-
 def encode(metrics: Iterable[Metric], timestamp: int, seq: int | None) -> bytes:
     """A payload sent at ``timestamp`` UTC ms; the death certificate has no ``seq``."""
-    payload = _classes()["Payload"](timestamp=timestamp)
+    payload = _MESSAGES.classes["Payload"](timestamp=timestamp)
     if seq is not None:
         payload.seq = seq
     for metric in metrics:
@@ -145,14 +121,7 @@ def _fill(into: Any, metric: Metric) -> None:
 
 def decode(data: bytes) -> list[tuple[str | None, int | None, Value | None]]:
     """Name, alias and value of each metric of a command. Raises ``ProtocolError``."""
-    from google.protobuf.message import DecodeError
-
-    payload = _classes()["Payload"]()
-    try:
-        payload.ParseFromString(data)
-    except DecodeError as error:
-        raise ProtocolError(f"{len(data)} bytes that are not a Sparkplug payload") from error
-    return [_told(metric) for metric in payload.metrics]
+    return [_told(metric) for metric in _MESSAGES.parse("Payload", data, "a Sparkplug payload").metrics]
 
 
 def _told(metric: Any) -> tuple[str | None, int | None, Value | None]:
@@ -163,3 +132,128 @@ def _told(metric: Any) -> tuple[str | None, int | None, Value | None]:
     if isinstance(name, bytes) or isinstance(value, bytes):  # so the library gives texts that are not UTF-8
         raise ProtocolError("a Sparkplug payload with a text that is not UTF-8")
     return name, alias, value
+
+
+MS = 1_000_000
+"""ns."""
+
+
+@dataclass(slots=True)
+class Tag:
+    """A metric with its current value and the time of that, UTC ms; without ``alias`` it is always named."""
+
+    name: str
+    datatype: DataType
+    alias: int | None
+    unit: str | None = None
+    value: Value | None = None
+    time: int = 0
+
+    def born(self, now: int) -> Metric:
+        """The metric as a birth declares it at ``now`` ms."""
+        at = self.time or now
+        return Metric(self.datatype, self.value, at, self.name, self.alias, declared=True, unit=self.unit)
+
+    def data(self, value: Value | None, time: int, historical: bool) -> Metric:
+        """A value of the metric as data."""
+        return Metric(self.datatype, value, time, alias=self.alias, historical=historical)
+
+
+@dataclass(slots=True)
+class Device:
+    """A device, or the edge node itself: its metrics by name. ``grown``: some were added since its birth."""
+
+    tags: dict[str, Tag] = field(default_factory=dict)
+    born: bool = False
+    grown: bool = False
+
+    @property
+    def present(self) -> bool:
+        """True if any of its metrics has a value."""
+        return any(tag.value is not None for tag in self.tags.values())
+
+
+class Tags:
+    """All metrics of an edge node; an alias is given once, and to one metric."""
+
+    def __init__(self) -> None:
+        self.node = Device()
+        self.devices: dict[str, Device] = {}
+        self._aliases = count(1)
+
+    def declare(self, device: Device, name: str, datatype: DataType, unit: str | None = None) -> Tag:
+        """The metric of that name, added if it is new; one whose unit becomes known keeps its value."""
+        before = device.tags.get(name)
+        if before is not None and (before.datatype, before.unit) == (datatype, unit):
+            return before
+        tag = device.tags[name] = Tag(name, datatype, next(self._aliases), unit)
+        if before is not None and before.datatype is datatype and before.unit is None:
+            tag.value, tag.time = before.value, before.time
+        device.grown = True
+        return tag
+
+    def channel(self, name: str, unit: str | None) -> tuple[str, Tag]:
+        """Device and metric of a channel of the frames; ``unit`` is ``None`` where it is not known (any more)."""
+        source, _, short = name.partition(".")
+        device, short = self.devices.setdefault(source, Device()), short.replace(".", "/")
+        if unit is None and short in device.tags:
+            return source, device.tags[short]
+        return source, self.declare(device, short, DataType.DOUBLE, None if unit == "1" else unit)
+
+
+Values = Mapping[str, tuple[DataType, Value | None, str | None]]
+"""Datatype, value and unit by name."""
+
+
+_TEXT, _WHOLE, _NUMBER, _AT = DataType.STRING, DataType.INT64, DataType.DOUBLE, DataType.DATE_TIME
+_METRICS: Final[Mapping[type, tuple[tuple[str, DataType, str | None], ...]]] = {
+    Task: (
+        ("name", _TEXT, None), ("variant", _TEXT, None), ("repetition", _WHOLE, None), ("speed", _NUMBER, None),
+        ("start", _AT, None), ("end", _AT, None),
+    ),
+    Energy: (
+        ("task", _TEXT, None), ("variant", _TEXT, None), ("repetition", _WHOLE, None), ("total", _NUMBER, "J"),
+        ("uncertainty", _NUMBER, "J"), ("total_per_part", _NUMBER, "J"),
+    ),
+    Interval: (
+        ("number", DataType.UINT64, None), ("moving", _TEXT, None), ("start", _AT, None), ("end", _AT, None),
+        ("complete", DataType.BOOLEAN, None),
+    ),
+    Alarm: (
+        ("id", _TEXT, None), ("kind", _TEXT, None), ("severity", _TEXT, None), ("active", DataType.BOOLEAN, None),
+        ("since", _AT, None), ("statement", _TEXT, None), ("source", _TEXT, None),
+    ),
+}  # fmt: skip
+"""Fields of results that become metrics, with their units."""
+_NAMES: Final = {"total_per_part": "per_part"}
+
+
+def values_of(item: Result | Event) -> tuple[int, Values]:
+    """Time, UTC ms, and values of a result by the names of their metrics; none of what Sparkplug has no place for."""
+    fields, told = _METRICS.get(type(item)), cast(Any, item)
+    if fields is None or (isinstance(item, Interval) and not item.closed):
+        return 0, {}
+    values = {_NAMES.get(name, name): (kind, _value(getattr(told, name), kind), unit) for name, kind, unit in fields}
+    if isinstance(item, Energy):
+        values |= {f"groups/{name}": (_NUMBER, finite(value), "J") for name, value in item.groups.items()}
+    folder = "alarms/last" if isinstance(item, Alarm) else f"{told.source}/{type(item).__name__.lower()}"
+    time = told.time if isinstance(item, Alarm) else told.end
+    return time // MS, {f"{folder}/{name}": value for name, value in values.items()}
+
+
+def _value(value: Any, kind: DataType) -> Value | None:
+    """A field as a metric has it."""
+    match kind:
+        case DataType.DATE_TIME:
+            return int(value) // MS
+        case DataType.DOUBLE:
+            return finite(value)
+        case DataType.STRING:
+            return " ".join(map(str, value)) if isinstance(value, tuple) else value or ""
+    found: Value = value
+    return found
+
+
+def finite(value: float | None) -> float | None:
+    """A number, or ``None`` where it is none."""
+    return None if value is None or not math.isfinite(value) else value

@@ -1,14 +1,15 @@
-"""The cell as JSON on plain topics, ``cellwatt/SITE/CELL/…``, with retained states and a last will. Pure."""
+"""The cell as JSON on plain topics, ``cellwatt/SITE/CELL/…``, and as Home Assistant discovers it. Pure."""
 
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from cellwatt.outlets.mqtt import discovery
+from cellwatt.alarms import AlarmBook
 from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.past import Archived
@@ -17,6 +18,7 @@ from cellwatt.outlets.zenoh.keys import PREFIX
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json, topic_of
 from cellwatt.results import Alarm, Event, Interval, Result
+from cellwatt.version import __version__
 
 ONLINE, OFFLINE = b"online", b"offline"
 _ROW: Final = "row"
@@ -25,27 +27,23 @@ _RETAINED: Final = ("interval", "task", "energy")
 
 
 class PlainFormat:
-    """Messages of a cell as JSON. ``alarms`` are those that are up when it begins, as health tells them."""
+    """Messages of a cell as JSON; ``alarms`` is its book."""
 
     announced = False
     """Whether the broker is to publish the death also when we leave on purpose."""
 
-    def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: Iterable[Mapping[str, Any]] = ()) -> None:
+    def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: AlarmBook) -> None:
         self._settings = settings
         self._site, self._cell = site, cell
         self.root = f"{PREFIX}/{level(site)}/{level(cell)}"
         self._session = time.time_ns()
         self._numbers: Counter[str] = Counter()
         self._labels = Labels({}, {})
-        self._alarms: dict[str, Message] = {}
-        """Retained messages of the alarms that are up, by id."""
+        self._alarms = alarms
         self._kept: dict[str, str] = {}
         """Topics of alarms that the broker may keep, by id."""
         self._open: dict[str, int] = {}
         """Number of the interval that each source has told to be running."""
-        for alarm in alarms:
-            topic = self._alarm_topic(alarm["severity"], alarm["kind"], alarm["id"])
-            self._alarms[alarm["id"]] = self._message(topic, encode_json(alarm), settings.qos.alarm, True)
 
     @property
     def ready(self) -> bool:
@@ -64,16 +62,16 @@ class PlainFormat:
         """Delete a kept alarm that is not up."""
         if not (retained and payload and topic.startswith(f"{self.root}/alarm/")):
             return ()
-        if any(message.topic == topic for message in self._alarms.values()) or topic in self._kept.values():
+        up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
+        if topic in (*self._kept.values(), *up):
             return ()
         return (Message(topic, b"", self._settings.qos.alarm, True),)
 
     def birth(self, now: int) -> Sequence[Message]:
         """The cell is online; its units, the alarms that are up, and no other; what Home Assistant wants to know."""
         over = [self._deleted(id_) for id_ in list(self._kept) if id_ not in self._alarms]
-        for id_, message in self._alarms.items():
-            self._kept[id_] = message.topic
-        return (self._message("availability", ONLINE, 1, True), *over, *self._alarms.values(), *self._labelled())
+        up = [m for standing in self._alarms.raised if standing.published for m in self._alarm(standing.published)]
+        return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
     def label(self, labels: Labels, now: int) -> Sequence[Message]:
         """The units of the rows' channels, kept by the broker."""
@@ -85,9 +83,9 @@ class PlainFormat:
             return ()
         found = [self._message("units", encode_json(self._labels.units), 1, True)]
         if self._settings.discovery is not None:
-            topic = f"{self._settings.discovery_prefix}/device/{discovery.name_of(self.root)}/config"
+            topic = f"{self._settings.discovery_prefix}/device/{name_of(self.root)}/config"
             by_channel = self._settings.frame == "channels"
-            told = discovery.device(self.root, self._site, self._cell, self._labels, by_channel)
+            told = device(self.root, self._site, self._cell, self._labels, by_channel)
             found.append(Message(topic, json.dumps(told).encode(), 1, True))
         return found
 
@@ -133,17 +131,10 @@ class PlainFormat:
 
     def _alarm(self, alarm: Alarm) -> Sequence[Message]:
         """An alarm that is up is kept on its topic; a clear is told there once, and then nothing is kept."""
-        topic = self._alarm_topic(alarm.severity, alarm.kind, alarm.id)
-        body = self._encoded("alarm", alarm)
-        qos, before = self._settings.qos.alarm, self._kept.get(alarm.id)
-        moved = [self._deleted(alarm.id)] if before not in (None, f"{self.root}/{topic}") else []
-        if alarm.active:
-            message = self._alarms[alarm.id] = self._message(topic, body, qos, True)
-            self._kept[alarm.id] = message.topic
-            return (*moved, message)
-        self._alarms.pop(alarm.id, None)
-        self._kept[alarm.id] = f"{self.root}/{topic}"
-        return (*moved, self._message(topic, body, qos, False), self._deleted(alarm.id))
+        told = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos.alarm, alarm.active)
+        moved = [] if self._kept.get(alarm.id) in (None, told.topic) else [self._deleted(alarm.id)]
+        self._kept[alarm.id] = told.topic
+        return (*moved, told) if alarm.active else (*moved, told, self._deleted(alarm.id))
 
     def _deleted(self, id_: str) -> Message:
         return Message(self._kept.pop(id_), b"", self._settings.qos.alarm, True)
@@ -167,8 +158,109 @@ class PlainFormat:
         self._numbers[topic] += 1
         return encode_item(item, Mark(self._session, number, 1, 0))
 
-    def _alarm_topic(self, severity: str, kind: str, id_: str) -> str:
-        return f"alarm/{level(severity)}/{level(kind)}/{level(id_)}"
-
     def _message(self, topic: str, payload: bytes, qos: int, retain: bool) -> Message:
         return Message(f"{self.root}/{topic}", payload, qos, retain)
+
+
+def _alarm_topic(alarm: Alarm) -> str:
+    return f"alarm/{level(alarm.severity)}/{level(alarm.kind)}/{level(alarm.id)}"
+
+
+_CLASSES: Final[Mapping[str, tuple[str, ...]]] = {
+    "power": ("W", "mW", "kW"),
+    "apparent_power": ("VA",),
+    "reactive_power": ("var",),
+    "energy": ("J", "kJ", "MJ", "Wh", "kWh"),
+    "voltage": ("V",),
+    "current": ("A", "mA"),
+    "temperature": ("°C", "°F", "K"),
+    "frequency": ("Hz",),
+    "pressure": ("Pa", "kPa", "bar"),
+    "distance": ("m", "mm"),
+    "speed": ("m/s", "mm/s"),
+    "duration": ("s",),
+    "weight": ("kg", "g"),
+}
+_CLASS_OF: Final = {unit: name for name, units in _CLASSES.items() for unit in units}
+_SHOWN: Final = {"degC": "°C", "degF": "°F", "deg": "°", "deg/s": "°/s", "deg/s^2": "°/s²", "1": None}
+
+
+def name_of(root: str) -> str:
+    """Name of the device in the topics of Home Assistant, which allow letters, digits, ``_`` and ``-``."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", root)
+
+
+def device(root: str, site: str, cell: str, labels: Labels, by_channel: bool) -> dict[str, Any]:
+    """The discovery message of a cell whose topics are below ``root``; ``by_channel``: each channel has its own."""
+    id_ = name_of(root)
+    components = {
+        f"{id_}_{name_of(name)}": _sensor(id_, root, name, labels, by_channel) for name in labels.units
+    } | _state(id_, root)
+    return {
+        "device": {
+            "identifiers": [id_],
+            "name": f"{site} {cell}",
+            "manufacturer": "cellwatt",
+            "sw_version": __version__,
+        },
+        "origin": {"name": "cellwatt", "sw_version": __version__},
+        "availability_topic": f"{root}/availability",
+        "components": components,
+    }
+
+
+def _sensor(id_: str, root: str, name: str, labels: Labels, by_channel: bool) -> dict[str, Any]:
+    unit = _SHOWN.get(labels.units[name], labels.units[name])
+    class_, kind = _CLASS_OF.get(unit or ""), labels.kinds[name]
+    # A row may lack a channel: the sensor then stays as it is. Jinja's dot would find a method of the dict.
+    template = (
+        "{{ value_json['value'] }}"
+        if by_channel
+        else f"{{{{ value_json['values'].get({_quoted(name)}, this.state) }}}}"
+    )
+    told = {
+        "platform": "sensor",
+        "unique_id": f"{id_}_{name_of(name)}",
+        "name": name,
+        "state_topic": f"{root}/frame/{level(name)}" if by_channel else f"{root}/frame",
+        "value_template": template,
+        "unit_of_measurement": unit,
+        "device_class": class_,
+        "state_class": {"continuous": "measurement", "counter": "total_increasing"}.get(kind),
+    }
+    return {key: value for key, value in told.items() if value is not None}
+
+
+def _state(id_: str, root: str) -> dict[str, Any]:
+    """What the cell as a whole says: its health, and its task."""
+    return {
+        f"{id_}_problem": {
+            "platform": "binary_sensor",
+            "unique_id": f"{id_}_problem",
+            "name": "Problem",
+            "device_class": "problem",
+            "state_topic": f"{root}/health",
+            "value_template": "{{ 'OFF' if value_json['state'] == 'green' else 'ON' }}",
+        },
+        f"{id_}_task": {
+            "platform": "sensor",
+            "unique_id": f"{id_}_task",
+            "name": "Task",
+            "state_topic": f"{root}/task",
+            "value_template": "{{ value_json['name'] }}",
+        },
+        f"{id_}_task_energy": {
+            "platform": "sensor",
+            "unique_id": f"{id_}_task_energy",
+            "name": "Energy of the last task",
+            "device_class": "energy",
+            "unit_of_measurement": "J",
+            "state_topic": f"{root}/energy",
+            "value_template": "{{ value_json['total'] }}",
+        },
+    }
+
+
+def _quoted(name: str) -> str:
+    escaped = name.replace("\\", "\\\\").replace("'", "\\'")
+    return f"'{escaped}'"

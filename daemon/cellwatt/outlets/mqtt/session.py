@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -153,12 +153,11 @@ class Session:
             await sending.send(format_.label(labels, now))
         elif out.results:
             told = out.results.popleft()
-            again = partial(out.result_again, told)
-            noted = Parcel(partial(self._account.count, "results sent"), again)
+            noted = Parcel(partial(self._account.count, "results sent"), partial(out.again, told))
             await sending.send(format_.result(told.item, told.late, now), noted)
         elif out.rows:
             entry = out.rows.popleft()
-            back = out.left_again if self._backfill else partial(out.row_again, entry)
+            back = out.left_again if self._backfill else partial(out.again, entry)
             noted = Parcel(partial(self._delivered, entry.row.time, entry.before), back)
             await sending.send(format_.row(entry.row, entry.late, now), noted)
         elif out.predictions:
@@ -185,13 +184,8 @@ class Session:
         past = self._backfill.next() if self._backfill and self._outbox.serving else None
         if past is None:
             return False
-        match past.entry:
-            case None:
-                messages: Sequence[Message] = ()
-            case Row():
-                messages = self._format.row(past.entry, True, now)
-            case _:
-                messages = self._format.archived(past.entry, now)
+        entry, format_ = past.entry, self._format
+        messages = format_.row(entry, True, now) if isinstance(entry, Row) else format_.archived(entry, now)
         await self._sending.send(messages, Parcel(past.arrived))
         return True
 

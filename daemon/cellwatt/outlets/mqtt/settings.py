@@ -6,13 +6,12 @@ import re
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
-from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
-from cellwatt.outlet import OutletSettings
+from cellwatt.outlet import OutletSettings, refusal, together
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz, Seconds
 
@@ -131,8 +130,7 @@ class MqttSettings(OutletSettings, Selection):
 
     @model_check(mode="after")
     def _accepted(self) -> Self:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key are needed together")
+        together(certificate=self.certificate, key=self.key)
         if self.password is not None and self.user is None:
             raise ValueError("a password needs a user")
         if not self.encrypted and (self.ca or self.certificate):
@@ -142,10 +140,8 @@ class MqttSettings(OutletSettings, Selection):
         if self.format == "sparkplug" and self.discovery:
             raise ValueError("discovery is for format: json")
         if not self.open and self.opening:
-            kind = PydanticCustomError("value_error", "{error}", {"error": f"{self.opening}; {_ADVICE}"})
             where = "broker" if self._reaches_out(self.broker) else "fallbacks"
-            problem = InitErrorDetails(type=kind, loc=(where,), input=getattr(self, where))
-            raise ValidationError.from_exception_data(type(self).__name__, [problem], hide_input=True)
+            raise refusal(self, ((where,), getattr(self, where), f"{self.opening}; {_ADVICE}"))
         return self
 
     def at(self, turn: int) -> MqttSettings:

@@ -14,15 +14,13 @@ from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.errors import why
-from cellwatt.outlets.aside import put_aside
-from cellwatt.outlets.notify import rules
+from cellwatt.files import put_aside
 from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
-from cellwatt.outlets.notify.rules import Rules
 from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About, undelivered
-from cellwatt.outlets.notify.told import Item, Message
+from cellwatt.outlets.notify.told import Item, Message, Rules, message_of, ready, silence
 from cellwatt.results import Alarm
 
 log = logging.getLogger(__name__)
@@ -66,7 +64,8 @@ class Courier:
         self._about, self._session, self._ledger, self._account = about, session, ledger, account
         self._folder = folder
         self._told = ledger.of(name)
-        self._rules = _rules(self._to, settings.queue)
+        to = self._to
+        self._rules = Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, settings.queue)
         self._born = dict.fromkeys(self._told.due, time.monotonic())
         """When an item began to wait, monotonic s."""
         self._last = dict.fromkeys(self._told.episodes, time.monotonic())
@@ -82,21 +81,13 @@ class Courier:
         self._rules.take(self._told, alarm, self._session, self._passing())
         self._note()
 
-    def shelved(self, alarm_id: str) -> None:
-        """Keep silent of an alarm that a person put on the shelf."""
-        rules.shelved(self._told, alarm_id)
+    def heed(self, unattended: Collection[str], shelved: Collection[str]) -> None:
+        """Take which alarms are up that nobody acknowledged, for repetition, and keep silent of those on the shelf."""
+        self._open = unattended
+        repeated = [alarm_id for (alarm_id, _), item in self._told.due.items() if item.what == "repeated"]
+        for alarm_id in (*shelved, *(known for known in repeated if known not in unattended)):
+            silence(self._told, alarm_id)
         self._note()
-
-    def unattended(self, alarm_ids: Collection[str]) -> None:
-        """Take which alarms are up that nobody acknowledged or shelved: they may be told again."""
-        self._open = alarm_ids
-
-    def attended(self, alarm_id: str) -> None:
-        """Note that a person acknowledged an alarm: a repetition that waits is not told."""
-        self._open = [other for other in self._open if other != alarm_id]
-        waits = self._told.due.get((alarm_id, False))
-        if waits is not None and waits.what == "repeated":
-            self.shelved(alarm_id)
 
     def _note(self) -> None:
         """Count what happened to items, and have a look at them."""
@@ -147,14 +138,14 @@ class Courier:
         self._note()
         if told.flight is None and (items := self._grouped(now, allowed)):
             to = f"{self._about.site}/{self._about.cell}/{self.name}"
-            told.send(rules.message(to, items, told.more, time.time_ns()))
+            told.send(message_of(to, items, told.more, time.time_ns()))
             self._last |= dict.fromkeys((item.alarm.id for item in items), now)
             self._last = {alarm: at for alarm, at in self._last.items() if alarm in told.episodes}
             self._count("grouped", len(items) - 1)
 
     def _grouped(self, now: float, allowed: int) -> list[Item]:
         """Items of the next message; none while its group is still open."""
-        items = rules.ready(self._told, allowed)
+        items = ready(self._told, allowed)
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
         return items if now - oldest >= self._rules.group else []
 
@@ -258,10 +249,6 @@ class Courier:
 
     def _clean(self, reason: Exception | str) -> str:
         return cleaned(str(reason), self._to.secrets)
-
-
-def _rules(to: RecipientSettings, queue: int) -> Rules:
-    return Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, queue)
 
 
 def channel_to(to: RecipientSettings, about: About, timeout: float) -> Channel:

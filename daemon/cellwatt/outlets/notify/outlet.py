@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
 from typing import Any, ClassVar, Final
 
-from pydantic import TypeAdapter, ValidationError
-
+from cellwatt.alarms import WORDS
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.notify.courier import Courier, channel_to
 from cellwatt.outlets.notify.ledger import FILE, Ledger
@@ -26,9 +25,7 @@ for _library in ("aiohttp", "aiosmtplib"):  # loaded when the outlet runs, but w
 log = logging.getLogger(__name__)
 
 INBOX: Final = 10_000
-"""Alarms and events that may wait to be looked at."""
-_WORDS: Final = ("acknowledged", "shelved")
-_ALARM: Final = TypeAdapter(Alarm)
+"""Alarms that may wait to be looked at."""
 
 
 class NotifyOutlet(Outlet[NotifySettings]):
@@ -42,8 +39,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
 
     def __init__(self, name: str, settings: NotifySettings, view: CellView) -> None:
         super().__init__(name, settings, view)
-        self._inbox: deque[Alarm | Event] = deque()
-        self._status: Mapping[str, Any] | None = None
+        self._inbox: deque[Alarm] = deque()
         self._fresh = asyncio.Event()
         self._couriers: dict[str, Courier] = {}
         self._folder = settings.folder or view.record_folder
@@ -51,17 +47,17 @@ class NotifyOutlet(Outlet[NotifySettings]):
         self._read = False
 
     def offer(self, item: Item) -> None:
-        """Queue an alarm, or the word of a person about one; without room the oldest is dropped."""
-        if isinstance(item, Alarm) or (isinstance(item, Event) and item.kind in _WORDS):
+        """Queue an alarm; without room the oldest is dropped. After a person's word about one, look at the book."""
+        if isinstance(item, Alarm):
             self._inbox.append(item)
             if len(self._inbox) > INBOX:
                 self._inbox.popleft()
                 self.account.count("alarms lost, queue full")
+        if isinstance(item, Alarm) or (isinstance(item, Event) and item.kind in WORDS):
             self._fresh.set()
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Take which alarms are acknowledged and shelved; the newest health alone waits."""
-        self._status = status
+        """Look at the book: the end of a shelf has no event."""
         self._fresh.set()
 
     def succeed(self, before: Outlet[Any]) -> None:
@@ -89,7 +85,8 @@ class NotifyOutlet(Outlet[NotifySettings]):
             for name in made
         }
         for alarm in self._missed():
-            self._take(alarm)
+            for courier in self._couriers.values():
+                courier.take(alarm)
         async with asyncio.TaskGroup() as group:
             group.create_task(self._look())
             for name, courier in self._couriers.items():
@@ -113,22 +110,12 @@ class NotifyOutlet(Outlet[NotifySettings]):
             log.warning("notify: %s is no recipient any more: %d alarms are not told", name, count)
             self.account.count("alarms of former recipients", count)
 
-    def _missed(self) -> Iterator[Alarm]:
+    def _missed(self) -> Iterable[Alarm]:
         """The newest message of each alarm of this session: what of it was told already, the ledger knows."""
-        last: dict[str, Alarm] = {}
         journal = self.view.journal
-        for _, item in journal.past() if journal is not None else ():
-            if isinstance(item, Alarm):
-                last[item.id] = item
-        for plain in self.view.status().get("alarms", ()):
-            try:
-                alarm = _ALARM.validate_python({k: v for k, v in plain.items() if k != "acknowledged"})
-            except (ValidationError, AttributeError):
-                self.account.count("alarms of health not understood")
-                continue
-            if alarm.id not in last or last[alarm.id].time < alarm.time:
-                last[alarm.id] = alarm
-        yield from last.values()
+        past = journal.past() if journal is not None else ()
+        last = {item.id: item for _, item in past if isinstance(item, Alarm)}
+        return (last | {s.alarm.id: s.published for s in self.view.alarms.up if s.published}).values()
 
     async def _look(self) -> None:
         """Give to each recipient what comes, and note what is due before anything else happens."""
@@ -136,25 +123,12 @@ class NotifyOutlet(Outlet[NotifySettings]):
             await self._fresh.wait()
             self._fresh.clear()
             while self._inbox:
-                self._take(self._inbox.popleft())
-            if self._status is not None:
-                status, self._status = self._status, None
-                self._heed(status)
+                alarm = self._inbox.popleft()
+                for courier in self._couriers.values():
+                    courier.take(alarm)
+            book = self.view.alarms
+            unattended = {standing.alarm.id for standing in book.up if standing.acknowledgement is None}
+            shelved = [standing.alarm.id for standing in book.shelved]
+            for courier in self._couriers.values():
+                courier.heed(unattended, shelved)
             await self._ledger.flush()
-
-    def _take(self, item: Alarm | Event) -> None:
-        for courier in self._couriers.values():
-            if isinstance(item, Alarm):
-                courier.take(item)
-            elif item.kind == "acknowledged":
-                courier.attended(str(item.data.get("alarm")))
-            else:
-                courier.shelved(str(item.data.get("alarm")))
-
-    def _heed(self, status: Mapping[str, Any]) -> None:
-        """Take from health which alarms people know of."""
-        unattended = [alarm["id"] for alarm in status.get("alarms", ()) if not alarm.get("acknowledged")]
-        for courier in self._couriers.values():
-            courier.unattended(unattended)
-            for alarm in status.get("shelved", ()):
-                courier.shelved(alarm["id"])

@@ -12,8 +12,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, 
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
-from cellwatt.host import Host, in_the_clear, stays_here, web_address
-from cellwatt.outlet import OutletSettings
+from cellwatt.host import Host, check_clear, in_the_clear, stays_here, web_address
+from cellwatt.outlet import OutletSettings, together
 from cellwatt.outlets.notify.quiet import QuietSettings, check_zone
 from cellwatt.quantity import Seconds
 from cellwatt.results import Severity
@@ -73,8 +73,7 @@ class MailSettings(_Settings):
     def _closed(self) -> MailSettings:
         if self.tls == "none" and not stays_here(self.host):
             raise ValueError(f"tls: none is for a server on this PC alone, not for {self.host}: use starttls or tls")
-        if (self.user is None) != (self.password is None):
-            raise ValueError("user and password are needed together")
+        together(user=self.user, password=self.password)
         return self
 
     @property
@@ -91,8 +90,7 @@ class _Web(_Settings):
 
     def _check(self, url: str) -> None:
         _parts(url)
-        if in_the_clear(url) and not self.open:
-            raise ValueError("http is for this PC alone: use https, or set open: true")
+        check_clear(url, allowed=self.open)
 
 
 class WebhookSettings(_Web):
@@ -156,8 +154,7 @@ class HomeAssistantSettings(_Web):
         self._check(self.url)
         if (self.service is None) == (self.webhook is None):
             raise ValueError("expected one of service and webhook")
-        if (self.service is None) != (self.token is None):
-            raise ValueError("service and token are needed together")
+        together(service=self.service, token=self.token)
         if self.webhook is not None and not re.fullmatch(r"[-_A-Za-z0-9]+", self.webhook.get_secret_value()):
             raise ValueError("webhook: expected letters, digits, '-' and '_'")
         return self

@@ -1,9 +1,7 @@
 """The cell as an OPC UA server, with the types of OPC 40010-1 (Robotics). Needs the extra ``opc-ua``.
 
-settings    address, certificates and users
-outlet        tells the process that serves what the cell says
-serving     that process: what it is told, in order
-served      the server and its nodes
+outlet      settings, and tells the process that serves what the cell says
+serving     that process: the server and its nodes
 robotics    the standard's types, and the arms of the cell as instances of them
 bounds      what clients may ask, announced and enforced
 arrays      those that are longer than any request may be

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -181,10 +181,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
                 raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
         return results
 
-    async def browse_next(self, parameters: Any) -> Any:
-        """Refuse: answers are never cut, so there is nothing to go on with."""
-        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
-
     async def translate_browsepaths_to_nodeids(self, params: Any) -> Any:
         """See ``InternalSession.translate_browsepaths_to_nodeids``."""
         self._check(params, "MaxNodesPerTranslateBrowsePathsToNodeIds")
@@ -208,36 +204,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
         if self.external and known + len(params.ItemsToCreate) > ITEMS:
             raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
         return await super().create_monitored_items(params)
-
-    async def modify_monitored_items(self, params: Any) -> Any:
-        """See ``InternalSession.modify_monitored_items``."""
-        self._check(params.ItemsToModify, "MaxMonitoredItemsPerCall")
-        self._own(params.SubscriptionId)
-        return await super().modify_monitored_items(params)
-
-    async def delete_monitored_items(self, params: Any) -> Any:
-        """See ``InternalSession.delete_monitored_items``."""
-        self._own(params.SubscriptionId)
-        return await super().delete_monitored_items(params)
-
-    async def delete_subscriptions(self, ids: Any) -> Any:
-        """See ``InternalSession.delete_subscriptions``."""
-        self._own(*ids)
-        return await super().delete_subscriptions(ids)
-
-    async def set_publishing_mode(self, params: Any) -> Any:
-        """See ``InternalSession.set_publishing_mode``."""
-        self._own(*params.SubscriptionIds)
-        return await super().set_publishing_mode(params)
-
-    async def set_monitoring_mode(self, params: Any) -> Any:
-        """See ``InternalSession.set_monitoring_mode``."""
-        self._own(params.SubscriptionId)
-        return await super().set_monitoring_mode(params)
-
-    async def history_read(self, params: Any) -> Any:
-        """Refuse: the past is in the recordings."""
-        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
     async def add_nodes(self, params: Any) -> Any:
         """Refuse, from outside."""
@@ -269,6 +235,31 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
     def _check(self, entries: Sequence[Any] | None, limit: str) -> None:
         if self.external and len(entries or ()) > OPERATIONS[limit]:
             raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+
+
+async def _unsupported(_: BoundedSession, __: Any) -> Any:
+    """Refuse: answers are never cut, so there is nothing to go on with, and the past is in the recordings."""
+    raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+
+
+def _of_own(name: str, subscriptions: Callable[[Any], Sequence[int]], entries: str | None = None) -> None:
+    """Let a session call a service for its own subscriptions alone; ``entries`` are those that are limited."""
+
+    async def bounded(self: BoundedSession, params: Any) -> Any:
+        if entries is not None:
+            self._check(getattr(params, entries), "MaxMonitoredItemsPerCall")
+        self._own(*subscriptions(params))
+        return await getattr(super(BoundedSession, self), name)(params)
+
+    setattr(BoundedSession, name, bounded)
+
+
+_of_own("modify_monitored_items", lambda params: (params.SubscriptionId,), "ItemsToModify")
+_of_own("delete_monitored_items", lambda params: (params.SubscriptionId,))
+_of_own("set_monitoring_mode", lambda params: (params.SubscriptionId,))
+_of_own("set_publishing_mode", lambda params: params.SubscriptionIds)
+_of_own("delete_subscriptions", lambda ids: ids)
+BoundedSession.browse_next = BoundedSession.history_read = _unsupported
 
 
 def _size(value: Any) -> int:

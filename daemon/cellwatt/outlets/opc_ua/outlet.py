@@ -13,7 +13,7 @@ from pydantic import model_validator as model_check
 
 from cellwatt.door.settings import Listening
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlet import CellView
+from cellwatt.outlet import CellView, revealed
 from cellwatt.outlets.apart.outlet import ApartOutlet
 from cellwatt.outlets.apart.wire import Kind, json_message
 from cellwatt.outlets.selection import Picker, Row, Selection
@@ -52,12 +52,6 @@ class OpcUaOutletSettings(Listening, Selection):
         """See ``Listening.asks``."""
         return bool(self.users or self.trusted)
 
-    def told(self) -> dict[str, Any]:
-        """What the process that serves needs, with passwords, JSON-ready, for it and nobody else."""
-        users = {name: password.get_secret_value() for name, password in self.users.items()}
-        own = self.model_dump(mode="json", include={"path", "certificate", "key", "trusted"})
-        return {**own, "host": self.host, "port": self.port, "users": users}
-
 
 if find_spec("asyncua") is None:  # only the process that serves imports it, but what is missing is told at once
     raise ModuleNotFoundError("No module named 'asyncua'", name="asyncua")
@@ -82,7 +76,8 @@ class OpcUaOutlet(ApartOutlet[OpcUaOutletSettings]):
 
     def hello(self) -> Mapping[str, Any]:
         """See ``ApartOutlet.hello``."""
-        return {**self.settings.told(), "site": self.view.site, "cell": self.view.cell}
+        s, view = self.settings, self.view
+        return {**revealed(s), "host": s.host, "port": s.port, "site": view.site, "cell": view.cell}
 
     def takes(self, item: Result | Event) -> bool:
         """True for what the server has a node for: alarms, words about them and energies."""

@@ -1,81 +1,244 @@
-"""The process that serves a cell over OPC UA: ``python -m cellwatt.outlets.opc_ua.serving FD``."""
+"""The OPC UA server of a cell: who may come in, and its nodes."""
 
 from __future__ import annotations
 
-import asyncio
+import contextlib
 import logging
+import socket
 from collections.abc import Mapping
-from typing import Any
+from datetime import UTC, datetime, timedelta
+from hmac import compare_digest
+from pathlib import Path
+from typing import Any, Final
 
-from cellwatt.errors import CellwattError, OutletError, ProtocolError
+from asyncua import Node, ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.crypto.uacrypto import der_from_x509, load_certificate
+from asyncua.server.user_managers import UserManager
+from cryptography import x509
+
+from cellwatt.channel import Quality
+from cellwatt.errors import CellwattError, OutletError
 from cellwatt.outlets.apart.daemon import Daemon, main
 from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
+from cellwatt.outlets.opc_ua.bounds import BoundedServer
+from cellwatt.outlets.opc_ua.conditions import Conditions, Order
 from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED
-from cellwatt.outlets.opc_ua.served import CellServer, quiet
+from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
 from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.version import __version__
+
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_STATUS: Final = {
+    Quality.GOOD: ua.StatusCodes.Good,
+    Quality.INTERPOLATED: ua.StatusCodes.UncertainSensorNotAccurate,
+    Quality.LATE: ua.StatusCodes.Good,
+    Quality.CLIPPED: ua.StatusCodes.UncertainEngineeringUnitsExceeded,
+    Quality.MISSING: ua.StatusCodes.BadNoCommunication,
+}
+"""Status of a value by its quality."""
 
 
-class Serving:
-    """One server, told by the daemon what the cell says."""
+class CellServer:
+    """A server for one cell; ``settings`` are those of ``OpcUaOutlet.hello``."""
 
-    def __init__(self, daemon: Daemon, settings: Mapping[str, Any]) -> None:
-        self._daemon = daemon
-        self._server = CellServer(settings, self._order)
+    def __init__(self, settings: Mapping[str, Any], order: Order) -> None:
+        self._settings = settings
+        self._order = order
+        self._server = BoundedServer(_Users(settings["users"]))
+        self._channels: dict[str, list[Node]] = {}
+        self._tasks: dict[str, Node] = {}
 
-    async def run(self) -> None:
-        """Serve until the daemon goes. Raises ``OutletError`` if that cannot be."""
-        try:
-            url = await self._server.open()
-        except (OSError, ValueError) as error:
-            told = getattr(error, "strerror", None) or str(error)
-            raise OutletError(f"the OPC UA server cannot listen or be made: {told}") from error
-        self._daemon.say(Kind.READY, {"url": url})
-        beating = asyncio.create_task(self._daemon.beat(lambda: self._server.counts))
-        try:
-            await self._daemon.hear(self._take)
-        finally:
-            beating.cancel()
-            await self._server.close()
+    async def open(self) -> str:
+        """Make the nodes that every cell has, and listen; return the address. Raises ``OSError`` or ``ValueError``."""
+        s, server = self._settings, self._server
+        host, port = s["host"], _free(s["host"], s["port"])
+        server.iserver.bind_condition_methods = True  # clients that come later ask for the standing alarms
+        await server.init()
+        shown = f"[{host}]" if ":" in host else host
+        url = f"opc.tcp://{shown}:{port}{s['path']}"
+        server.set_endpoint(url)
+        server.socket_address = (host, port)
+        server.set_server_name(f"cellwatt {s['site']}/{s['cell']}")
+        await server.set_application_uri(await self._secure())
+        await server.set_build_info("urn:cellwatt", "cellwatt", "cellwatt", __version__, "", datetime.now(UTC))
+        if s["users"]:
+            server.set_identity_tokens([ua.UserNameIdentityToken])
+        else:
+            server.set_identity_tokens([ua.AnonymousIdentityToken])
+        own = f"urn:cellwatt:{s['site']}:{s['cell']}"
+        numbers = [await server.register_namespace(uri) for uri in (DI, ROBOTICS, own)]
+        self._spaces = spaces = Spaces(*numbers)
+        self._arms = Arms(server, spaces, await add_types(server, spaces), s["cell"])
+        self._cell = await server.nodes.objects.add_object(ua.NodeId("cell", spaces.own), self._name(s["cell"]))
+        self._values = await self._folder("Values")
+        self._energies = await self._folder("Energy")
+        self._health = await self._cell.add_variable(ua.NodeId("Health", spaces.own), self._name("Health"), "{}")
+        self._conditions = Conditions(server, spaces.own, self._cell, self._order)
+        self._conditions.listen()
+        await server.start()
+        return url
 
-    async def _take(self, kind: Kind, body: bytes) -> None:
-        server = self._server
-        match kind:
-            case Kind.LAYOUT:
-                await server.layout(parse_json(body))
-            case Kind.FRAMES:
-                await server.row(parse_json(body))
-            case Kind.ITEM:
-                await self._item(parse_json(body))
-            case Kind.HEALTH:
-                await server.health(body.decode())
-            case _:
-                raise ProtocolError(f"the daemon does not say {kind.name}")
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Connections and logins that were refused."""
+        return self._server.counts
 
-    async def _item(self, told: Mapping[str, Any]) -> None:
+    async def close(self) -> None:
+        """Hang up on all clients."""
+        await self._server.stop()
+
+    # what the cell says ---------------------------------------------------------------------------
+
+    async def layout(self, told: Mapping[str, Any]) -> None:
+        """Have a variable for each channel, and the arms; those that were there before are made anew."""
+        for nodes in self._channels.values():
+            for node in nodes:
+                await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
+        units = {c["name"]: c["unit"] for c in told["channels"] if c["name"] not in self._channels}
+        arms = await self._arms.build(units) if not self._channels else {}
+        for name, unit in units.items():
+            plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
+            await plain.add_property(0, "EngineeringUnits", unit_of(unit))
+            self._channels[name] = [plain, *([arms[name]] if name in arms else [])]
+            for node in self._channels[name]:
+                await self._set(node, ua.Variant(None), ua.StatusCodes.BadWaitingForInitialData, None)
+
+    async def row(self, told: Mapping[str, Any]) -> None:
+        """Give channels their values of one moment."""
+        for name, quality in told["quality"].items():
+            value = told["values"].get(name)
+            status = _STATUS[Quality(quality)] if value is not None else ua.StatusCodes.BadNoCommunication
+            variant = ua.Variant(value, ua.VariantType.Double) if value is not None else ua.Variant(None)
+            for node in self._channels.get(name, ()):
+                await self._set(node, variant, status, told["time"])
+
+    async def item(self, told: Mapping[str, Any]) -> None:
+        """Tell an alarm as a condition, who acknowledged one, or the energy of a task."""
         kind, body = told["kind"], told["body"]
         if kind == "alarm":
-            await self._server.alarm(body)
+            await self._conditions.tell(body)
         elif kind == "energy":
-            await self._server.energy(body)
+            await self._energy(body)
         elif kind == "event" and body["kind"] == ACKNOWLEDGED:
-            await self._server.acknowledged(body["data"])
+            await self._conditions.acknowledged(*(body["data"][name] for name in ("alarm", "name", "note")))
 
-    async def _order(self, alarm: str, name: str, note: str) -> str | None:
+    async def _energy(self, told: Mapping[str, Any]) -> None:
+        """Give a task its energy, J."""
+        name = f"{told['source']}.{told['task']}"
+        if name not in self._tasks:
+            node_id = ua.NodeId(f"energy:{name}", self._spaces.own)
+            self._tasks[name] = await self._energies.add_variable(node_id, self._name(name), 0.0)
+            await self._tasks[name].add_property(0, "EngineeringUnits", unit_of("J"))
+        value = ua.Variant(float(told["total"]), ua.VariantType.Double)
+        await self._set(self._tasks[name], value, ua.StatusCodes.Good, told["end"])
+
+    async def health(self, told: str) -> None:
+        """Give the cell's health, which is JSON."""
+        await self._set(self._health, ua.Variant(told, ua.VariantType.String), ua.StatusCodes.Good, None)
+
+    # inside ---------------------------------------------------------------------------------------
+
+    async def _set(self, node: Node, value: ua.Variant, status: int, time: int | None) -> None:
+        moment = datetime.now(UTC) if time is None else _EPOCH + timedelta(microseconds=time // 1000)
+        told = ua.DataValue(value, ua.StatusCode(status), SourceTimestamp=moment, ServerTimestamp=datetime.now(UTC))
+        await self._server.write_attribute_value(node.nodeid, told)
+
+    async def _folder(self, name: str) -> Node:
+        kind = ua.NodeId(ua.ObjectIds.FolderType)
+        return await self._cell.add_object(ua.NodeId(name, self._spaces.own), self._name(name), kind)
+
+    def _name(self, text: str) -> ua.QualifiedName:
+        return ua.QualifiedName(text, self._spaces.own)
+
+    async def _secure(self) -> str:
+        """Set policies and certificates; return the application's URI, which the certificate names."""
+        s, server = self._settings, self._server
+        uri = f"urn:cellwatt:{s['site']}:{s['cell']}:server"
+        if s["certificate"] is None:
+            server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+            return uri
+        server.set_security_policy(
+            [ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt, ua.SecurityPolicyType.Basic256Sha256_Sign]
+        )
+        await server.load_certificate(Path(s["certificate"]), "pem")
+        await server.load_private_key(Path(s["key"]), format="pem")
+        if s["trusted"]:
+            wanted = {der_from_x509(await load_certificate(Path(file), "pem")) for file in s["trusted"]}
+
+            async def check(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
+                if der_from_x509(certificate) not in wanted:
+                    raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+
+            server.iserver.certificate_validator = check
+        with contextlib.suppress(x509.ExtensionNotFound):
+            names = server.iserver.certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+            uri = next(iter(names.get_values_for_type(x509.UniformResourceIdentifier)), uri)
+        return uri
+
+
+class _Users(UserManager):  # type: ignore[misc]
+    """Lets in users with their passwords, or, where there are none, whoever comes; nobody may change nodes."""
+
+    def __init__(self, users: Mapping[str, str]) -> None:
+        self._users = users
+
+    def get_user(
+        self, iserver: Any, username: str | None = None, password: str | bytes | None = None, certificate: Any = None
+    ) -> User | None:
+        """Return the user, or ``None`` for one who may not come in."""
+        if not self._users:
+            return User(role=UserRole.User)
+        known = self._users.get(username or "")
+        given = password if isinstance(password, bytes) else (password or "").encode()
+        if known is None or not compare_digest(known.encode(), given):
+            return None
+        return User(role=UserRole.User, name=username)
+
+
+def _free(host: str, port: int) -> int:
+    """Return the port, or any for 0. Raises ``OSError`` if it is not free: making the nodes takes seconds."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((host, port))
+        return int(probe.getsockname()[1])
+
+
+async def serve(daemon: Daemon, settings: Mapping[str, Any]) -> None:
+    """Serve what the daemon tells, until it goes. Raises ``OutletError`` if that cannot be."""
+
+    async def order(alarm: str, name: str, note: str) -> str | None:
         """Have an alarm acknowledged by the daemon; return why not."""
         try:
-            await self._daemon.order({"what": "acknowledge", "alarm": alarm, "name": name, "note": note})
+            await daemon.order({"what": "acknowledge", "alarm": alarm, "name": name, "note": note})
         except CellwattError as error:
             return str(error)
         return None
 
+    server = CellServer(settings, order)
+    takes = {Kind.LAYOUT: server.layout, Kind.FRAMES: server.row, Kind.ITEM: server.item}
 
-async def serve(daemon: Daemon, settings: Mapping[str, Any]) -> None:
-    """Serve what the daemon tells, until it goes."""
-    await Serving(daemon, settings).run()
+    async def take(kind: Kind, body: bytes) -> None:
+        if kind is Kind.HEALTH:
+            await server.health(body.decode())
+        else:
+            await takes[kind](parse_json(body))
+
+    try:
+        url = await server.open()
+    except (OSError, ValueError) as error:
+        told = getattr(error, "strerror", None) or str(error)
+        raise OutletError(f"the OPC UA server cannot listen or be made: {told}") from error
+    try:
+        await daemon.serve(url, lambda: server.counts, take)
+    finally:
+        await server.close()
 
 
 if __name__ == "__main__":
-    quiet()
+    logging.getLogger("asyncua").setLevel(logging.ERROR)
     bound_arrays()
     main(serve, logging.WARNING)

@@ -1,6 +1,5 @@
 """The page: a cell, or all cells of a site, in a browser."""
 
-from cellwatt.outlets.page.outlet import PageOutlet
-from cellwatt.outlets.page.settings import PageSettings, UserSettings
+from cellwatt.outlets.page.outlet import PageOutlet, PageSettings, UserSettings
 
 __all__ = ["PageOutlet", "PageSettings", "UserSettings"]

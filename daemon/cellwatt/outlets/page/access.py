@@ -22,9 +22,8 @@ from aiohttp.typedefs import Handler, Middleware
 from cellwatt.door.tries import Guard
 from cellwatt.errors import CellwattError, OutletError
 from cellwatt.host import is_address
-from cellwatt.outlets.page.passwords import Hash, parse
-from cellwatt.outlets.page.sessions import Sessions, new_token
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.outlet import PageSettings
+from cellwatt.outlets.page.sessions import Hash, Sessions, new_token, parse
 from cellwatt.outlets.zenoh.messages import encode_json
 
 log = logging.getLogger(__name__)

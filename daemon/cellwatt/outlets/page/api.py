@@ -12,8 +12,8 @@ from urllib.parse import quote
 from aiohttp import web
 
 from cellwatt.outlets.page.access import VISITOR, Visitor, answer, refusal
-from cellwatt.outlets.page.browsers import encoded
 from cellwatt.outlets.page.rooms import Room, Rooms, prefix
+from cellwatt.outlets.page.streams import encoded
 from cellwatt.outlets.zenoh.messages import parse_json
 
 CELL: Final = "/api/cells/{site}/{cell}"

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import gzip
+import hashlib
+import mimetypes
 import ssl
-from collections.abc import Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
@@ -13,15 +19,15 @@ from aiohttp.typedefs import Handler
 
 from cellwatt.door.http import HttpDoor
 from cellwatt.door.port import Limits
-from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, refusal
+from cellwatt.door.settings import tls_context
+from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, proof_of, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
-from cellwatt.outlets.page.assets import INDEX, Assets
-from cellwatt.outlets.page.browsers import Browsers, encoded
 from cellwatt.outlets.page.drop_api import DropApi
 from cellwatt.outlets.page.dropped import Drops
-from cellwatt.outlets.page.passwords import LONGEST
+from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import Rooms
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.sessions import LONGEST, Sessions
+from cellwatt.outlets.page.streams import Browsers, encoded
 from cellwatt.version import __version__
 
 PAGES: Final = (
@@ -57,6 +63,7 @@ class Page:
         self._browsers = browsers
         self._drops = None if drops is None else DropApi(drops, settings)
         self._door = HttpDoor(self.application(), settings, LIMITS, self._drops.put if self._drops else None)
+        self.url = ""
 
     def application(self) -> web.Application:
         """The aiohttp application."""
@@ -133,17 +140,46 @@ class Page:
 
     async def start(self, context: ssl.SSLContext | None) -> str:
         """Begin to serve; return the address. Raises ``OutletError`` if that cannot be."""
-        return f"{await self._door.start(context)}/"
+        self.url = f"{await self._door.start(context)}/"
+        return self.url
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Connections and logins that were refused."""
-        return {**self._door.counts, **self._gate.counts}
+        """Connections and logins that were refused, and what became of browsers."""
+        return {**self._browsers.counts, **self._door.counts, **self._gate.counts}
 
     async def stop(self) -> None:
         """End all streams and serve no more."""
         self._browsers.end()
         await self._door.stop()
+
+
+@asynccontextmanager
+async def served(
+    settings: PageSettings, rooms: Rooms, browsers: Browsers, logins: Path | None = None, drops: Drops | None = None
+) -> AsyncIterator[Page]:
+    """Serve a page until the end of the context; ``logins`` is the file that keeps them, if any does.
+
+    Recordings can be dropped on it where there are ``drops``, which end with it.
+    Raises ``OutletError`` if that cannot be.
+    """
+    sessions, assets = Sessions(logins, lambda name: proof_of(settings, name)), Assets()
+    context, names, *_ = await asyncio.gather(
+        asyncio.to_thread(tls_context, settings),
+        asyncio.to_thread(names_in, settings.certificate),
+        asyncio.to_thread(sessions.load),
+        asyncio.to_thread(assets.load),
+    )
+    gate = Gate(settings, sessions, names)
+    page = Page(settings, gate, rooms, assets, browsers, drops)
+    try:
+        await page.start(context)
+        yield page
+    finally:
+        await page.stop()
+        if drops is not None:
+            await drops.close()
+        await gate.save()
 
 
 def names_in(certificate: Path | None) -> tuple[str, ...]:
@@ -171,3 +207,59 @@ async def _pack(request: web.Request, handler: Handler) -> web.StreamResponse:
         if isinstance(body, bytes) and len(body) > _PACKED:
             response.enable_compression()
     return response
+
+
+FOLDER: Final = Path(__file__).parent / "static"
+INDEX: Final = "index.html"
+_SMALL: Final = 1024
+"""Bytes below which nothing is packed."""
+_IMMUTABLE: Final = "public, max-age=31536000, immutable"
+_TYPES: Final = {".js": "text/javascript", ".woff2": "font/woff2", ".webmanifest": "application/manifest+json"}
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """One file, also packed, if that makes it smaller."""
+
+    body: bytes
+    packed: bytes | None
+    type: str
+    tag: str
+
+
+class Assets:
+    """The files of a folder by their path in it."""
+
+    def __init__(self, folder: Path = FOLDER) -> None:
+        self._folder = folder
+        self._kept: dict[str, Asset] = {}
+
+    def load(self) -> None:
+        """Read all files; blocks."""
+        files = [path for path in sorted(self._folder.rglob("*")) if path.is_file()]
+        self._kept = {path.relative_to(self._folder).as_posix(): _asset(path) for path in files}
+
+    def answer(self, request: web.Request, name: str) -> web.StreamResponse:
+        """The file of a name; one below ``assets`` has its digest in its name and never changes."""
+        asset = self._kept.get(name)
+        if asset is None:
+            if name == INDEX:
+                return refusal(HTTPStatus.SERVICE_UNAVAILABLE, "the files of the page are missing: install it again")
+            return refusal(HTTPStatus.NOT_FOUND, "there is no such file")
+        kept = _IMMUTABLE if name.startswith("assets/") else "no-cache"
+        headers = {"Cache-Control": kept, "ETag": asset.tag, "Vary": "Accept-Encoding", "Content-Type": asset.type}
+        if request.headers.get("If-None-Match") == asset.tag:
+            return web.Response(status=HTTPStatus.NOT_MODIFIED, headers=headers)
+        if asset.packed is not None and "gzip" in request.headers.get("Accept-Encoding", ""):
+            return web.Response(body=asset.packed, headers={**headers, "Content-Encoding": "gzip"})
+        return web.Response(body=asset.body, headers=headers)
+
+
+def _asset(path: Path) -> Asset:
+    body = path.read_bytes()
+    packed = gzip.compress(body, 9, mtime=0) if len(body) > _SMALL else body
+    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    if kind.startswith("text/"):
+        kind = f"{kind}; charset=utf-8"
+    tag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
+    return Asset(body, packed if len(packed) < len(body) else None, kind, tag)

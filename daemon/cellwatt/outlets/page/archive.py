@@ -1,17 +1,22 @@
-"""What the record of one cell tells: curves, past alarms, reports; asked in threads, so that streams go on."""
+"""What memory and the record tell of one cell: curves, past alarms, reports; the record is asked in threads."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.alarms import Standing
 from cellwatt.errors import OutletError
+from cellwatt.live.history import History
 from cellwatt.live.state import LiveCell
-from cellwatt.outlets.page import fresh
+from cellwatt.outlets.page import shapes
 
 THREADS: Final = 2
 _TOLD: Final = ("over budget", "unwritten", "damaged")
@@ -83,20 +88,21 @@ class Archive:
     async def curves(
         self, live: LiveCell, channels: Sequence[str], start: float, end: float, points: int
     ) -> dict[str, Any]:
-        """Curves from ``start`` to ``end`` ms, and what happened then; the last minute is from memory."""
-        if self._curves is None:
-            found = fresh.curves(live, channels, start, end, points)
-            return {**found, **fresh.marks(None, live, start, end), "from_record": False, "complete": True}
-        told = await self._desk.ask(self._curves.curves, channels, start, end, points)
-        return {**fresh.joined(told, live, channels, start, end, points), **fresh.marks(told, live, start, end)}
+        """Curves from ``start`` to ``end`` ms, and what happened then; the last minute is in memory as well."""
+        from cellwatt.outlets.page.levels import Curves
+
+        curves = self._curves or Curves(None, self._cell)
+        told = await self._desk.ask(curves.curves, channels, start, end, points, in_memory(live, channels))
+        return {**told, **marks(told, live, start, end)}
 
     async def alarms(self, live: LiveCell, start: float, end: float, limit: int) -> dict[str, Any]:
         """Alarms from ``start`` to ``end`` ms, the newest first."""
-        from cellwatt.outlets.page.past import alarm_history
+        from cellwatt.outlets.page.levels.telling import alarm_history
 
         if self.folder is None:
-            return fresh.alarms(live, start, end, limit)
-        return await self._desk.ask(alarm_history, self.folder, self._cell, start, end, limit, self._curves)
+            return alarms(live, start, end, limit)
+        store = None if self._curves is None else self._curves.store
+        return await self._desk.ask(alarm_history, self.folder, self._cell, start, end, limit, store)
 
     async def reports(self) -> dict[str, Any]:
         """All reports, the newest first."""
@@ -115,3 +121,68 @@ class Archive:
         from cellwatt.outlets.page.pages import newest_mismatch
 
         return await self._desk.ask(newest_mismatch, self._folders)
+
+
+PREDICTED: Final = "prediction/"
+"""Begin of the name of a model's output among channels: ``prediction/<model>/<output>``."""
+USUAL: Final = 20_000_000
+"""Step of frames, ns, where none is known."""
+
+
+def in_memory(live: LiveCell, channels: Sequence[str]) -> tuple[int, dict[str, tuple[NDArray[Any], NDArray[Any]]]]:
+    """Step of the frames, ns, and times, UTC ns, and values of channels in the last minute."""
+    between = np.diff(live.frames.time[-50:])
+    found = {}
+    for channel in channels:
+        history, column = _place(live, channel)
+        if history is not None and column in history.names:
+            found[channel] = history.time.copy(), history.of(column).copy()
+    return int(between.min()) if len(between) else USUAL, found
+
+
+def marks(record: Mapping[str, Any], live: LiveCell, start: float, end: float) -> dict[str, Any]:
+    """Intervals and alarms from ``start`` to ``end`` ms, of the record and of memory, each once."""
+    intervals = {(i["source"], i["number"]): i for i in record["intervals"]}
+    for body in live.intervals:
+        told = shapes.interval(body)
+        if told["start"] <= end and told["end"] >= start:
+            intervals.setdefault((told["source"], told["number"]), told)
+    held = [told for told in map(_mark, (*live.cleared, *live.alarms.up)) if _overlap(told, start, end)]
+    # Memory knows since when, the record when it was told, and by its stage: there it may come and go meanwhile.
+    known = [alarm for alarm in record["alarms"] if not any(_same(alarm, told) for told in held)]
+    return {"intervals": list(intervals.values()), "alarms": [*known, *held]}
+
+
+def alarms(live: LiveCell, start: float, end: float, limit: int) -> dict[str, Any]:
+    """Alarms in memory that were up from ``start`` to ``end`` ms, the newest first."""
+    found = []
+    for standing in reversed((*live.cleared, *live.alarms.up)):
+        if _overlap(span := _mark(standing), start, end):
+            over = None if standing.over is None or standing.raised else standing.over.statement
+            told = shapes.alarm(standing.alarm, standing.acknowledgement, None)
+            told |= {"active": standing.raised, "time": shapes.ms(standing.message.time), "people": []}
+            found.append({**told, "cleared": span["cleared"], "cleared_statement": over})
+    return {"alarms": found[:limit], "complete": len(found) <= limit and not live.forgotten}
+
+
+def _mark(standing: Standing) -> dict[str, Any]:
+    return shapes.mark(standing.alarm, standing.alarm.since, None if standing.raised else standing.message.time)
+
+
+def _overlap(told: Mapping[str, Any], start: float, end: float) -> bool:
+    """True if an alarm was up at any time from ``start`` to ``end`` ms."""
+    return bool(told["raised"] <= end and (told["cleared"] is None or told["cleared"] >= start))
+
+
+def _same(recorded: Mapping[str, Any], told: Mapping[str, Any]) -> bool:
+    """True if two marks are of one alarm."""
+    until = math.inf if told["cleared"] is None else told["cleared"]
+    return bool(recorded["id"] == told["id"] and _overlap(recorded, told["raised"], until))
+
+
+def _place(live: LiveCell, channel: str) -> tuple[History | None, str]:
+    if not channel.startswith(PREDICTED):
+        return live.frames, channel
+    model, _, output = channel.removeprefix(PREDICTED).rpartition("/")
+    predicted: Mapping[str, History] = live.predicted
+    return predicted.get(model), output

@@ -13,7 +13,7 @@ from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.access import answer
 from cellwatt.outlets.page.api import REPORT_POLICY, body_of, visitor_of
 from cellwatt.outlets.page.dropped import Drop, Drops
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.outlet import PageSettings
 
 ROOT: Final = "/api/recordings"
 DROP: Final = f"{ROOT}/{{name:\\d+}}"

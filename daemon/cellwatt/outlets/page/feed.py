@@ -6,8 +6,9 @@ import asyncio
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Any
 
+from cellwatt.alarms import Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames, Layout
 from cellwatt.live.state import LiveCell
@@ -17,10 +18,6 @@ from cellwatt.results import Event
 from cellwatt.subscriber import Gap, Health, Message
 
 Body = Mapping[str, Any]
-MOST_PACKS: Final = 1000
-"""Alarms whose evidence is remembered."""
-LOST: Final = "It is over; the message that says why did not get here."
-"""Statement of an alarm that the cell no longer has, though nobody heard it cleared."""
 
 
 class Feed:
@@ -38,8 +35,7 @@ class Feed:
         """Set when the columns of the frames are known, or others."""
         self._reports = reports
         self._shelved: list[dict[str, Any]] = []
-        self._acknowledged: dict[str, Body] = {}
-        self._evidence: dict[str, str] = {}
+        """As browsers were told."""
 
     # what the cell tells --------------------------------------------------------------------------
 
@@ -50,10 +46,9 @@ class Feed:
             self.take_frames(content)
         elif isinstance(content, Health):
             before = self.live.session
-            self.live.take(message)
+            self._tell_health(self.live.take(message), content.status)
             if before not in (None, self.live.session):
-                self._begin_anew()
-            self.take_health(content.status)
+                self.hub.end()
         elif isinstance(content, Gap):
             self.live.take(message)
             self.take_gap(f"{content.count} of {message.topic} were lost: {content.reason}")
@@ -73,86 +68,49 @@ class Feed:
 
     def take_item(self, kind: str, body: Body) -> None:
         """Take a result or event as its fields; ``kind`` is the first part of its topic."""
-        if kind == "event":
-            self.hub.tell("event", shapes.event(body))
-            self._note(body)
-            return
-        self.live.add(kind, body)
-        if kind == "alarm":
-            self._tell_alarm(body)
-        elif kind == "prediction":
+        alarms = self.live.add(kind, body)
+        if kind == "prediction":
             self.hub.prediction(body)
-        elif kind in ("interval", "task", "energy"):
+        elif kind in ("interval", "task", "energy", "event"):
             self.hub.tell(kind, getattr(shapes, kind)(body))
+        self._tell_alarms(alarms)
 
     def take_health(self, status: Body) -> None:
         """Take the cell's health; where alarms in it are others than those that were heard, it is right."""
-        self.live.add("health", status)
-        if "alarms" in status and "time" in status:
-            self._agree(status)
+        self._tell_health(self.live.add("health", status), status)
+
+    def _tell_health(self, alarms: Sequence[Standing], status: Body) -> None:
+        self._tell_alarms(alarms)
         self.hub.tell("health", status)
 
     def take_gap(self, text: str) -> None:
         """Tell browsers that something did not come."""
         self.hub.tell("gap", {"text": text})
 
-    def _begin_anew(self) -> None:
-        """The daemon was started again."""
-        self._acknowledged.clear()
-        self.hub.end()
-
-    def _agree(self, status: Body) -> None:
-        told = {alarm["id"]: alarm for alarm in status["alarms"]}
-        shelved = [shapes.shelved(body) for body in status.get("shelved", ())]
-        shelf = {body["id"] for body in shelved}
-        for alarm_id in [a for a, body in self.live.alarms.items() if a not in told and body["time"] <= status["time"]]:
-            if alarm_id in shelf:
-                del self.live.alarms[alarm_id]
-            else:
-                over = {**self.live.alarms[alarm_id], "active": False, "time": status["time"], "statement": LOST}
-                self.take_item("alarm", over)
-        before = self._acknowledged
-        self._acknowledged = {a: body["acknowledged"] for a, body in told.items() if body.get("acknowledged")}
-        for alarm_id, body in told.items():
-            if alarm_id not in self.live.alarms:
-                self.take_item("alarm", body)
-            elif before.get(alarm_id) != self._acknowledged.get(alarm_id):
-                self._tell_alarm(self.live.alarms[alarm_id])
+    def _tell_alarms(self, alarms: Sequence[Standing]) -> None:
+        """Tell browsers of alarms that are others than before, and which are on the shelf."""
+        for standing in alarms:
+            if standing.shelf is None:
+                self.hub.tell("alarm", self._alarm(standing))
+        shelved = [shapes.shelved(standing) for standing in self.live.alarms.shelved]
         if shelved != self._shelved:
             self._shelved = shelved
             self.hub.tell("shelved", shelved)
 
-    def _note(self, event: Body) -> None:
-        """Note what an event says of alarms, before health does."""
-        data = event.get("data") or {}
-        if event["kind"] == "acknowledged" and (body := self.live.alarms.get(str(data.get("alarm")))):
-            self._acknowledged[body["id"]] = {"name": data["name"], "note": data["note"], "time": event["time"]}
-            self._tell_alarm(body)
-        if event["kind"] == "evidence" and "pack" in data:
-            for alarm_id in data.get("alarms", ()):
-                self._evidence[alarm_id] = str(data["pack"])
-                if alarm_id in self.live.alarms:
-                    self._tell_alarm(self.live.alarms[alarm_id])
-            while len(self._evidence) > MOST_PACKS:
-                del self._evidence[next(iter(self._evidence))]
-
-    def _tell_alarm(self, body: Body) -> None:
-        self.hub.tell("alarm", self._alarm(body))
-
-    def _alarm(self, body: Body) -> dict[str, Any]:
-        pack = self._evidence.get(body["id"])
+    def _alarm(self, standing: Standing) -> dict[str, Any]:
+        pack = standing.evidence
         page = f"{self._reports}/evidence/{pack.removesuffix('.mcap')}.html" if pack and self._reports else None
-        return shapes.alarm(body, self._acknowledged.get(body["id"]) if body["active"] else None, page)
+        return shapes.alarm(standing.message, standing.acknowledgement, page)
 
     # all of it now --------------------------------------------------------------------------------
 
     def is_up(self, alarm_id: str) -> bool:
         """True if an alarm is active, or on the shelf."""
-        return alarm_id in self.live.alarms or self.is_shelved(alarm_id)
+        return alarm_id in self.live.alarms
 
     def is_shelved(self, alarm_id: str) -> bool:
         """True if an alarm is on the shelf."""
-        return any(body["id"] == alarm_id for body in self._shelved)
+        return self.is_up(alarm_id) and self.live.alarms[alarm_id].shelf is not None
 
     @property
     def names(self) -> Sequence[str]:
@@ -174,7 +132,7 @@ class Feed:
             "status": live.status,
             "heard_age_s": age,
             "channels": [] if self.layout is None else shapes.channels(self.layout),
-            "alarms": [self._alarm(body) for body in live.alarms.values()],
+            "alarms": [self._alarm(standing) for standing in live.alarms.up],
             "shelved": self._shelved,
             "intervals": [shapes.interval(body) for body in live.intervals],
             "task": None if live.task is None else shapes.task(live.task),

@@ -12,10 +12,9 @@ from typing import Final
 
 from cellwatt.errors import OutletError
 from cellwatt.outlets.page.archive import Archive, Desk
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.rooms import Room
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.received import Health
 from cellwatt.subscriber import LinkSettings, Subscriber
 

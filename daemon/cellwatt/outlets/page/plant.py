@@ -9,23 +9,18 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.page.archive import Desk
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.followed import UNREADABLE, Followed
-from cellwatt.outlets.page.rooms import Mode, Room
-from cellwatt.outlets.page.streams import Hub
-from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
-from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys, escape
+from cellwatt.outlets.page.rooms import Mode, Room, page_of, plant_cell
+from cellwatt.outlets.page.streams import Browsers, Hub
+from cellwatt.outlets.zenoh.keys import PREFIX, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
-from cellwatt.outlets.zenoh.order import Hole
-from cellwatt.outlets.zenoh.questions import Question
-from cellwatt.outlets.zenoh.received import Health, read_answer, read_health, read_message
-from cellwatt.results import Energy
+from cellwatt.outlets.zenoh.received import Health, read_health
 
 if TYPE_CHECKING:
     import zenoh
@@ -42,7 +37,6 @@ AT_ONCE: Final = 50
 """Cells whose health is read before something else may have its turn."""
 _AGE: Final = 5.0
 """s without health from which on the age of the last is told anew."""
-_TIMEOUT: Final = 5.0
 
 
 @dataclass
@@ -54,9 +48,6 @@ class _Cell:
     gone: float | None = None
     waiting: zenoh.Sample | None = None
     health: Health | None = None
-    energy: EnergyToday = field(default_factory=EnergyToday)
-    asked: set[int] = field(default_factory=set)
-    """Sessions whose earlier energies were asked for."""
 
 
 class Plant:
@@ -105,13 +96,11 @@ class Plant:
         cell = self._known[name]
         age = None if cell.heard is None else round(time.monotonic() - cell.heard, 1)
         status = cell.health.status if cell.health is not None else {}
-        energy = cell.energy.total(time.time())
-        gone = cell.gone is not None
         try:
-            return plant_cell(self._name, name, status, age_s=age, gone=gone, energy_J=energy, task=cell.energy.task)
+            return plant_cell(self._name, name, status, age, gone=cell.gone is not None)
         except UNREADABLE:
             self._unreadable += 1
-            return plant_cell(self._name, name, {}, age_s=age, gone=gone, energy_J=energy, task=cell.energy.task)
+            return plant_cell(self._name, name, {}, age, gone=cell.gone is not None)
 
     # what is heard --------------------------------------------------------------------------------
 
@@ -145,7 +134,6 @@ class Plant:
         root = f"{PREFIX}/{escape(self._name)}/*"
         session.liveliness().declare_subscriber(root, self._later(self._on_token), history=True)
         session.declare_subscriber(f"{root}/health", self._later(self._on_health))
-        session.declare_subscriber(f"{root}/energy", self._later(self._on_energy))
 
     def _later(self, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
         """Take a sample on the loop, with the name of its cell."""
@@ -173,14 +161,6 @@ class Plant:
         if (cell := self._of(name)) is not None:
             cell.waiting, cell.heard = sample, time.monotonic()
 
-    def _on_energy(self, name: str, sample: Any) -> None:
-        if (cell := self._of(name)) is None:
-            return
-        with self._reading(name):
-            mark, energy = read_message(sample, "energy")
-            if isinstance(energy, Energy):
-                cell.energy.add(mark.session, mark.sequence, energy.end, energy.total, energy.task)
-
     @contextlib.contextmanager
     def _reading(self, name: str) -> Any:
         try:
@@ -199,7 +179,6 @@ class Plant:
             if cell.waiting is not None:
                 with self._reading(name):
                     cell.health = read_health(cell.waiting)[1]
-                    self._ask_past(name, cell)
                 cell.waiting = None
             if cell.gone is not None and now - cell.gone > FORGOTTEN:
                 del self._known[name]
@@ -215,34 +194,3 @@ class Plant:
         before = self._told.get(name)
         self._told[name] = kept = {k: v for k, v in told.items() if k != "age_s" or not quiet}
         return None if kept == before else told
-
-    # energies of before -----------------------------------------------------------------------------
-
-    def _ask_past(self, name: str, cell: _Cell) -> None:
-        """Ask a cell once a session for the energies that it told before we listened."""
-        if cell.health is None or "energy" not in cell.health.positions or self._session is None:
-            return
-        session, following = cell.health.positions["energy"]
-        if session in cell.asked or not following:
-            return
-        cell.asked.add(session)
-        import zenoh
-
-        first = max(0, following - 500)
-        question = Question("energy", Hole(session, first, following - first, True))
-
-        def answered(reply: Any) -> None:
-            if reply.ok is not None:
-                with contextlib.suppress(RuntimeError):
-                    self._loop.call_soon_threadsafe(self._on_past, name, reply.ok)
-
-        selector = question.selector(CellKeys(self._name, name))
-        with contextlib.suppress(zenoh.ZError):
-            self._session.get(selector, answered, timeout=_TIMEOUT, priority=zenoh.Priority.DATA_LOW)
-
-    def _on_past(self, name: str, sample: Any) -> None:
-        cell = self._known.get(name)
-        with self._reading(name):
-            for mark, energy in read_answer(sample, "energy"):
-                if cell is not None and isinstance(energy, Energy):
-                    cell.energy.add(mark.session, mark.sequence, energy.end, energy.total, energy.task)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from pathlib import Path
+from typing import Any, Final, Literal, Protocol
 from urllib.parse import quote
 
-from cellwatt.outlets.page.archive import Archive
+from cellwatt.errors import CellwattError
+from cellwatt.live.site import summary
+from cellwatt.outlets.page import shapes
+from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Hub
-from cellwatt.outlets.page.summary import plant_cell
+from cellwatt.outlets.zenoh.received import Health
 
 Mode = Literal["cell", "plant", "recordings"]
 
@@ -92,9 +97,68 @@ class OneRoom:
             return []
         feed = self._room.feed
         age = None if feed.live.heard is None else time.monotonic() - feed.live.heard
-        task = None if feed.live.task is None else feed.live.task["name"]
-        return [plant_cell(feed.site, feed.cell, feed.live.status, age_s=age, task=task)]
+        return [plant_cell(feed.site, feed.cell, feed.live.status, age)]
 
     def url_of(self, site: str, cell: str) -> str | None:
         """See ``Rooms.url_of``."""
         return None
+
+
+log = logging.getLogger(__name__)
+
+_WEB: Final = ("http://", "https://")
+
+Body = Mapping[str, Any]
+
+
+def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, gone: bool = False) -> dict[str, Any]:
+    """A cell in figures, JSON-ready; ``status`` is its health of ``age`` s, empty if it does not answer us."""
+    told = summary(cell, Health(0, 0, {}, status) if status else None)
+    known = {alarm["id"] for alarm in status.get("alarms", ()) if alarm.get("acknowledged")}
+    return {
+        "site": site,
+        **told,
+        "state": "gone" if gone else told["state"],
+        "time": shapes.ms(told["time"]),
+        "age_s": age,
+        "alarms": [
+            {**alarm, "since": shapes.ms(alarm["since"]), "acknowledged": alarm["id"] in known}
+            for alarm in told["alarms"]
+        ],
+        "shelved": len(status.get("shelved", ())),
+        "power_W": _of_kind(status.get("power_W"), int | float),
+        "energy_today_J": _of_kind(status.get("energy_today_J"), int | float),
+        "task": _of_kind(status.get("task"), str),
+        "page": page_of(status),
+    }
+
+
+def _of_kind(told: object, kind: Any) -> Any:
+    """What a cell of any version tells, ``None`` where it is of another kind."""
+    return told if isinstance(told, kind) else None
+
+
+def page_of(status: Body) -> str | None:
+    """Address of the cell's own page, if its health tells one that a browser may open."""
+    outlets = status.get("sinks")
+    page = outlets.get("page") if isinstance(outlets, Mapping) else None
+    url = page.get("url") if isinstance(page, Mapping) else None
+    return url if isinstance(url, str) and url.startswith(_WEB) else None
+
+
+async def follow_arms(feed: Feed, arms: Mapping[str, Path], desk: Desk) -> None:
+    """Keep the arms of a feed for its channels, until cancelled; one that cannot be read is left out and logged."""
+    while arms:
+        await feed.laid_out.wait()
+        feed.laid_out.clear()
+        from cellwatt.outlets.page.skeleton import skeleton
+
+        found = []
+        for source, file in arms.items():
+            try:
+                found.append(await desk.ask(skeleton, source, file, feed.names))
+            except (CellwattError, OSError, ValueError) as error:
+                log.warning("the arm of %s is not shown: %s: %s", source, file, error)
+        if found != feed.arms:
+            feed.arms = found
+            feed.hub.end()

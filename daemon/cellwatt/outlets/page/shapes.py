@@ -8,37 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.alarms import Acknowledgement, Shelf, Standing
 from cellwatt.frames import Frames, Layout
+from cellwatt.results import Alarm
 
 Body = Mapping[str, Any]
 
 DIGITS = 7
 """Significant digits of a continuous value in a stream; others are exact."""
 _ALARM = (
-    "id",
-    "kind",
-    "severity",
-    "active",
-    "statement",
-    "source",
-    "joint",
-    "alternatives",
-    "interval",
-    "evidence",
-    "stage",
-)
+    "id", "kind", "severity", "active", "statement", "source", "joint", "alternatives", "interval", "evidence", "stage",
+)  # fmt: skip
 _ENERGY = (
-    "task",
-    "variant",
-    "repetition",
-    "total",
-    "groups",
-    "group_uncertainty",
-    "uncertainty",
-    "positive_mechanical",
-    "motion_efficiency_percent",
-    "total_per_part",
-)
+    "task", "variant", "repetition", "total", "groups", "group_uncertainty", "uncertainty", "positive_mechanical",
+    "motion_efficiency_percent", "total_per_part",
+)  # fmt: skip
 
 
 def ms(time: int | None) -> float | None:
@@ -46,27 +30,34 @@ def ms(time: int | None) -> float | None:
     return None if time is None else time / 1e6
 
 
-def alarm(body: Body, acknowledged: Body | None, evidence_page: str | None) -> dict[str, Any]:
+def alarm(told: Alarm, acknowledged: Acknowledgement | None, evidence_page: str | None) -> dict[str, Any]:
     """An alarm with who acknowledged it, and the address of its evidence."""
     return {
-        **{name: body.get(name) for name in _ALARM},
-        "since": ms(body["since"]),
-        "time": ms(body["time"]),
+        **{name: getattr(told, name) for name in _ALARM},
+        "since": ms(told.since),
+        "time": ms(told.time),
         "acknowledged": None if acknowledged is None else _said(acknowledged),
         "evidence_page": evidence_page,
     }
 
 
-def shelved(body: Body) -> dict[str, Any]:
+def shelved(standing: Standing) -> dict[str, Any]:
     """An alarm on the shelf."""
-    shelf = body["shelf"]
-    told = {name: body.get(name) for name in ("id", "kind", "severity", "statement")}
-    until = {"until": ms(shelf["until"]), "severity": shelf.get("severity")}
-    return {**told, "since": ms(body["since"]), "shelf": {**_said(shelf), **until}}
+    told, shelf = standing.alarm, standing.shelf
+    assert shelf is not None
+    about = {name: getattr(told, name) for name in ("id", "kind", "severity", "statement")}
+    until = {"until": ms(shelf.until), "severity": shelf.severity}
+    return {**about, "since": ms(told.since), "shelf": {**_said(shelf), **until}}
 
 
-def _said(word: Body) -> dict[str, Any]:
-    return {"name": word["name"], "note": word["note"], "time": ms(word["time"])}
+def mark(told: Alarm, raised: int, cleared: int | None) -> dict[str, Any]:
+    """An alarm as a mark in curves; times UTC ns, ``cleared`` ``None`` while it is up."""
+    about = {name: getattr(told, name) for name in ("id", "severity", "statement")}
+    return {**about, "raised": ms(raised), "cleared": ms(cleared)}
+
+
+def _said(word: Acknowledgement | Shelf) -> dict[str, Any]:
+    return {"name": word.name, "note": word.note, "time": ms(word.time)}
 
 
 def interval(body: Body) -> dict[str, Any]:

@@ -8,21 +8,15 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
-from cellwatt.door.settings import tls_context
-from cellwatt.outlets.page.access import Gate, proof_of
-from cellwatt.outlets.page.app import Page, names_in
+from cellwatt.outlets.page.app import served
 from cellwatt.outlets.page.archive import Archive, Desk
-from cellwatt.outlets.page.arms import follow
-from cellwatt.outlets.page.assets import Assets
-from cellwatt.outlets.page.browsers import Browsers
 from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.followed import watch
+from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.plant import Plant
-from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, prefix
-from cellwatt.outlets.page.sessions import Sessions
-from cellwatt.outlets.page.settings import PageSettings
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, follow_arms, prefix
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.runtime.tasks import plain_errors
 from cellwatt.subscriber import LinkSettings
 
@@ -42,25 +36,17 @@ async def view(
 
     ``tell`` is given the address. Logins end with this call. Raises ``OutletError`` if the page cannot be served.
     """
-    browsers, desk, assets, drops = Browsers(settings.browsers), Desk(), Assets(), Drops()
-    sessions = Sessions(None, lambda name: proof_of(settings, name))
-    context = await asyncio.to_thread(tls_context, settings)
-    names = await asyncio.to_thread(names_in, settings.certificate)
-    await asyncio.to_thread(assets.load)
+    browsers, desk, drops = Browsers(settings.browsers), Desk(), Drops()
     try:
         with plain_errors():
             async with asyncio.TaskGroup() as group:
                 rooms, following = _rooms(settings, link, site, cell, verify, browsers, desk)
                 tasks = [group.create_task(work) for work in following]
-                page = Page(settings, Gate(settings, sessions, names), rooms, assets, browsers, drops)
-                try:
-                    tell(f"the page is at {await page.start(context)}")
+                async with served(settings, rooms, browsers, drops=drops) as page:
+                    tell(f"the page is at {page.url}")
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(seconds):
                             await asyncio.Event().wait()
-                finally:
-                    await page.stop()
-                    await drops.close()
                 for task in tasks:  # where this is cancelled, the group does it, and twice would cut their ends short
                     task.cancel()
     finally:
@@ -84,4 +70,4 @@ def _rooms(
         return plant, [plant.run()]
     feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
     room = Room(feed, Archive(None, cell, settings.reports, desk))
-    return OneRoom(room), [watch(link, feed, verify), follow(feed, settings.arms, desk)]
+    return OneRoom(room), [watch(link, feed, verify), follow_arms(feed, settings.arms, desk)]

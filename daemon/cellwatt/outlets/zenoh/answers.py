@@ -29,7 +29,7 @@ from cellwatt.outlets.zenoh.encode import JSON
 from cellwatt.outlets.zenoh.keys import ALARM, CellKeys, alarm_path
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json
-from cellwatt.outlets.zenoh.past import MOST_RESULTS, Answer, Past
+from cellwatt.outlets.zenoh.past import MOST_RESULTS, Answer, Pace, Past, Turns, Work
 from cellwatt.outlets.zenoh.questions import (
     LARGEST,
     NothingKeptError,
@@ -39,7 +39,6 @@ from cellwatt.outlets.zenoh.questions import (
     short,
 )
 from cellwatt.outlets.zenoh.signing import Seal
-from cellwatt.outlets.zenoh.turns import Pace, Turns, Work
 from cellwatt.results import Alarm
 
 if TYPE_CHECKING:

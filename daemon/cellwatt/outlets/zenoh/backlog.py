@@ -13,6 +13,7 @@ from cellwatt.outlet import Journal
 from cellwatt.outlets.zenoh.keys import ALARM, FRAME, alarm_path
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import topic_of
+from cellwatt.record.messages import time_of
 from cellwatt.results import Alarm, Event, Result
 
 ALARMS_KEPT, RESULTS_KEPT = 4096, 1024
@@ -141,11 +142,3 @@ class Backlog:
 def _size(frames: Frames) -> int:
     numbers = frames.time.nbytes + frames.values.nbytes + frames.quality.nbytes + frames.bound.nbytes
     return numbers + _OVERHEAD
-
-
-def time_of(item: Result | Event) -> int:
-    """Time at which a result was known, UTC ns."""
-    time = getattr(item, "time", None)
-    if isinstance(time, tuple):
-        return time[-1] if time else 0
-    return int(time if time is not None else getattr(item, "end", 0))

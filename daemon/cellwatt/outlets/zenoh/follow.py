@@ -18,10 +18,9 @@ from typing import Final
 from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
-from cellwatt.outlets.zenoh.doubt import Doubts
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Follower, Gap, Hole, Part
+from cellwatt.outlets.zenoh.order import Doubts, Follower, Gap, Hole, Part
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Alarm, Event, Result
 

@@ -21,7 +21,7 @@ from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import check_host
-from cellwatt.outlet import OutletSettings
+from cellwatt.outlet import OutletSettings, together
 
 if TYPE_CHECKING:
     import zenoh
@@ -87,8 +87,7 @@ class TlsSettings(BaseModel):
 
     @model_validator(mode="after")
     def _paired(self) -> TlsSettings:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key are needed together")
+        together(certificate=self.certificate, key=self.key)
         return self
 
 
@@ -135,8 +134,7 @@ class LinkSettings(OutletSettings):
     def _accepted(self) -> LinkSettings:
         if self.mode == "client" and not self.connect and not self.scouting:
             raise ValueError("mode client needs an endpoint in connect, like tcp/plant-router:7447")
-        if (self.user is None) != (self.password is None):
-            raise ValueError("user and password are needed together")
+        together(user=self.user, password=self.password)
         secure = [e for e in (*self.listen, *self.connect) if e.startswith(("tls/", "quic/"))]
         if secure and self.tls is None:
             raise ValueError(f"{secure[0]} needs tls: {{root_ca: FILE, …}}")

@@ -12,15 +12,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from pydantic import BaseModel, ConfigDict, PositiveInt, ValidationError, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import BaseModel, ConfigDict, PositiveInt, model_validator
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
 from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.host import stays_here
-from cellwatt.outlet import CellView, Item, Outlet
+from cellwatt.outlet import CellView, Item, Outlet, refusal
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
@@ -35,6 +34,7 @@ from cellwatt.signing import unusable
 
 _NETWORK = re.compile(r"(tcp|udp|tls|quic|ws)/(\[.*\]|[^/]+):\d+(?:[?#].*)?")
 _ENCRYPTED: Final = ("tls", "quic")
+_ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
 _HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
 
 
@@ -109,10 +109,8 @@ class ZenohSettings(LinkSettings):
 
     @model_validator(mode="after")
     def _closed(self) -> ZenohSettings:
-        if not self.open:
-            found = [_refusal(opening) for opening in openings(self)]
-            if found:
-                raise ValidationError.from_exception_data(type(self).__name__, found)
+        if not self.open and (found := [(o.at, o.value, f"{o.text}; {_ADVICE}") for o in openings(self)]):
+            raise refusal(self, *found)
         return self
 
     def warnings(self) -> tuple[str, ...]:
@@ -120,12 +118,6 @@ class ZenohSettings(LinkSettings):
         ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
         told = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
         return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in told))
-
-
-def _refusal(opening: Opening) -> InitErrorDetails:
-    text = f"{opening.text}; use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
-    kind = PydanticCustomError("value_error", "{error}", {"error": text})
-    return InitErrorDetails(type=kind, loc=opening.at, input=opening.value)
 
 
 class ZenohOutlet(Outlet[ZenohSettings]):

@@ -8,12 +8,21 @@ consumer that puts a random number into each question knows that the answer is f
 
 from __future__ import annotations
 
+import logging
+from collections import Counter
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import ConfigError, OutletError
+from cellwatt.outlets.zenoh.keys import HEALTH
+from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.outlets.zenoh.received import read_refusal
 from cellwatt.signing import SIGNATURE, Signer, Verifier
+
+if TYPE_CHECKING:
+    import zenoh
+
 
 MESSAGE: Final = "cellwatt: message of a cell, version 1"
 ANSWER: Final = "cellwatt: answer of a cell, version 1"
@@ -60,33 +69,69 @@ class Seal:
         return self._signer
 
 
-class Check:
-    """Verifies messages of the cell at the Zenoh key ``root``. Raises ``ConfigError`` if ``key`` holds no key."""
-
-    def __init__(self, root: str, key: Path) -> None:
-        self._root = root
-        self._verifier = Verifier(key)
-
-    def message(self, topic: str, attachment: bytes, payload: bytes) -> bool:
-        """True if the cell published this message under a topic."""
-        mark, signature = attachment[:-SIGNATURE], attachment[-SIGNATURE:]
-        return self._verifier.holds(signature, MESSAGE, self._root, topic, mark, payload)
-
-    def answer(self, topic: str, parameters: str, attachment: bytes, payload: bytes) -> bool:
-        """True if the cell gave this answer to this very question about a topic, or to ``@/NAME``."""
-        mark, signature = attachment[:-SIGNATURE], attachment[-SIGNATURE:]
-        return self._verifier.holds(signature, ANSWER, self._root, topic, _asked(parameters), mark, payload)
-
-    def refusal(self, parameters: str, payload: bytes) -> bool:
-        """True if the cell refused a question with these parameters."""
-        try:
-            body = parse_json(payload)
-            signature = bytes.fromhex(body["signature"])
-            return self._verifier.holds(signature, REFUSAL, self._root, _asked(parameters), str(body["error"]))
-        except (ValueError, KeyError, TypeError):
-            return False
-
-
 def _asked(parameters: str) -> str:
     """Parameters without those that Zenoh adds on the way, whose names begin with an underscore."""
     return ";".join(part for part in parameters.split(";") if not part.startswith("_"))
+
+
+log = logging.getLogger("cellwatt.subscriber")
+
+
+class Witness:
+    """Verifies the signatures of the cell at the Zenoh key ``root``; without its ``key`` every message is accepted.
+
+    Rejected messages are counted in ``counts``: ``unsigned``, and ``replayed`` for repeated health messages.
+    Raises ``ConfigError`` if ``key`` holds no key.
+    """
+
+    def __init__(self, root: str, key: Path | None, counts: Counter[str]) -> None:
+        self._root = root
+        self._counts = counts
+        self._verifier = None if key is None else Verifier(key)
+
+    @property
+    def asks_for_proof(self) -> bool:
+        """True if answers must prove that they are fresh: each question then carries a random number."""
+        return self._verifier is not None
+
+    def message(self, topic: str, sample: zenoh.Sample) -> bool:
+        """True if the cell published this message under a topic."""
+        return self._right(self._signed(sample, MESSAGE, topic), "unsigned", topic)
+
+    def reply(self, topic: str, selector: str, reply: zenoh.Reply) -> bool:
+        """True if the cell gave this answer, or this refusal, to this very question."""
+        asked = _asked(selector.partition("?")[2])
+        if reply.ok is not None:
+            return self._right(self._signed(reply.ok, ANSWER, topic, asked), "unsigned", topic)
+        if reply.err is None or read_refusal(reply.err) is None:  # Zenoh itself gave up
+            return True
+        return self._right(self._refused(asked, reply.err.payload.to_bytes()), "unsigned", topic)
+
+    def _signed(self, sample: zenoh.Sample, kind: str, topic: str, *about: str) -> bool:
+        """True if the cell signed this message under a topic, or this answer to a question ``about``."""
+        if self._verifier is None:
+            return True
+        attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+        mark, signature = attachment[:-SIGNATURE], attachment[-SIGNATURE:]
+        return self._verifier.holds(signature, kind, self._root, topic, *about, mark, sample.payload.to_bytes())
+
+    def _refused(self, asked: str, payload: bytes) -> bool:
+        try:
+            body = parse_json(payload)
+            signature, error = bytes.fromhex(body["signature"]), str(body["error"])
+        except (ValueError, KeyError, TypeError):
+            return self._verifier is None
+        return self._verifier is None or self._verifier.holds(signature, REFUSAL, self._root, asked, error)
+
+    def newer(self, mark: Mark, reached: tuple[int, int]) -> bool:
+        """True if a health message is newer than ``reached``; an older one may be a replay."""
+        session, sequence = reached
+        again = self._verifier is not None and mark.session == session and mark.sequence <= sequence
+        return self._right(not again, "replayed", HEALTH)
+
+    def _right(self, right: bool, wrong: str, topic: str) -> bool:
+        if not right:
+            self._counts[wrong] += 1
+            if self._counts[wrong] == 1:  # whoever forges could fill the log
+                log.warning("%s/%s: a message that is %s came; such are left out", self._root, topic, wrong)
+        return right

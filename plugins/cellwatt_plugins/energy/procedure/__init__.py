@@ -1,1 +1,1 @@
-"""What a measurement by ECDP needs: pose of least gravity, programs of the cube, files cut from recordings."""
+"""What a measurement by ECDP needs: pose of least gravity, files cut from recordings."""

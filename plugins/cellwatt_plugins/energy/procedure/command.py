@@ -11,9 +11,6 @@ import click
 
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
-from cellwatt.errors import CellwattError, why
-from cellwatt_plugins.energy.procedure.cube import REPETITIONS, SPEEDS, load_cube
-from cellwatt_plugins.energy.procedure.programs import minutes, programs
 
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.procedure.rest_pose import RestPose
@@ -23,6 +20,10 @@ FILE = click.Path(exists=True, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 _robot = click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or its folder.")
 _json = click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+SPEEDS = (50, 100, 150, 200, 250)
+"""mm/s of the paper, means over a repetition."""
+REPETITIONS = 30
+"""ISO 9283's advice for each test."""
 STATES = ("controller", "connected", "released")
 KNOWN = 0.05
 """W: the mean of a reading should be known so well, one standard deviation."""
@@ -36,13 +37,6 @@ def _speeds(context: click.Context, parameter: click.Parameter, value: str) -> t
     if not all(0 < speed <= 2000 for speed in speeds):
         raise click.BadParameter("speeds are above 0 and up to 2000 mm/s", context, parameter)
     return speeds
-
-
-_all = ",".join(f"{speed:g}" for speed in SPEEDS)
-_speed = click.option(
-    "--speeds", default=_all, show_default=True, callback=_speeds, help="mm/s, means of a repetition."
-)
-_count = click.option("--repetitions", default=REPETITIONS, show_default=True, type=click.IntRange(1), help="Each.")
 
 
 @click.group("energy-campaign", short_help="Measure a robot's energy step by step.")
@@ -91,45 +85,20 @@ def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
     )
 
 
-@campaign.command("programs")
-@click.argument("name", metavar="ROBOT")
-@click.option("--out", required=True, type=FOLDER, help="Folder to write.")
-@_speed
-@_count
-@click.option("--cube", "file", type=FILE, help="YAML with cubes of other robots, of the form of the packaged ones.")
-@_json
-def write_programs(
-    name: str, out: Path, speeds: tuple[float, ...], repetitions: int, file: Path | None, as_json: bool
-) -> None:
-    """Write the programs of the ISO 9283 cube for ROBOT (UR5e, UR10e, FR3, Gen3): one without, one with payload.
-
-    URScript for the UR arms; for the others poses and times as JSON, for a program of your own.
-    """
-    cube = load_cube(name, file)
-    texts = programs(name, cube, speeds, repetitions)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for title, text in texts.items():
-            (out / title).write_text(text)
-    except OSError as error:
-        raise CellwattError(f"{out}: cannot be written: {why(error)}") from error
-    each = minutes(cube, speeds, repetitions)
-    files = [str(out / title) for title in texts]
-    if as_json:
-        click.echo(json.dumps({"files": files, "minutes_each": each, "path_m": float(cube.legs.sum())}))
-        return
-    click.echo(f"written: {', '.join(files)}\n{each:.0f} min each, {cube.legs.sum():.2f} m a repetition")
-    click.echo("Try each at low speed first: points are the paper's, your cell may have less room.")
-
-
 @campaign.command("cut")
 @click.argument("recording", type=FILE)
 @_robot
 @click.option("--state", type=click.Choice(STATES), help="It holds a reading at rest, in this state.")
 @click.option("--payload", type=FiniteRange(0), help="It holds a program, with a payload of so many kg.")
 @click.option("--out", required=True, type=FOLDER, help="Folder of the campaign.")
-@_speed
-@_count
+@click.option(
+    "--speeds",
+    default=",".join(map(str, SPEEDS)),
+    show_default=True,
+    callback=_speeds,
+    help="mm/s, means of a repetition.",
+)
+@click.option("--repetitions", default=REPETITIONS, show_default=True, type=click.IntRange(1), help="Each.")
 @click.option(
     "--least", type=click.IntRange(1), help="Whole repetitions in a row that a run needs (default: all of them)."
 )

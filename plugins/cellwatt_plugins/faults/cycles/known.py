@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cellwatt_plugins.faults.cycles.learn import learn_patterns
 from cellwatt_plugins.faults.cycles.metering import with_meter
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredJoint, StoredMeter, StoredModel
+from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredJoint, StoredModel
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
@@ -59,7 +59,7 @@ def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[StoredCycle, ...]
         )
         for j, name in enumerate(arm.body.names)
     )
-    model = StoredModel(p.standby, p.drive, p.regenerate, joints, _stored_meter(known.meter))
+    model = StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter)
     return model, tuple(_stored_cycle(pattern) for pattern in known.patterns)
 
 
@@ -79,20 +79,8 @@ def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], arm: Arm) -> K
         drive=model.drive,
         regenerate=model.regenerate,
     )
-    patterns, meter = stored_patterns(model, cycles)
-    return Known(with_covariance(arm, parameters, patterns), patterns, meter=meter)
-
-
-def stored_patterns(model: StoredModel, cycles: tuple[StoredCycle, ...]) -> tuple[tuple[Pattern, ...], Meter | None]:
-    """The healthy cycles of a reference, and the slow meter that their power is from."""
-    meter = None if model.meter is None else Meter(**asdict(model.meter))
-    return tuple(_pattern(cycle, 0.0 if meter is None else meter.window) for cycle in cycles), meter
-
-
-def _stored_meter(meter: Meter | None) -> StoredMeter | None:
-    if meter is None:
-        return None
-    return StoredMeter(**{field.name: round(getattr(meter, field.name), 6) for field in fields(StoredMeter)})
+    patterns = tuple(_pattern(cycle, 0.0 if model.meter is None else model.meter.window) for cycle in cycles)
+    return Known(with_covariance(arm, parameters, patterns), patterns, meter=model.meter)
 
 
 def _stored_cycle(pattern: Pattern) -> StoredCycle:

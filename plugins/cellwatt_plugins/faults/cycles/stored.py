@@ -8,6 +8,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict, Field
 
+from cellwatt_plugins.robot.meter import Meter
+
 _STRICT = ConfigDict(extra="forbid")
 _Rising = Annotated[float, Field(gt=0)]
 
@@ -27,19 +29,6 @@ class StoredJoint:
 
 
 @dataclass(frozen=True)
-class StoredMeter:
-    """A slow power meter, s: its values every ``interval`` are means over ``window``, ``late`` after its end."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
-
-    window: _Rising
-    late: float
-    interval: _Rising
-    window_spread: float
-    late_spread: float
-
-
-@dataclass(frozen=True)
 class StoredModel:
     """The fitted arm: ``standby`` W, gains of the supply while drives take and give power."""
 
@@ -49,7 +38,7 @@ class StoredModel:
     drive: float
     regenerate: float
     joints: tuple[StoredJoint, ...]
-    meter: StoredMeter | None = None
+    meter: Meter | None = None
 
 
 @dataclass(frozen=True)

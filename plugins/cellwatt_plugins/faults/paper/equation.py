@@ -26,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cellwatt.config import KeyPath, read_settings
 from cellwatt.errors import ModelError
+from cellwatt.files import write_file
 from cellwatt_plugins.faults.paper.bevf import PowerEquation
 from cellwatt_plugins.faults.paper.rational import Rational
 
@@ -52,7 +53,7 @@ class _File(BaseModel):
 
 
 def save(equation: PowerEquation, path: Path) -> None:
-    """Write the YAML file; raises ``ModelError`` where it cannot be written."""
+    """Write the YAML file; raises ``CellwattError`` where it cannot be written."""
     content = {
         "cellwatt_power_equation": 1,
         "power": FORMULA,
@@ -64,10 +65,7 @@ def save(equation: PowerEquation, path: Path) -> None:
         "p": _pairs(equation.response.poles),
         "r": _pairs(equation.response.residues),
     }
-    try:
-        path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=118))
-    except OSError as error:
-        raise ModelError(f"power equation {path}: cannot be written: {error.strerror or error}") from error
+    write_file(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=118))
 
 
 def load(path: Path) -> PowerEquation:

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -34,62 +34,12 @@ from cellwatt_plugins.faults.paper.course import Course
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor, not_the_motion
 
 Float = NDArray[np.float64]
-Layers = Sequence[tuple[Float, Float]]
-"""Weights (inputs, outputs) and bias (outputs,) of each layer."""
+Codes = NDArray[np.int8]
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for every onnxruntime that cellwatt takes."""
 MADE_BY = ("cellwatt", "scikit-learn", "onnx")
 """Packages whose versions stand in a file."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ends:
-    """Names of the tensors that go in and come out."""
-
-    given: str
-    found: str
-
-
-def versions() -> dict[str, str]:
-    """Versions of the packages that a network is made with."""
-    return {name: version(name) for name in MADE_BY}
-
-
-def perceptron(layers: Layers, active: Sequence[str], ends: Ends, name: str, properties: Mapping[str, Any]) -> bytes:
-    """An ONNX file of layers, float32, each followed by the ONNX operator ``active`` (Tanh, Sigmoid, Asinh).
-
-    ``properties`` become its metadata, as JSON. Raises ``ConfigError`` where onnx is missing.
-    """
-    try:
-        import onnx
-        from onnx import TensorProto, helper, numpy_helper
-    except ImportError as error:
-        raise ConfigError(f"writing a network of faults needs onnx ({error}): pip install 'cellwatt[train]'") from error
-    labels = [*(f"hidden{'' if len(layers) == 2 else f'_{k}'}" for k in range(1, len(layers))), "output"]
-    numbers: list[Any] = []
-    nodes: list[Any] = []
-    tensor = ends.given
-    for (weights, bias), operator, label in zip(layers, active, labels, strict=True):
-        pair = [f"{label}_weights", f"{label}_bias"]
-        numbers += [
-            numpy_helper.from_array(np.asarray(v, np.float32), n) for v, n in ((weights, pair[0]), (bias, pair[1]))
-        ]
-        after = ends.found if label == "output" else f"{label}_active"
-        nodes += [helper.make_node("Gemm", [tensor, *pair], [label]), helper.make_node(operator, [label], [after])]
-        tensor = after
-    sizes = {ends.given: len(layers[0][0]), ends.found: layers[-1][0].shape[1]}
-    tensors = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["cycles", size]) for n, size in sizes.items()]
-    graph = helper.make_graph(nodes, name, tensors[:1], tensors[1:], initializer=numbers)
-    opset = [helper.make_opsetid("", OPSET)]
-    model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="cellwatt")
-    helper.set_model_props(model, {key: json.dumps(value) for key, value in properties.items()})
-    onnx.checker.check_model(model)
-    return bytes(model.SerializeToString(deterministic=True))
-
-
-Codes = NDArray[np.int8]
-
 HIDDEN = 3
 """Hidden neurons for each interval."""
 SURE = 0.95
@@ -101,7 +51,6 @@ KEY = "cellwatt_fault_table"
 MADE = "cellwatt_fault_network"
 """… and of which task it is, whether signs count, and how it was made."""
 VERSION = 1
-_ENDS = Ends("codes", "joints")
 
 
 def train(
@@ -138,9 +87,9 @@ def train(
         "signed": bool((table < 0).any()) if signed is None else signed,
         "inputs": [f"interval_{number}.code" for number in range(1, len(table) + 1)],
         "outputs": [*("joint_" + "_".join(map(str, group)) for group in groups), "free"],
-        "made": {**versions(), **(made or {})},
+        "made": {**{name: version(name) for name in MADE_BY}, **(made or {})},
     }
-    return perceptron(layers, ("Tanh", "Sigmoid"), _ENDS, "fault_table", {KEY: table.tolist(), MADE: about})
+    return _written(layers, {KEY: table.tolist(), MADE: about})
 
 
 class FaultNetwork:
@@ -233,3 +182,30 @@ def _trained(inputs: Float, targets: Float, seed: int) -> list[tuple[Float, Floa
 def _forward(layers: list[tuple[Float, Float]], inputs: Float) -> Float:
     (first, bias), (second, offset) = layers
     return np.asarray(1 / (1 + np.exp(-(np.tanh(inputs @ first + bias) @ second + offset))))
+
+
+def _written(layers: list[tuple[Float, Float]], properties: Mapping[str, Any]) -> bytes:
+    try:
+        from onnx import TensorProto, checker, helper, numpy_helper
+    except ImportError as error:
+        raise ConfigError(f"writing a network of faults needs onnx ({error}): pip install 'cellwatt[train]'") from error
+    names = [("hidden_weights", "hidden_bias"), ("output_weights", "output_bias")]
+    numbers = [
+        numpy_helper.from_array(np.asarray(value, np.float32), name)
+        for pair, own in zip(layers, names, strict=True)
+        for value, name in zip(pair, own, strict=True)
+    ]
+    nodes = [
+        helper.make_node("Gemm", ["codes", *names[0]], ["hidden"]),
+        helper.make_node("Tanh", ["hidden"], ["hidden_active"]),
+        helper.make_node("Gemm", ["hidden_active", *names[1]], ["output"]),
+        helper.make_node("Sigmoid", ["output"], ["joints"]),
+    ]
+    sizes = {"codes": len(layers[0][0]), "joints": layers[1][0].shape[1]}
+    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["cycles", size]) for n, size in sizes.items()]
+    graph = helper.make_graph(nodes, "fault_table", ends[:1], ends[1:], initializer=numbers)
+    opset = [helper.make_opsetid("", OPSET)]
+    model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="cellwatt")
+    helper.set_model_props(model, {key: json.dumps(value) for key, value in properties.items()})
+    checker.check_model(model)
+    return bytes(model.SerializeToString(deterministic=True))

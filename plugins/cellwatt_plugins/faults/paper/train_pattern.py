@@ -14,7 +14,7 @@ import numpy as np
 from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.errors import ModelError, why
+from cellwatt.errors import ModelError
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms
@@ -52,10 +52,6 @@ def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None
     compares power with them in place of the mean of healthy cycles. Prints how well they fit.
     """
     learned = load(reference)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ModelError(f"--out {out}: cannot be made: {why(error)}") from error
     wanted = [(task.name, variant) for task in learned.tasks for variant in task.variants]
     if not wanted:
         raise ModelError(f"reference {reference}: has no task to write an equation of")

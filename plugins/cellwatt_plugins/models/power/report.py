@@ -28,9 +28,8 @@ from cellwatt.report.numbers import fixed, measured, number
 from cellwatt.report.theme import GOOD, MEASURED, MODEL, SIMULATION
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
-from cellwatt_plugins.models.power.scores import PoseTable, Score
 from cellwatt_plugins.models.power.training import BEST, Trained
-from cellwatt_plugins.models.power.wording import findings
+from cellwatt_plugins.models.power.wording import findings, pose_tables, rivals
 
 Float = NDArray[np.float64]
 
@@ -52,11 +51,10 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
         said = f"The model predicts the energy of moves that it has not seen to {best.energy_mean:.2f} % in the mean"
         said += f", {best.energy_worst:.2f} % at worst."
     known = [(name, score) for name, score in trained.scores.items() if score.energy_mean is not None]
-    groups = (
-        ("Moves held out", trained.scores),
-        ("Fastest moves, trained on slower ones", trained.faster),
-        ("Slowest moves, trained on faster ones", trained.slower),
-    )
+    poses = [
+        Folded(name, [table], name == BEST)
+        for (name, _), table in zip(known, pose_tables(trained, moves), strict=False)
+    ]
     return Report(
         name=robot,
         subject="current and power in motion",
@@ -73,12 +71,8 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
             Section(
                 "Residual of each joint", _residuals(trained, moves), "Measured less predicted current over speed."
             ),
-            Section(
-                "Rivals",
-                [b for title, scores in groups if scores for b in (heading(title), _rivals(title, scores))],
-                CURRENTS,
-            ),
-            Section("Energy error by start position and pose", _poses(trained, moves), "%, absolute."),
+            Section("Rivals", [b for table in rivals(trained) for b in (heading(table.label), table)], CURRENTS),
+            Section("Energy error by start position and pose", poses, "%, absolute."),
             Section("The best model", [Notes([text.strip() for text in findings(trained)]), *_parameters(trained)]),
             Section(
                 "NLS", [] if trained.nls is None else [_nls(trained.nls)], "The paper's numbers, with standard errors."
@@ -144,36 +138,6 @@ def _residuals(trained: Trained, moves: Moves) -> list[Block]:
     ]
     rows = [panels[i : i + ACROSS] for i in range(0, len(panels), ACROSS)]
     return [Figure("Residual of each joint's current over its speed", rows, [170] * len(rows), legend=False)]
-
-
-def _rivals(title: str, scores: dict[str, Score]) -> Table:
-    joints = len(next(iter(scores.values())).current)
-    heads = ["method", "energy error, mean, %", "worst, %", "power RMSE, W"]
-    heads += [f"current {j + 1}, %" for j in range(joints)]
-    rows = [
-        [
-            name,
-            *(fixed(value, 2) for value in (score.energy_mean, score.energy_worst, score.power)),
-            *(fixed(None if value is None else 100 * value, 1) for value in score.current),
-        ]
-        for name, score in scores.items()
-    ]
-    return Table(title, heads, rows)
-
-
-def _poses(trained: Trained, moves: Moves) -> list[Block]:
-    """Tables I and II of the paper, for each method."""
-    if moves.count < 2:
-        return []
-    tables = {n: PoseTable.of(moves, s.energy) for n, s in trained.scores.items() if s.energy_mean is not None}
-    return [Folded(name, [_pose_table(name, poses)], name == BEST) for name, poses in tables.items()]
-
-
-def _pose_table(name: str, poses: PoseTable) -> Table:
-    rows = [[f"pose {k + 1}", *(fixed(each[k], 2) for each in poses.errors)] for k in range(len(poses.errors[0]))]
-    rows.append(["average", *(fixed(each, 2) for each in poses.averages())])
-    heads = ["", *(f"start {i + 1}" for i in range(len(poses.positions)))]
-    return Table(f"Energy error of {name}", heads, rows)
 
 
 def _parameters(trained: Trained) -> Sequence[Block]:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from cellwatt.report.blocks import Table
+from cellwatt.report.numbers import fixed
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
 from cellwatt_plugins.models.power.scores import PoseTable, Score
 from cellwatt_plugins.models.power.training import BEST, Trained
-
-NOT_MOVED = "–"
 
 
 def as_json(trained: Trained, moves: Moves) -> dict[str, Any]:
@@ -61,54 +59,50 @@ def parameters(trained: Trained) -> dict[str, Any]:
 
 def in_words(trained: Trained, moves: Moves, files: list[str]) -> str:
     """For the terminal."""
-    console = Console(width=118, force_terminal=False, color_system=None)
-    with console.capture() as capture:
-        console.print(_headline(moves))
-        for title, scores in (
-            ("On moves that were left out of the training", trained.scores),
-            ("On the fastest moves, trained on slower ones", trained.faster),
-            ("On the slowest moves, trained on faster ones", trained.slower),
-        ):
-            if scores:
-                console.print(_comparison(title, scores))
-        for method, score in trained.scores.items():
-            if score.energy_mean is not None and moves.count > 1:
-                console.print(_poses(method, PoseTable.of(moves, score.energy)))
-        console.print("\n".join(findings(trained)))
-        console.print(f"written: {', '.join(files)}", soft_wrap=True)
-    return capture.get().rstrip()
+    parts = [f"{moves.count} moves, {len(moves)} rows at {1 / moves.step:.4g} Hz"]
+    parts += [table.text() for table in rivals(trained)]
+    parts += [table.text() for table in pose_tables(trained, moves)]
+    return "\n".join([*parts, *findings(trained), f"written: {', '.join(files)}"])
 
 
-def _headline(moves: Moves) -> str:
-    return f"{moves.count} moves, {len(moves)} rows at {1 / moves.step:.4g} Hz"
+def rivals(trained: Trained) -> list[Table]:
+    """The errors of all methods on the moves left out, on the fastest and on the slowest, as far as there are any."""
+    groups = (
+        ("Moves held out", trained.scores),
+        ("Fastest moves, trained on slower ones", trained.faster),
+        ("Slowest moves, trained on faster ones", trained.slower),
+    )
+    return [_rivals(title, scores) for title, scores in groups if scores]
 
 
-def _comparison(title: str, scores: dict[str, Score]) -> Table:
-    table = Table(title=title, title_justify="left")
-    for name in ("", "energy error a move, mean", "worst", "power RMSE", "current RMSE by joint, % of spread"):
-        table.add_column(name, justify="left" if not name else "right")
-    for name, score in scores.items():
-        current = "  ".join(_shown(None if c is None else 100 * c, "{:.1f}") for c in score.current)
-        table.add_row(
+def _rivals(title: str, scores: dict[str, Score]) -> Table:
+    joints = len(next(iter(scores.values())).current)
+    heads = ["method", "energy error, mean, %", "worst, %", "power RMSE, W"]
+    heads += [f"current {j + 1}, %" for j in range(joints)]
+    rows = [
+        [
             name,
-            _shown(score.energy_mean, "{:.2f} %"),
-            _shown(score.energy_worst, "{:.2f} %"),
-            _shown(score.power, "{:.2f} W"),
-            current,
-        )
-    return table
+            *(fixed(value, 2) for value in (score.energy_mean, score.energy_worst, score.power)),
+            *(fixed(None if value is None else 100 * value, 1) for value in score.current),
+        ]
+        for name, score in scores.items()
+    ]
+    return Table(title, heads, rows)
 
 
-def _poses(method: str, poses: PoseTable) -> Table:
-    table = Table(title=f"Energy error, %, {method}: by start position and pose", title_justify="left")
-    table.add_column("pose", justify="right")
-    for i in range(len(poses.positions)):
-        table.add_column(str(i + 1), justify="right")
-    for pose in range(len(poses.errors[0])):
-        table.add_row(str(pose + 1), *(_shown(errors[pose], "{:.2f}") for errors in poses.errors))
-    table.add_section()
-    table.add_row("average", *(_shown(each, "{:.2f}") for each in poses.averages()))
-    return table
+def pose_tables(trained: Trained, moves: Moves) -> list[Table]:
+    """Tables I and II of the paper, for each method: energy error, %, by start position and pose."""
+    if moves.count < 2:
+        return []
+    known = {name: score for name, score in trained.scores.items() if score.energy_mean is not None}
+    return [_poses(name, PoseTable.of(moves, score.energy)) for name, score in known.items()]
+
+
+def _poses(name: str, poses: PoseTable) -> Table:
+    rows = [[f"pose {k + 1}", *(fixed(each[k], 2) for each in poses.errors)] for k in range(len(poses.errors[0]))]
+    rows.append(["average", *(fixed(each, 2) for each in poses.averages())])
+    heads = ["", *(f"start {i + 1}" for i in range(len(poses.positions)))]
+    return Table(f"Energy error of {name}, %", heads, rows)
 
 
 def findings(trained: Trained) -> list[str]:
@@ -160,10 +154,6 @@ def _nls(nls: Nls) -> dict[str, Any]:
     ]
     power = {name: [_number(v), _number(e)] for name, v, e in zip(names[1], nls.power, nls.errors[1], strict=True)}
     return {"joints": joints, "power": power, "doubts": list(nls.doubts)}
-
-
-def _shown(value: float | None, form: str) -> str:
-    return NOT_MOVED if value is None or not np.isfinite(value) else form.format(value)
 
 
 def _number(value: Any) -> float | None:

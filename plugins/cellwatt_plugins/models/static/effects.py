@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,10 +119,10 @@ class Effects:
         slope[:, :, common] = slope[:, range(self.joints), own] = d * np.abs(load)
         return torque, slope
 
-    def friction(self, p: Float, load: Float) -> Float:
-        """Part (N, n) Nm of a ``load`` (N, n) Nm that friction holds."""
+    def friction(self, p: Float, load: Any) -> Any:
+        """Part (N, n) Nm of a ``load`` (N, n) Nm, an array or a ``Tensor``, that friction holds."""
         f, mu = self.friction_of(p)
-        return np.asarray(f + mu * np.abs(load))
+        return f + mu * np.abs(load)
 
     def load(self, basis: Basis, p: Float) -> tuple[Float, Float]:
         """Load without friction: torques (N, n), and their slopes (N, n, P)."""

@@ -6,18 +6,17 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import comb
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.export import joint_inputs, write_model
-from cellwatt_plugins.models.graph import Chain, Graph, gravity_torque
+from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, gravity_torque
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
 from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
 from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
-from cellwatt_plugins.models.static.leftover import Leftover
 from cellwatt_plugins.models.static.paper import Perceptron
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot.drive import copper_gain
@@ -49,25 +48,21 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, pose
     q, approach = graph.slice(graph.input, 0, n), graph.slice(graph.input, n, 2 * n)
     load = _load(graph, model, arm, q, graph.slice(graph.input, 2 * n, 2 * n + 1) if carries else None)
     given = graph.op("Equal", approach, approach)  # NaN, for not known, is not equal to itself
-    direction = graph.op("Sign", graph.op("Where", given, approach, 0.0))
-    f, mu = model.effects.friction_of(model.posterior.mean)
-    size = graph.op("Abs", load)
-    held = graph.op("Add", graph.op("Mul", size, mu), f)
-    torque = graph.op("Add", load, graph.op("Mul", direction, held))
-    either = graph.op("Max", size, graph.op("Abs", held))
-    known = graph.op("Abs", direction)
-    sure = graph.op("Mul", known, graph.op("Abs", torque))
-    total = graph.sum(graph.op("Add", sure, graph.op("Mul", graph.op("Sub", 1.0, known), either)), keep=True)
-    blind = graph.op("Sub", 1.0, graph.op("ReduceMin", graph.op("Cast", given, to=_DOUBLE), axes=[1], keepdims=1))
-    width = graph.op("Add", graph.op("Mul", blind, widths.blind - widths.told), widths.told)
-    low = graph.op("Max", graph.op("Sub", total, width), 0.0)
-    parts = [torque, total, low, graph.op("Add", total, width)]
+    direction = Tensor(graph, graph.op("Sign", graph.op("Where", given, approach, 0.0)))
+    held = model.effects.friction(model.posterior.mean, load)
+    torque = load + direction * held
+    known = np.abs(direction)
+    each = known * np.abs(torque) + (1.0 - known) * np.maximum(np.abs(load), np.abs(held))
+    total = each.sum(keepdims=True)
+    all_given = graph.op("ReduceMin", graph.op("Cast", given, to=_DOUBLE), axes=[1], keepdims=1)
+    width = (1.0 - Tensor(graph, all_given)) * (widths.blind - widths.told) + widths.told
+    parts = [torque, total, np.maximum(total - width, 0.0), total + width]
     outputs = [Output(name, "Nm") for name in (*(f"torque_{i + 1}" for i in range(n)), TOTAL, *_INTERVAL)]
     heating = copper_gain(arm.arm.description)
     if (heating > 0).all():
-        parts.append(graph.sum(graph.op("Mul", graph.op("Mul", torque, torque), heating), keep=True))
+        parts.append((torque * torque * heating).sum(keepdims=True))
         outputs.append(Output(HOLDING, "W"))
-    content = graph.model(graph.concat(parts), len(outputs))
+    content = graph.model(beside(parts).name, len(outputs))
     inputs = (*joint_inputs(n, "position"), *joint_inputs(n, "approach", optional=True))
     width_of = arm.limits[:, 1] - arm.limits[:, 0]
     ranges = [*_ranges(poses), *((-w, w) for w in width_of.tolist())]
@@ -89,18 +84,14 @@ def write_paper(path: Path, network: Perceptron | None, arm: HeldArm, poses: Pos
     """One of the paper's methods: gravity alone, a network alone, or the network on top of gravity."""
     n = arm.arm.body.joints
     graph = Graph(n)
-    total = None
-    inputs = graph.input
+    total: Any = 0.0
+    inputs = Tensor(graph, graph.input)
     if with_gravity:
-        torque = gravity_torque(graph, Chain.of(arm.arm.body), graph.input)
-        total = graph.sum(graph.op("Abs", torque), keep=True)
-        inputs = graph.concat([inputs, torque])
+        torque = Tensor(graph, gravity_torque(graph, Chain.of(arm.arm.body), graph.input))
+        total = np.abs(torque).sum(keepdims=True)
+        inputs = beside([inputs, torque])
     if network is not None:
-        scaled = graph.op("Div", graph.op("Sub", inputs, network.centre), network.scale)
-        hidden = graph.op("Sigmoid", graph.affine(scaled, network.hidden, network.bias))
-        given = graph.affine(hidden, network.out[:, None], np.array([network.offset]))
-        total = given if total is None else graph.op("Add", total, given)
-    assert total is not None
+        total = total + network.column(inputs)
     metadata = Metadata(
         name=f"{arm.arm.description.robot}-static-{path.stem}",
         robot=arm.arm.description.robot,
@@ -109,30 +100,27 @@ def write_paper(path: Path, network: Perceptron | None, arm: HeldArm, poses: Pos
         rate_hz=None,
         training=_training(poses, _ranges(poses)),
     )
-    write_model(path, graph.model(total, 1), metadata)
+    write_model(path, graph.model(total.name, 1), metadata)
 
 
 _DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE
 
 
-def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | None) -> str:
+def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | None) -> Any:
     """Gravity, springs, hoses and what is left over."""
     effects, mean = model.effects, model.posterior.mean
-    gravity = gravity_torque(graph, _chain(model, arm), graph.op("Add", q, mean[effects.slices["zero"]]))
+    turned = Tensor(graph, q) + mean[effects.slices["zero"]]
+    gravity = Tensor(graph, gravity_torque(graph, _chain(model, arm), turned.name))
     if payload is not None:
         known = graph.op("Where", graph.op("Equal", payload, payload), payload, 0.0)
-        one = gravity_torque(graph, _one_kilogram(model, arm), q)
-        gravity = graph.op("Add", gravity, graph.op("Mul", one, known))
-    load = graph.op("Mul", gravity, 1.0 + mean[effects.slices["gain"]])
+        gravity = gravity + Tensor(graph, gravity_torque(graph, _one_kilogram(model, arm), q)) * Tensor(graph, known)
+    load = gravity * (1.0 + mean[effects.slices["gain"]])
     if not mean[effects.linear].any() and model.leftover is None:
         return load
-    middle, half = arm.limits.mean(axis=1), effects.half
-    share = graph.op("Clip", graph.op("Div", graph.op("Sub", q, middle), half), -BEYOND, BEYOND)
+    share = np.maximum(np.minimum((Tensor(graph, q) - arm.limits.mean(axis=1)) / effects.half, BEYOND), -BEYOND)
     if mean[effects.linear].any():
-        load = graph.op("Add", load, _springs(graph, model, share))
-    if model.leftover is not None:
-        load = graph.op("Add", load, _leftover(graph, model.leftover, share))
-    return load
+        load = load + Tensor(graph, _springs(graph, model, share.name))
+    return load if model.leftover is None else load + model.leftover(share)
 
 
 def _chain(model: Identified, arm: HeldArm) -> Chain:
@@ -190,14 +178,6 @@ def _energy(model: Identified, pair: tuple[int, int]) -> Float:
         for (u, v), value in zip(terms, model.posterior.mean[model.effects.slices[f"{kind} {name}"]], strict=True):
             out[u, v] = value
     return out
-
-
-def _leftover(graph: Graph, rest: Leftover, share: str) -> str:
-    narrow = 1.0 / (np.sqrt(2.0) * rest.length)
-    x, centres = graph.op("Mul", share, narrow), rest.centres * narrow
-    square = graph.sum(graph.op("Mul", x, x), keep=True)
-    crossed = graph.affine(x, 2.0 * centres.T, -np.sum(centres**2, axis=1))
-    return graph.op("MatMul", graph.op("Exp", graph.op("Sub", crossed, square)), rest.weights)
 
 
 def _legendre_coefficients() -> Float:

@@ -73,7 +73,7 @@ class Identified:
     def torque(self, basis: Basis) -> Float:
         """Torques (N, n) Nm; those of a joint whose approach is not known lie between the two directions."""
         load = self.load(basis)
-        return load + basis.direction * self.effects.friction(self.posterior.mean, load)
+        return np.asarray(load + basis.direction * self.effects.friction(self.posterior.mean, load))
 
     def load(self, basis: Basis) -> Float:
         """Load without friction, (N, n) Nm."""

@@ -9,7 +9,7 @@ the same error.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,8 @@ class Leftover:
     weights: Float
     """(M, n) Nm."""
 
-    def __call__(self, share: Float) -> Float:
-        """Torques (N, n) Nm at joint angles ``share`` (N, n), −1 … 1 within the limits."""
+    def __call__(self, share: Any) -> Any:
+        """Torques (N, n) Nm at joint angles ``share`` (N, n), −1 … 1 within the limits; of an array or a ``Tensor``."""
         return _kernel(share, self.centres, self.length) @ self.weights
 
 
@@ -58,6 +58,6 @@ def _of_length(share: Float, rest: Float, length: float) -> tuple[float, Leftove
     return total, Leftover(share, length, weights)
 
 
-def _kernel(a: Float, b: Float, length: float) -> Float:
-    square = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * a @ b.T
-    return np.asarray(np.exp(-0.5 * np.maximum(square, 0.0) / length**2))
+def _kernel(a: Any, b: Float, length: float) -> Any:
+    square = (a * a).sum(axis=-1, keepdims=True) + np.sum(b**2, axis=1) - a @ (2 * b.T)
+    return np.exp(-0.5 / length**2 * np.maximum(square, 0.0))

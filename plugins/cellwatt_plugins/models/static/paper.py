@@ -51,8 +51,12 @@ class Perceptron:
 
     def __call__(self, inputs: Float) -> Float:
         """Outputs (N,)."""
+        return np.asarray(self.column(inputs)[:, 0])
+
+    def column(self, inputs: Any) -> Any:
+        """Outputs (N, 1) for an array or a ``Tensor``."""
         z = (inputs - self.centre) / self.scale @ self.hidden + self.bias
-        return np.asarray(1.0 / (1.0 + np.exp(-z)) @ self.out + self.offset)
+        return 1.0 / (1.0 + np.exp(-z)) @ self.out[:, None] + self.offset
 
 
 def split(count: int, seed: int, share: float = TEST) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

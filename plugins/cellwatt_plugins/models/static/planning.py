@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -12,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.config import load
-from cellwatt.errors import CellwattError, ConfigError
-from cellwatt_plugins.models.static.plan import Plan, plan_poses
+from cellwatt.errors import ConfigError
+from cellwatt.files import write_csv, write_file
+from cellwatt_plugins.models.static.plan import plan_poses
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
 
@@ -132,13 +132,15 @@ def write_plan(
     limits = arm.finite_limits()
     fastest = np.where(arm.velocity_limits > 0, arm.velocity_limits, UNSTATED)
     plan = plan_poses(count, limits, fastest, Checker(arm, limits))
-    texts = {"plan.csv": _table(plan)}
+    rows = [[i, *(f"{angle:.6f}" for angle in row)] for i, row in enumerate(plan.q.tolist())]
+    write_csv(out / "plan.csv", [["pose", *(f"q_{i + 1}" for i in range(plan.q.shape[1]))], *rows])
+    texts: dict[str, str] = {}
     if cell is not None:
-        texts |= jobs(name, plan.q, _encoders(cell, source), speed, hold, datetime.now())
+        texts = jobs(name, plan.q, _encoders(cell, source), speed, hold, datetime.now())
     for file, text in texts.items():
-        _write(out / file, text)
+        write_file(out / file, text)
     duration = plan.travel / (speed / 100) + len(plan.q) * (hold + _RAMP)
-    files = tuple(str(out / file) for file in texts)
+    files = tuple(str(out / file) for file in ("plan.csv", *texts))
     return PlanReport(
         arm.name,
         len(plan.q),
@@ -150,16 +152,6 @@ def write_plan(
         duration,
         files,
     )
-
-
-def _table(plan: Plan) -> str:
-    from io import StringIO
-
-    text = StringIO()
-    writer = csv.writer(text)
-    writer.writerow(["pose", *(f"q_{i + 1}" for i in range(plan.q.shape[1]))])
-    writer.writerows([i, *(f"{angle:.6f}" for angle in row)] for i, row in enumerate(plan.q.tolist()))
-    return text.getvalue()
 
 
 def _encoders(cell: Path, source: str | None) -> Encoders:
@@ -179,11 +171,3 @@ def _encoders(cell: Path, source: str | None) -> Encoders:
         None if coupling is None else np.array(coupling, np.float64),
         None if zero is None else np.array(zero, np.float64),
     )
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, newline="")
-    except OSError as error:
-        raise CellwattError(f"{path} cannot be written: {error.strerror or error}") from error

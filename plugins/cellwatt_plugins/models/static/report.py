@@ -6,11 +6,11 @@ import numpy as np
 
 from cellwatt.report import Axis, Bars, Figure, Notes, Panel, Provenance, Report, Section, Table, Tile
 from cellwatt.report.drawing import band, dots, line
-from cellwatt.report.numbers import fixed, measured, number
+from cellwatt.report.numbers import measured, number
 from cellwatt.report.theme import GOOD, MEASURED, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.models.static.conformal import COVERAGE
-from cellwatt_plugins.models.static.training import PUBLISHED, Method, Trained
-from cellwatt_plugins.models.static.wording import TITLES
+from cellwatt_plugins.models.static.training import Trained
+from cellwatt_plugins.models.static.wording import TITLES, rivals
 
 ACROSS = 3
 """Joints side by side."""
@@ -45,7 +45,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
                 "Residual of each joint", [_residuals(trained)], "Nm over the joint's position. Band: ± 2 × noise."
             ),
             Section("Learning curve", [_learning(trained), curve.in_words()]),
-            Section("Rivals", [Bars(bars, "Nm"), _methods(trained)], RIVALS),
+            Section("Rivals", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
             Section("What the arm has and its CAD model lacks", [_figures(trained), _findings(trained)], facts),
             Section("Notes", [Notes(trained.poses.notes)]),
         ],
@@ -102,21 +102,6 @@ def _learning(trained: Trained) -> Figure:
     ticks = {float(count): str(count) for count in (*poses, curve.poses)}
     rows = [[Panel(drawn, Axis("poses", log=True, ticks=ticks), Axis("RMSE, Nm"))]]
     return Figure("Error over the number of poses that a model is made from", rows, (240,))
-
-
-def _methods(trained: Trained) -> Table:
-    heads = ("method", "neurons", "RMSE, Nm", "R²", "MAPE, %", "accuracy, %")
-    return Table("Rivals", heads, [_method(method) for method in trained.methods])
-
-
-def _method(method: Method) -> list[str]:
-    scores = method.scores
-    published = PUBLISHED.get(method.name)
-    known = [""] * 3 if published is None else [f" ({value:g})" for value in published]
-    cells = (fixed(scores.rmse, 2), fixed(scores.r2, 4), fixed(scores.mape, 2))
-    neurons = "–" if method.neurons is None else str(method.neurons)
-    told = [cell + paper for cell, paper in zip(cells, known, strict=True)]
-    return [TITLES[method.name], neurons, *told, fixed(scores.accuracy, 2)]
 
 
 def _figures(trained: Trained) -> Table:

@@ -8,6 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from cellwatt.report.blocks import Table
+from cellwatt.report.numbers import fixed
 from cellwatt_plugins.models.static.conformal import COVERAGE
 from cellwatt_plugins.models.static.training import PUBLISHED, Method, Trained
 
@@ -24,9 +26,8 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
     best, widths = trained.scores, trained.widths
     lines = [
         f"{len(trained.poses)} poses; absolute sum of the torques on the fifth of them that no method had seen "
-        "(published figures in brackets):",
-        f"{'':34}{'RMSE':>18}{'R²':>18}{'MAPE':>18}{'accuracy':>12}",
-        *(_row(method) for method in trained.methods),
+        "(published figures in brackets)",
+        rivals(trained).text(),
         f"Best model, every pose left out once: RMSE {best.rmse:.2f} Nm, R² {best.r2:.5f}, MAPE {best.mape:.2f} %.",
         f"{100 * COVERAGE:.0f} % of new poses within ± {widths.told:.2f} Nm, ± {widths.blind:.2f} Nm where it is not "
         "told from where the arm came.",
@@ -41,13 +42,17 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
     return "\n".join(lines)
 
 
-def _row(method: Method) -> str:
+def rivals(trained: Trained) -> Table:
+    """The errors of all methods, the published ones in brackets."""
+    heads = ("method", "neurons", "RMSE, Nm", "R²", "MAPE, %", "accuracy, %")
+    return Table("Rivals", heads, [_method(method) for method in trained.methods])
+
+
+def _method(method: Method) -> list[str]:
     scores = method.scores
-    rmse, r2, mape = PUBLISHED.get(method.name, (None, None, None))
-    title = TITLES[method.name] + (f" ({method.neurons})" if method.neurons else "")
-    cells = (
-        f"{scores.rmse:.2f} Nm" + ("" if rmse is None else f" ({rmse:.2f})"),
-        f"{scores.r2:.4f}" + ("" if r2 is None else f" ({r2:.3f})"),
-        f"{scores.mape:.2f} %" + ("" if mape is None else f" ({mape:.1f})"),
-    )
-    return f"{title:<34}{cells[0]:>18}{cells[1]:>18}{cells[2]:>18}{scores.accuracy:>10.2f} %"
+    published = PUBLISHED.get(method.name)
+    known = [""] * 3 if published is None else [f" ({value:g})" for value in published]
+    cells = (fixed(scores.rmse, 2), fixed(scores.r2, 4), fixed(scores.mape, 2))
+    neurons = "–" if method.neurons is None else str(method.neurons)
+    told = [cell + paper for cell, paper in zip(cells, known, strict=True)]
+    return [TITLES[method.name], neurons, *told, fixed(scores.accuracy, 2)]

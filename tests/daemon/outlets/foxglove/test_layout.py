@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from cellwatt.config import load
 from cellwatt.frames import FrameChannel, Layout
 from cellwatt.outlets.foxglove import layout_for, layout_of
-from cellwatt.outlets.foxglove.layout import LIKE_THE_DEMO
+from cellwatt.outlets.foxglove.arm import WORLD
+from cellwatt.outlets.foxglove.topics import LOG, SCENE
 from cellwatt.outlets.foxglove.translate import FrameMessages
 from tests.daemon.outlets.foxglove.cell import UNITS
 from tests.daemon.outlets.zenoh.processes import ROOT
@@ -44,19 +45,22 @@ def shown(tree: Any) -> list[str]:
     return [*shown(tree["first"]), *shown(tree["second"])]
 
 
-def test_the_packaged_file_is_made_by_the_code() -> None:
-    assert json.loads(PACKAGED.read_text()) == layout_for(LIKE_THE_DEMO, ["power"])
-    assert LIKE_THE_DEMO == UNITS
+def test_the_packaged_file_is_that_of_the_demo() -> None:
+    packaged = json.loads(PACKAGED.read_text())
+    assert packaged == layout_for(UNITS, ["power"])
+    assert packaged["configById"]["RosOut!log"]["topicToRender"] == LOG
+    assert packaged["configById"]["3D!arms"]["followTf"] == WORLD
+    assert packaged["configById"]["3D!arms"]["topics"] == {SCENE: {"visible": True}}
 
 
 def test_every_panel_is_shown_once() -> None:
-    layout = layout_for(LIKE_THE_DEMO, ["power"])
+    layout = layout_for(UNITS, ["power"])
     assert sorted(shown(layout["layout"])) == sorted(layout["configById"])
 
 
-@pytest.mark.parametrize("panel", layout_for(LIKE_THE_DEMO, ["power"])["configById"])
+@pytest.mark.parametrize("panel", layout_for(UNITS, ["power"])["configById"])
 def test_every_setting_is_one_that_the_library_documents(panel: str) -> None:
-    config = layout_for(LIKE_THE_DEMO, ["power"])["configById"][panel]
+    config = layout_for(UNITS, ["power"])["configById"][panel]
     known = PANELS[panel.partition("!")[0]]()._to_dict()
     assert config.keys() - {TITLE} <= known.keys()
     series = {"Plot": documented.PlotSeries, "StateTransitions": documented.StateTransitionsSeries}

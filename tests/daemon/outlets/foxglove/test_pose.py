@@ -71,3 +71,14 @@ def test_a_joint_that_is_not_known_is_left_where_it_was() -> None:
     told["joints"][4]["channel"] = None
     del values["arm.joint_6.position"]
     assert [pose.frame[-1] for pose in poses(joints_of(told), values)] == ["1", "2", "4", "5"]
+
+
+def test_a_joint_that_follows_another_moves_as_its_urdf_says() -> None:
+    told = skeleton()
+    told["joints"][5] |= {"channel": told["joints"][4]["channel"], "multiplier": -2.0, "offset": 0.5}
+    values = {joint["channel"]: 0.3 for joint in told["joints"]}
+    found = poses(joints_of(told), values)[5]
+    joint = told["joints"][5]
+    assert same(
+        found.rotation, Rotation.from_quat(joint_pose(*(joint[k] for k in ("xyz", "rpy", "axis", "type")), -0.1)[1])
+    )

@@ -330,8 +330,7 @@ async def _count(server: Any, count: int) -> bool:
 
 @real
 async def test_debians_influxdb_reads_our_escapes_and_refuses_what_it_must(tmp_path: Path) -> None:
-    from cellwatt.outlets.historian.client import Client
-    from cellwatt.outlets.historian.line_protocol import line
+    from cellwatt.outlets.historian.client import Client, line
     from cellwatt.outlets.historian.outlet import Lines
 
     nasty = ["a b", "a,b=c", 'say "hi"', "tab\tü", "back\\slash", "trailing\\", "=", ", ,"]

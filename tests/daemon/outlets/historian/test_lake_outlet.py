@@ -16,8 +16,7 @@ import pytest
 from cellwatt import OutletError
 from cellwatt.outlets.historian import HistorianSettings
 from cellwatt.outlets.historian.exporting import FILE
-from cellwatt.outlets.historian.lake import MODULE
-from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.outlet import MODULE, HistorianOutlet
 from cellwatt.outlets.historian.worker import work
 from tests.daemon.outlets.historian.bucket import Bucket, bucket
 from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S, row_truth
@@ -78,13 +77,14 @@ async def test_the_process_ends_with_a_daemon_that_is_killed_though_it_ignores_t
     program = f"""
 import asyncio, signal, sys
 from cellwatt.account import Account
-from cellwatt.outlets.historian import lake
+from cellwatt.outlets.historian import outlet as lake
 from cellwatt.outlets.historian.settings import LakeSettings
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 lake.MODULE = "asyncio"  # waits for what it never hears
 outlet = lake.Lake(LakeSettings(folder={str(tmp_path / "lake")!r}), {told!r}, Account())
 async def main():
-    async with outlet._process() as process:
+    process = await outlet._begin()
+    async with lake.ending(process):
         print(process.pid, flush=True)
         await process.wait()
 asyncio.run(main())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.outlets.historian.line_protocol import line, result_line, row_line
+from cellwatt.outlets.historian.client import line, result_line, row_line
 from cellwatt.outlets.selection import Row
 from tests.daemon.outlets.historian.made import alarm, energy, task
 from tests.daemon.outlets.historian.parsing import parse

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.outlets.metrics.catalogue import CATALOGUE, LABELS
-from cellwatt.outlets.metrics.meter import Lives, Meter, Ratchet
+from cellwatt.outlets.metrics.outlet import Lives, Meter, Ratchet
 from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, source
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH
 

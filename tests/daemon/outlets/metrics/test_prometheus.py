@@ -19,8 +19,7 @@ import yaml
 
 from cellwatt.demo.cells import free_endpoint
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
-from cellwatt.outlets.metrics.meter import Meter
-from cellwatt.outlets.metrics.outlet import CellCollector, exposed
+from cellwatt.outlets.metrics.outlet import CellCollector, Meter, exposed
 from tests.daemon.outlets.metrics import cell
 from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, outlet_of, source
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, FrameChannel, Frames, Layout
+from cellwatt import Alarm, AlarmBook, FrameChannel, Frames, Layout
 from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
@@ -41,7 +41,7 @@ class Cell:
         self.journal = None
         self.next = 0
         self.state = "green"
-        self.alarms: list[Mapping[str, Any]] = []
+        self.alarms = AlarmBook()
         self.may_connect = asyncio.Event()
         """Cleared, the outlet is not run again: so somebody can listen before it speaks."""
         self.may_connect.set()
@@ -63,6 +63,11 @@ class Cell:
             self._record.chunk(made)
         return made
 
+    def said(self, alarm: Alarm) -> Alarm:
+        """An alarm as the cell's book has it before outlets are offered it."""
+        self.alarms.take(alarm)
+        return alarm
+
     def record(self, *items: Any) -> None:
         """Write results to the record alone."""
         assert self._record is not None
@@ -77,7 +82,7 @@ class Cell:
         return round((row_time - self.start) / STEP)
 
     def status(self) -> Mapping[str, Any]:
-        return {"state": self.state, "alarms": self.alarms, "site": SITE, "cell": CELL}
+        return {"state": self.state, **self.alarms.told(), "site": SITE, "cell": CELL}
 
     def config(self) -> Mapping[str, Any]:
         return {"record": None if self._record is None else {"folder": str(self.folder), "frames": True}}

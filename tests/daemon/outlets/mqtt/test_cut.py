@@ -202,13 +202,13 @@ async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> N
                 cell.may_connect.set()
                 await heard.until(f"{ROOT}/availability")
                 for number in (1, 2, 3):
-                    outlet.offer(alarm(number))
+                    outlet.offer(cell.said(alarm(number)))
                 await heard.until(f"{ROOT}/alarm/#", 3)
                 await eventually(lambda: outlet.account.counters["results sent"] == 3, "confirmed")
             cell.may_connect.clear()
             broker.kill()
             await eventually(lambda: ends, "the cut is noticed")
-            outlet.offer(alarm(1, active=False))
+            outlet.offer(cell.said(alarm(1, active=False)))
             await broker.again()
             async with ears(broker, f"{ROOT}/#") as heard:
                 cell.may_connect.set()

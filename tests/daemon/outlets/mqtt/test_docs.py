@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cellwatt import Energy, Event, Interval, Task
+from cellwatt import AlarmBook, Energy, Event, Interval, Task
 from cellwatt.config import load
 from cellwatt.outlets.mqtt.message import Labels
 from cellwatt.outlets.mqtt.plain import PlainFormat
@@ -33,7 +33,7 @@ def test_settings_are_right(block: Block, tmp_path: Path) -> None:
 def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:
     kept: dict[str, bool] = {}
     for frame in ("row", "channels"):
-        format_ = PlainFormat(MqttSettings(frame=frame), "SITE", "CELL")
+        format_ = PlainFormat(MqttSettings(frame=frame), "SITE", "CELL", AlarmBook())
         row = Row(1, 2, {"CHANNEL": 1.0}, {"CHANNEL": 0})
         told = [format_.connect(), *format_.birth(0), *format_.label(Labels({"CHANNEL": "W"}, {"CHANNEL": "x"}), 0)]
         told += [*format_.row(row, False, 0), *format_.row(row, True, 0), *format_.predicted("MODEL", {}, row, 0)]

@@ -11,7 +11,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from cellwatt import Alarm, Energy, Event, Task
+from cellwatt import Alarm, AlarmBook, Energy, Event, Task
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.message import Labels, Message, Order
@@ -121,7 +121,9 @@ class Sessions(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.node = EdgeNode(SparkplugSettings(group="g", node="n", primary_host="h"), "site", "cell", births=250)
+        self.node = EdgeNode(
+            SparkplugSettings(group="g", node="n", primary_host="h"), "site", "cell", AlarmBook(), births=250
+        )
         self.host = Host()
         self.host.birth = 249
         self.connected = self.born = False
@@ -237,7 +239,7 @@ class Sessions(RuleBasedStateMachine):
 
 
 def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled_in() -> None:
-    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell"), Host()
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
     host.connected(node.connect())
     host.hear(node.birth(T))
     node.label(labels(CHANNELS), T)
@@ -254,7 +256,7 @@ TestSessions = Sessions.TestCase
 
 
 def test_numbers_go_round() -> None:
-    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell"), Host()
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
     host.connected(node.connect())
     host.hear(node.birth(T))
     for i in range(1000):
@@ -264,7 +266,7 @@ def test_numbers_go_round() -> None:
 
 @pytest.mark.parametrize("wrong", [b"", b"{", b"[]", b'{"online": 1, "timestamp": 2}', b'{"online": true}', b"\xff"])
 def test_a_state_that_is_none_changes_nothing(wrong: bytes) -> None:
-    node = EdgeNode(SparkplugSettings(primary_host="h"), "site", "cell")
+    node = EdgeNode(SparkplugSettings(primary_host="h"), "site", "cell", AlarmBook())
     node.connect()
     with pytest.raises(ProtocolError):
         node.heard("spBv1.0/STATE/h", wrong, True)
@@ -274,7 +276,7 @@ def test_a_state_that_is_none_changes_nothing(wrong: bytes) -> None:
 
 
 def test_names_that_topics_cannot_hold_are_escaped() -> None:
-    node = EdgeNode(SparkplugSettings(), "plant/1", "a+b#c")
+    node = EdgeNode(SparkplugSettings(), "plant/1", "a+b#c", AlarmBook())
     assert node.connect().topic == "spBv1.0/plant%2F1/NDEATH/a%2Bb%23c"
 
 
@@ -311,7 +313,7 @@ def test_bytes_that_are_no_payload_are_refused_or_read(size: int) -> None:
 
 
 def test_results_have_units_and_their_own_time() -> None:
-    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell"), Host()
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
     host.connected(node.connect())
     host.hear(node.birth(T))
     host.hear(node.result(Task("arm", "task_2", "s", "v", 0.5, T, T + 10**9, (1, 2), 8), False, T + 2 * 10**9))

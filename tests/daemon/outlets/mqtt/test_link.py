@@ -6,8 +6,9 @@ import asyncio
 from typing import Any
 
 import pytest
+from aiomqtt import MqttError
 
-from cellwatt.outlets.mqtt.link import Link
+from cellwatt.outlets.mqtt.link import Link, reason
 from cellwatt.outlets.mqtt.message import Message, Subscription
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from tests.daemon.outlets.mqtt.broker import Broker, needs_mosquitto
@@ -34,3 +35,15 @@ async def test_a_cancellation_that_comes_together_with_the_answer_is_heard(broke
             await subscribing
     finally:
         await link.close(with_will=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("Operation timed out", "no answer within 10 s: the broker hangs or is too busy, or it is none"),
+        ("timed out", "nobody answers: is the host up?"),
+        ("_ssl.c:985: The handshake operation timed out", "no answer to the TLS handshake: is this a port for TLS?"),
+    ],
+)
+def test_a_broker_that_is_slow_is_told_as_that(text: str, told: str) -> None:
+    assert reason(MqttError(text)) == told

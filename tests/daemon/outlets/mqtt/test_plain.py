@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cellwatt import Event, Interval, Prediction, Task
+from cellwatt import Alarm, Event, Interval, Prediction, Task
 from tests.daemon.outlets.mqtt.broker import Broker, Heard, ears, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import LAYOUT, ROOT, STEP, Cell, alarm, outlet_of, serving
 from tests.patience import eventually
@@ -116,7 +116,7 @@ async def test_an_alarm_is_kept_until_it_is_cleared(broker: Broker) -> None:
 
 async def test_alarms_of_a_daemon_before_go_and_those_that_are_up_come(broker: Broker) -> None:
     cell = Cell()
-    cell.alarms = [{"id": "a/b", "kind": "source_down", "severity": "warning", "active": True, "since": 1, "time": 2}]
+    cell.alarms.take(Alarm("a/b", "source_down", "warning", True, 1, 2, "It is down."))
     async with ears(broker, "nothing") as other:
         await other.say(f"{ROOT}/alarm/error/joint_fault/old", b"{}", retain=True)
         await other.say("cellwatt/plant-1/other/alarm/error/joint_fault/x", b"{}", retain=True)
@@ -154,7 +154,7 @@ async def test_home_assistant_is_told_of_every_channel(broker: Broker) -> None:
 
 def test_the_templates_for_home_assistant_give_the_values() -> None:
     jinja = pytest.importorskip("jinja2")
-    from cellwatt.outlets.mqtt import discovery
+    from cellwatt.outlets.mqtt import plain as discovery
     from cellwatt.outlets.mqtt.message import Labels
 
     labels = Labels({"arm.it's": "W"}, {"arm.it's": "continuous"})

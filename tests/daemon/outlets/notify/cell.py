@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, cast
 
-from cellwatt import Alarm
+from cellwatt import Alarm, AlarmBook
 from cellwatt.outlet import CellView
 from cellwatt.outlets.notify.outlet import NotifyOutlet
 from cellwatt.outlets.notify.settings import NotifySettings
@@ -65,10 +65,7 @@ class View:
     def __init__(self, folder: Path, session: int = EPOCH, journal: Journal | None = None, record: bool = True) -> None:
         self.folder, self.session, self.journal = folder, session, journal
         self.record_folder = folder if record else None
-        self.told: Mapping[str, Any] = {}
-
-    def status(self) -> Mapping[str, Any]:
-        return self.told
+        self.alarms = AlarmBook()
 
 
 def outlet(view: View, to: Mapping[str, Any], **more: Any) -> NotifyOutlet:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cellwatt.outlets.aside import put_aside
+from cellwatt.files import put_aside
 from cellwatt.outlets.notify import ledger as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.ledger import Ledger

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 from aiohttp import web
 
+from cellwatt import AlarmBook
 from cellwatt.outlets.notify import courier as module
 from tests.daemon.outlets.notify.cell import EPOCH, Journal, View, alarm, event, outlet, running
 from tests.daemon.outlets.notify.servers import Web, web_server
@@ -26,12 +26,15 @@ def told(server: Web, path: str = "/") -> list[tuple[str, int]]:
     ]
 
 
-def status(*up: int, acknowledged: tuple[int, ...] = (), shelved: tuple[int, ...] = ()) -> dict[str, Any]:
-    who = {"name": "Ada", "note": "", "time": EPOCH}
-    return {
-        "alarms": [{**asdict(alarm(n)), "acknowledged": who if n in acknowledged else None} for n in up],
-        "shelved": [{"id": alarm(n).id} for n in shelved],
-    }
+def stand(view: View, *up: int, acknowledged: tuple[int, ...] = (), shelved: tuple[int, ...] = ()) -> None:
+    """Have the book of the cell say so."""
+    view.alarms = AlarmBook()
+    for number in up:
+        view.alarms.take(alarm(number))
+    for number in acknowledged:
+        view.alarms.acknowledge(alarm(number).id, "Ada", "", EPOCH)
+    for number in shelved:
+        view.alarms.shelve(alarm(number).id, 2 * EPOCH, "Ada", "", EPOCH)
 
 
 async def test_one_that_hangs_and_one_that_refuses_delay_nobody(tmp_path: Path) -> None:
@@ -94,22 +97,24 @@ async def test_severities_kinds_and_the_end_by_recipient(tmp_path: Path) -> None
 async def test_repeats_until_acknowledged_and_not_on_the_shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LOOK", 0.01)
     async with web_server() as server:
-        made = outlet(View(tmp_path), {"desk": hook(server, repeat=60.0)})
+        view = View(tmp_path)
+        made = outlet(view, {"desk": hook(server, repeat=60.0)})
         object.__setattr__(made.settings.to["desk"], "repeat", 0.05)  # the least in settings is a minute
         async with running(made):
             made.offer(alarm(1))
             made.offer(alarm(2))
-            made.health(status(1, 2))
+            stand(view, 1, 2)
+            made.health({})
             await eventually(lambda: told(server).count(("repeated", 1)) >= 2)
+            stand(view, 1, 2, acknowledged=(1,))
             made.offer(event("acknowledged", alarm(1).id))
-            made.health(status(1, 2, acknowledged=(1,)))
-            await eventually(lambda: made._status is None)
+            await eventually(lambda: not made._fresh.is_set())
             count = told(server).count(("repeated", 2))
             await eventually(lambda: told(server).count(("repeated", 2)) >= count + 2)
             before = told(server).count(("repeated", 1))
             await eventually(lambda: told(server).count(("repeated", 2)) >= count + 5)
             assert told(server).count(("repeated", 1)) == before
-            made.health(status(shelved=(2,)))
+            stand(view, 2, shelved=(2,))
             made.offer(alarm(1, active=False))
             await eventually(lambda: ("cleared", 1) in told(server))
             before = told(server).count(("repeated", 2))
@@ -118,10 +123,12 @@ async def test_repeats_until_acknowledged_and_not_on_the_shelf(tmp_path: Path, m
 
 async def test_what_is_shelved_before_it_is_told(tmp_path: Path) -> None:
     async with web_server() as server:
-        made = outlet(View(tmp_path), {"desk": hook(server, group=0.3)})
+        view = View(tmp_path)
+        made = outlet(view, {"desk": hook(server, group=0.3)})
         async with running(made):
             made.offer(alarm(1))
             made.offer(alarm(2))
+            stand(view, 1, 2, shelved=(1,))
             made.offer(event("shelved", alarm(1).id))
             await eventually(lambda: server.calls)
         assert told(server) == [("raised", 2)]
@@ -151,7 +158,7 @@ async def test_new_settings_go_on_where_the_old_ones_were(tmp_path: Path, record
             before.offer(alarm(1))
             await eventually(lambda: before.account.counters["desk: sent"])
         before.offer(alarm(2))  # the daemon hands over until the outlet after it is there
-        view.told = status(1, 2)
+        stand(view, 1, 2)
         after = outlet(view, {"desk": hook(server), "new": hook(server, "new")})
         after.succeed(before)
         async with running(after):
@@ -258,6 +265,6 @@ async def test_a_ledger_that_cannot_be_written_is_told_and_alarms_go_out(tmp_pat
             await eventually(lambda: server.calls)
             assert f"{folder}/notify.jsonl cannot be written" in str(made.trouble())
             folder.mkdir()
-            made.health(status(1))
+            made.health({})
             await eventually(lambda: made.trouble() is None)
         assert (folder / "notify.jsonl").exists()

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import Alarm
-from cellwatt.outlets.notify.rules import AGAIN, Rules, message, ready, shelved
-from cellwatt.outlets.notify.told import Item, Message, Told
+from cellwatt.outlets.notify.told import AGAIN, Item, Message, Rules, Told, message_of, ready, silence
 from tests.daemon.outlets.notify.cell import EPOCH, SECOND, alarm
 
 NEXT = EPOCH + 3600 * SECOND
@@ -42,7 +41,7 @@ class Machine:
 
     def send(self, now: int = EPOCH) -> Message | None:
         if self.told.flight is None and (items := ready(self.told, self.passing)):
-            self.told.send(message("test", items, self.told.more, now))
+            self.told.send(message_of("test", items, self.told.more, now))
         sent = self.told.flight
         if sent is not None:
             self.sent += sent.items
@@ -133,11 +132,11 @@ def test_a_quiet_time_holds_back_and_tells_what_is_still_active() -> None:
 def test_what_is_shelved_while_it_waits_is_silent_until_the_shelf_ends() -> None:
     machine = Machine()
     machine.take(alarm(1))
-    shelved(machine.told, alarm(1).id)
+    silence(machine.told, alarm(1).id)
     assert machine.send() is None
     machine.take(alarm(1, time=EPOCH + 60 * SECOND))
     machine.send()
-    shelved(machine.told, alarm(1).id)  # told already: nothing to hold back
+    silence(machine.told, alarm(1).id)  # told already: nothing to hold back
     machine.take(alarm(1, active=False, time=EPOCH + 90 * SECOND))
     machine.send()
     assert machine.said == [("raised", 1), ("cleared", 1)]
@@ -209,13 +208,13 @@ def test_without_room_the_least_grave_is_only_counted() -> None:
 
 
 def test_a_message_has_its_id_whatever_was_settled_of_it() -> None:
-    made = message("a", [Item("raised", alarm(1))], 0, EPOCH)
-    assert made.id == message("a", [Item("raised", alarm(1))], 0, EPOCH).id
+    made = message_of("a", [Item("raised", alarm(1))], 0, EPOCH)
+    assert made.id == message_of("a", [Item("raised", alarm(1))], 0, EPOCH).id
     others = [
-        message("b", [Item("raised", alarm(1))], 0, EPOCH),
-        message("a", [Item("cleared", alarm(1))], 0, EPOCH),
-        message("a", [Item("raised", alarm(2))], 0, EPOCH),
-        message("a", [Item("raised", alarm(1))], 0, EPOCH + 1),
+        message_of("b", [Item("raised", alarm(1))], 0, EPOCH),
+        message_of("a", [Item("cleared", alarm(1))], 0, EPOCH),
+        message_of("a", [Item("raised", alarm(2))], 0, EPOCH),
+        message_of("a", [Item("raised", alarm(1))], 0, EPOCH + 1),
     ]
     assert len({made.id, *(other.id for other in others)}) == 5
     told = Told(flight=made)
@@ -247,10 +246,10 @@ def play(machine: Machine, steps: list[Any]) -> dict[int, bool]:
             case "quiet" | "loud":
                 machine.passing = 2 if step[0] == "quiet" else 0
             case "shelve":
-                shelved(machine.told, alarm(number).id)
+                silence(machine.told, alarm(number).id)
             case "make":
                 if machine.told.flight is None and (items := ready(machine.told, machine.passing)):
-                    machine.told.send(message("test", items, machine.told.more, time))
+                    machine.told.send(message_of("test", items, machine.told.more, time))
             case "send":
                 machine.send(time)
             case "look":

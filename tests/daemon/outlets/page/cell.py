@@ -15,16 +15,13 @@ import numpy as np
 
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
 from cellwatt.outlets.page.access import Gate, proof_of
-from cellwatt.outlets.page.app import Page
-from cellwatt.outlets.page.assets import Assets
-from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
-from cellwatt.outlets.page.passwords import hash_of
+from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import OneRoom, Room, prefix
-from cellwatt.outlets.page.sessions import Sessions
-from cellwatt.outlets.page.settings import PageSettings
-from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.page.sessions import Sessions, hash_of
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.results import Energy, Interval, Prediction, Task
 from tests.daemon.outlets.zenoh.fake_cell import FakeView
 

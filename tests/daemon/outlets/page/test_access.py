@@ -16,7 +16,7 @@ import pytest
 from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.access import HEADERS, POLICY
 from cellwatt.outlets.page.app import names_in
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.outlet import PageSettings
 from tests.daemon.outlets.page.cell import (
     API,
     HASH,

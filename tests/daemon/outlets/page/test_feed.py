@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cellwatt.alarms import LOST
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind
-from cellwatt.outlets.page import fresh, shapes
-from cellwatt.outlets.page.browsers import Browsers
-from cellwatt.outlets.page.feed import LOST, Feed
-from cellwatt.outlets.page.streams import Hub
-from cellwatt.outlets.page.summary import EnergyToday, page_of, plant_cell
+from cellwatt.outlets.page import archive, shapes
+from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.levels import Curves
+from cellwatt.outlets.page.rooms import page_of, plant_cell
+from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.outlets.page.cell import (
     CELL,
@@ -30,6 +33,7 @@ from tests.daemon.outlets.page.cell import (
     interval,
     status,
 )
+from tests.daemon.outlets.page.recorded import Written
 from tests.daemon.outlets.page.test_api import shelved
 
 
@@ -147,17 +151,22 @@ def lively(count: int) -> LiveCell:
 NAMES = ("arm.joint_1.position", "arm.supply.power", "prediction/power/power", "nonsense")
 
 
+def drawn(live: LiveCell, names: Sequence[str], start: float, end: float, points: int, folder: Any = None) -> Any:
+    """Curves of a record, with what is in memory."""
+    return Curves(folder, CELL).curves(names, start, end, points, archive.in_memory(live, names))
+
+
 def test_curves_at_the_step_of_the_frames_have_one_value() -> None:
-    got = fresh.curves(lively(20), NAMES, MS + 40, MS + 200, 1000)
-    assert got["step_ms"] == 20.0
+    got = drawn(lively(20), NAMES, MS + 40, MS + 200, 1000)
+    assert (got["step_ms"], got["from_record"]) == (20.0, False)
     assert got["t"] == [MS + 20 * n for n in range(2, 10)]
     assert got["v"]["arm.supply.power"] == {"min": [*(100.0 + n for n in range(2, 9)), None]}
     assert got["v"]["nonsense"] == {"min": [None] * 8}
-    assert fresh.curves(lively(20), NAMES, MS, MS + 40, 10)["v"]["prediction/power/power"] == {"min": [101.0, None]}
+    assert drawn(lively(20), NAMES, MS, MS + 40, 10)["v"]["prediction/power/power"] == {"min": [101.0, None]}
 
 
 def test_longer_curves_have_the_least_and_most_of_each_span() -> None:
-    got = fresh.curves(lively(200), NAMES[:2], MS, MS + 4000, 20)
+    got = drawn(lively(200), NAMES[:2], MS, MS + 4000, 20)
     assert got["step_ms"] == 200.0
     assert len(got["t"]) == 20
     values = frames(0, 200).values[:, 1].reshape(20, 10)
@@ -165,35 +174,16 @@ def test_longer_curves_have_the_least_and_most_of_each_span() -> None:
     assert got["v"]["arm.supply.power"]["max"] == np.nanmax(values, axis=1).tolist()
 
 
-def test_curves_never_have_more_points_than_asked_for() -> None:
-    for points in (1, 3, 7, 50, 199):
-        for start in (0.0, 3.0, 1999.0):
-            got = fresh.curves(lively(200), NAMES[:1], MS + start, MS + 4000, points)
-            assert len(got["t"]) <= points
-
-
-def test_the_end_of_recorded_curves_is_from_memory() -> None:
-    live = lively(100)
-    told = {"step_ms": 200.0, "t": [MS - 400, MS - 200, MS, MS + 200], "intervals": [], "alarms": []}
-    told["v"] = {"arm.supply.power": {"min": [1.0, 2.0, 3.0, 4.0], "max": [5.0, 6.0, 7.0, 8.0]}}
-    got = fresh.joined(told, live, NAMES[1:2], MS - 400, MS + 2000, 12)
-    assert got["t"] == [MS - 400 + 200 * n for n in range(12)]
+@pytest.mark.parametrize("points", [12, 1000])
+def test_what_is_not_recorded_yet_is_from_memory(tmp_path: Path, points: int) -> None:
+    Written(tmp_path, session=EPOCH).chunk(frames(0, 50)).crash()
+    live = LiveCell()
+    live.add_frames(frames(40, 60))
+    got = drawn(live, NAMES[1:2], MS, MS + 2000, points, tmp_path)
     power = got["v"]["arm.supply.power"]
-    assert power["min"][:3] == [1.0, 2.0, 100.0]
-    assert power["max"][:3] == [5.0, 6.0, 108.0]
-    assert len(power["min"]) == len(power["max"]) == 12
-
-
-def test_of_a_month_memory_adds_nothing() -> None:
-    told = {"step_ms": 600_000.0, "t": [MS], "v": {"a": {"min": [1.0], "max": [1.0]}}, "intervals": [], "alarms": []}
-    assert fresh.joined(told, lively(10), ("a",), MS, MS + 1e9, 100) is told
-
-
-def test_an_empty_record_is_no_obstacle() -> None:
-    told = {"step_ms": 0.0, "t": [], "v": {}, "intervals": [], "alarms": []}
-    got = fresh.joined(told, lively(5), NAMES[1:2], MS, MS + 100, 100)
-    assert got["t"] == [MS + 20 * n for n in range(5)]
-    assert got["v"] == {"arm.supply.power": {"min": [100.0, 101.0, 102.0, 103.0, 104.0]}}
+    known = frames(0, 100).values[:, 1].reshape(len(got["t"]), -1)
+    assert power["min"] == [None if np.isnan(v).all() else np.nanmin(v) for v in known]
+    assert points > 100 or power["max"] == np.nanmax(known, axis=1).tolist()
 
 
 def test_intervals_and_alarms_are_told_once() -> None:
@@ -202,12 +192,13 @@ def test_intervals_and_alarms_are_told_once() -> None:
     live.add("alarm", asdict(alarm(1)))
     live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000)))
     live.add("alarm", asdict(alarm(2)))
-    recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS, "cleared": None}
+    recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS + 1, "cleared": None}
     told = {"intervals": [shapes.interval(asdict(interval(1)))], "alarms": [recorded]}
-    got = fresh.marks(told, live, MS, MS + 2000)
+    got = archive.marks(told, live, MS, MS + 2000)
     assert len(got["intervals"]) == 1
     assert {(a["id"], a["cleared"]) for a in got["alarms"]} == {("alarm-1", MS + 500), ("alarm-2", None)}
-    assert fresh.marks(None, live, MS + 600, MS + 700) == {"intervals": [], "alarms": got["alarms"][1:]}
+    nothing: dict[str, Any] = {"intervals": [], "alarms": []}
+    assert archive.marks(nothing, live, MS + 600, MS + 700) == {**nothing, "alarms": got["alarms"][1:]}
 
 
 def test_alarms_in_memory_are_a_short_history() -> None:
@@ -215,14 +206,14 @@ def test_alarms_in_memory_are_a_short_history() -> None:
     live.add("alarm", asdict(alarm(1)))
     live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000, statement="Resolved.")))
     live.add("alarm", asdict(alarm(2)))
-    got = fresh.alarms(live, MS, MS + 2000, 10)
+    got = archive.alarms(live, MS, MS + 2000, 10)
     assert [(a["id"], a["cleared"], a["cleared_statement"]) for a in got["alarms"]] == [
         ("alarm-2", None, None),
         ("alarm-1", MS + 500, "Resolved."),
     ]
     assert got["complete"] is True
-    assert fresh.alarms(live, MS, MS + 2000, 1)["complete"] is False
-    assert [a["id"] for a in fresh.alarms(live, MS + 600, MS + 700, 10)["alarms"]] == ["alarm-2"]
+    assert archive.alarms(live, MS, MS + 2000, 1)["complete"] is False
+    assert [a["id"] for a in archive.alarms(live, MS + 600, MS + 700, 10)["alarms"]] == ["alarm-2"]
 
 
 # forms --------------------------------------------------------------------------------------------
@@ -279,21 +270,6 @@ def test_frames_of_another_size_are_an_error(body: bytes) -> None:
 
     with pytest.raises(ProtocolError):
         wire.read_frames(body, LAYOUT)
-
-
-def test_energy_of_today_counts_each_message_once() -> None:
-    energy = EnergyToday()
-    now = EPOCH * 1e-9
-    energy.add(1, 0, EPOCH - 2 * 86400 * 10**9, 5.0, "old")
-    assert energy.total(now) is None
-    for _ in range(2):
-        energy.add(1, 1, EPOCH, 10.0, "task_1")
-        energy.add(2, 1, EPOCH, 20.0, "task_2")
-    energy.add(2, 2, EPOCH, float("nan"), "task_2")
-    energy.add(1, 0, EPOCH - 2 * 86400 * 10**9, 5.0, "old")
-    assert energy.total(now) == 30.0
-    assert energy.task == "task_2"
-    assert energy.total(now + 2 * 86400) is None
 
 
 def test_only_addresses_of_the_web_are_followed() -> None:

@@ -17,10 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.levels import Curves, curves, level_file, sources, store, telling
+from cellwatt.outlets.page.levels import Curves, curves, level_file, store, telling
+from cellwatt.outlets.page.levels import following as sources
 from cellwatt.outlets.page.levels.buckets import STEPS, Grid, chosen, of_samples
-from cellwatt.outlets.page.levels.keeping import Keeper
-from cellwatt.outlets.page.levels.sources import gather
+from cellwatt.outlets.page.levels.curves import Keeper
+from cellwatt.outlets.page.levels.following import gather
 from cellwatt.record import Recorder, RecordSettings, recover
 from cellwatt.record.header import FileName
 from tests.daemon.outlets.page.recorded import (
@@ -333,7 +334,7 @@ def test_the_thread_makes_levels_of_what_it_followed_without_reading_it_again(tm
         raise AssertionError("read again")
 
     monkeypatch.setattr(store, "gather", no_reading)
-    monkeypatch.setattr("cellwatt.outlets.page.levels.keeping.PERIOD", 0.01)
+    monkeypatch.setattr("cellwatt.outlets.page.levels.curves.PERIOD", 0.01)
     time = SESSION + np.arange(100) * S
     written, reader = Written(tmp_path), Curves(tmp_path, CELL)
     written.chunk(frames(time[:50], np.arange(50), rate=1.0))
@@ -353,7 +354,7 @@ def test_the_thread_makes_levels_of_what_it_followed_without_reading_it_again(tm
 
 def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path, monkeypatch):
     """The product's own recorder, in files of some 200 frames, of which retention keeps the last few."""
-    monkeypatch.setattr("cellwatt.outlets.page.levels.keeping.PERIOD", 0.02)
+    monkeypatch.setattr("cellwatt.outlets.page.levels.curves.PERIOD", 0.02)
     random = np.random.default_rng(7)
     count = 4000
     time = SESSION + np.arange(count) * STEP
@@ -651,7 +652,7 @@ def test_unused_sources_is_the_protocol_of_all(tmp_path):
     path = recording(tmp_path, [[frames([SESSION], [1.0])]])
     held = sources.Held(sources.gather(path, sources.EVERYTHING, lambda: None))
     level_file.write(path, path.stat().st_size, sources.gather(path, sources.EVERYTHING, lambda: None))
-    written = sources.Written(path, path.stat().st_size)
+    written = level_file.LevelFile(path, path.stat().st_size)
     for level in range(len(STEPS)):
         ((columns, a),) = held.levels(level, ["arm.power"])
         ((same_columns, b),) = written.levels(level, ["arm.power"])

@@ -206,7 +206,7 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
 async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outlet_module, "BLOCKS", 20)
     monkeypatch.setattr(outlet_module, "SILENT", 0.3)
-    monkeypatch.setattr("cellwatt.outlets.apart.process.END", 0.1)
+    monkeypatch.setattr("cellwatt.outlets.apart.wire.END", 0.1)
     outlet = outlet_of(view)
     async with serving(outlet):
         child = await asyncio.to_thread(serving_process)

@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page import past
 from cellwatt.outlets.page.levels import Curves
-from cellwatt.outlets.page.levels.telling import RESTARTED
-from cellwatt.outlets.page.past import alarm_history
+from cellwatt.outlets.page.levels import telling as past
+from cellwatt.outlets.page.levels.telling import RESTARTED, alarm_history
 from cellwatt.record import packs
 from tests.daemon.outlets.page.recorded import CELL, MS, SESSION, S, Written, alarm, event, interval, recording
 
@@ -221,8 +220,9 @@ def test_any_history_is_told_as_it_was(operations, levels):
             recording(folder, [chunk], number, session)
         more = {}
         if levels:
-            more["curves"] = Curves(folder, CELL)
-            more["curves"].curves([], START, START + 1e6, 10)
+            reader = Curves(folder, CELL)
+            reader.curves([], START, START + 1e6, 10)
+            more["store"] = reader.store
             assert list((folder / "levels").iterdir())
         found = history(folder, **more)
     plain = [{k: a[k] for k in ("id", "since", "cleared")} | {"people": len(a["people"])} for a in found["alarms"]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,13 @@ import pytest
 
 from cellwatt.outlets.page import plant as plant_module
 from cellwatt.outlets.page.archive import Desk
-from cellwatt.outlets.page.browsers import Browsers
+from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.plant import Plant
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlets.page.streams import Browsers
 from cellwatt.outlets.page.viewing import view
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
-from tests.daemon.outlets.page.cell import ENERGY, EPOCH, MS, Stream, alarm, client, csrf, status
+from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, alarm, client, csrf, status
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import eventually, wait_until
@@ -94,7 +94,7 @@ async def test_all_cells_of_the_site_are_shown_with_their_states(router: str) ->
     page = {"page": {"url": "http://192.0.2.7:8480/"}}
     states = {
         "weld-1": status(),
-        "weld-2": status([up], state="red", power_W=812.5, sinks=page),
+        "weld-2": status([up], state="red", power_W=812.5, energy_today_J=9e6, task="task_1", sinks=page),
         "weld-3": {"state": "green"},
     }
     async with AsyncExitStack() as stack:
@@ -118,7 +118,8 @@ async def test_all_cells_of_the_site_are_shown_with_their_states(router: str) ->
             "statement": "Joint 1 needs more power than it should.",
             "acknowledged": True,
         }
-        assert (red["power_W"], red["page"]) == (812.5, "http://192.0.2.7:8480/")
+        assert (red["power_W"], red["energy_today_J"], red["task"]) == (812.5, 9e6, "task_1")
+        assert red["page"] == "http://192.0.2.7:8480/"
         assert red["age_s"] < 60
         async with browser.get(f"{url}/api/site") as response:
             site = await response.json()
@@ -138,24 +139,6 @@ async def test_a_cell_comes_and_goes_in_the_stream(router: str) -> None:
             await asyncio.wait_for(state("green"), 30)
         await asyncio.wait_for(state("gone"), 30)
         assert (await cells(browser, url))["weld-1"]["state"] == "gone"
-
-
-async def test_energy_of_today_counts_also_what_was_told_before(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.outlets.page.plant.time.time", lambda: EPOCH * 1e-9)
-    async with speaking("weld-1", router, status()) as cell, client() as browser:
-        cell.offer(replace(ENERGY, total=100.0))
-        cell.offer(replace(ENERGY, total=20.0))
-        await eventually(lambda: cell.account.received == 2, "the energies of before")
-        async with viewing(router) as url:
-
-            async def energy(wanted: float) -> bool:
-                found = await cells(browser, url)
-                return "weld-1" in found and found["weld-1"]["energy_today_J"] == wanted
-
-            await eventually(lambda: energy(120.0), "the energies of before")
-            cell.offer(replace(ENERGY, total=3.0))
-            await eventually(lambda: energy(123.0), "the energy of now")
-            assert (await cells(browser, url))["weld-1"]["task"] == "task_1"
 
 
 async def test_a_cell_that_is_looked_at_is_followed_and_then_left(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,7 +238,6 @@ async def test_nonsense_in_a_cells_name_costs_only_that_cell(router: str, tmp_pa
             async def nonsense() -> bool:
                 for payload in (b"", b"[]", b'{"positions": {}, "session": 1, "time": 1, "status": {"alarms": 5}}'):
                     stranger.put(f"cellwatt/{SITE}/odd/health", payload)
-                stranger.put(f"cellwatt/{SITE}/odd/energy", b"x")
                 async with browser.get(f"{url}/api/cells/{SITE}/odd/state") as response:
                     assert response.status in (200, 404)
                 found = await cells(browser, url)

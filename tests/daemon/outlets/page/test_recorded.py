@@ -13,7 +13,7 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.outlets.page.archive import THREADS, WAITING, Archive, Desk
-from cellwatt.outlets.page.arms import follow
+from cellwatt.outlets.page.rooms import follow_arms
 from cellwatt.report import Provenance, Report
 from tests.daemon.outlets.page import cell, recorded
 from tests.daemon.outlets.page.cell import API, Served, client, served
@@ -130,7 +130,7 @@ async def test_arms_are_shown_once_their_channels_are_known(
     desk = Desk()
     async with served(tmp_path) as page:
         arms = {"arm": tmp_path / "one.urdf", "other": tmp_path / "none.urdf"}
-        following = asyncio.create_task(follow(page.feed, arms, desk))
+        following = asyncio.create_task(follow_arms(page.feed, arms, desk))
         assert (await get(browser, page, "/state"))["arms"] == []
         page.feed.take_frames(cell.frames(0, 1))
         await eventually(lambda: page.feed.arms, "the arm")

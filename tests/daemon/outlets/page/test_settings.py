@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from base64 import b64encode
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from cellwatt.outlets.page.passwords import hash_of, parse
-from cellwatt.outlets.page.settings import PageSettings
+from cellwatt.outlet import revealed
+from cellwatt.outlets.page.outlet import PageSettings
+from cellwatt.outlets.page.sessions import hash_of, parse
 from tests.daemon.outlets.page.cell import HASH, PASSWORD, USERS
 from tests.daemon.outlets.zenoh.test_link import certificates
 
@@ -92,7 +94,7 @@ def test_neither_a_password_nor_its_hash_is_shown() -> None:
         with pytest.raises(ValidationError) as caught:
             PageSettings(users={"ada": {"password": password}})
         assert password not in str(caught.value)
-    assert PageSettings.model_validate(settings.told()) == settings
+    assert PageSettings.model_validate(json.loads(json.dumps(revealed(settings)))) == settings
 
 
 def test_a_hash_fits_its_password_alone() -> None:

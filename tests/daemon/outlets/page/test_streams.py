@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from cellwatt import FrameChannel, Layout
-from cellwatt.outlets.page import browsers, streams
-from cellwatt.outlets.page.browsers import Browser, Browsers
+from cellwatt.outlets.page import streams
+from cellwatt.outlets.page.streams import Browser, Browsers
 from tests.daemon.outlets.page.cell import API, Served, Stream, alarm, client, frames, served
 from tests.patience import eventually
 
@@ -34,7 +34,7 @@ async def mute(page: Served) -> socket.socket:
 
 
 async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(browsers, "MOST_BYTES", 50_000)
+    monkeypatch.setattr(streams, "MOST_BYTES", 50_000)
     async with served(tmp_path) as page, client() as browser:
         silent = await mute(page)
         try:
@@ -57,7 +57,7 @@ async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, mo
 async def test_a_browser_that_was_too_slow_is_told_how_much_it_missed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(browsers, "MOST_BYTES", 50_000)
+    monkeypatch.setattr(streams, "MOST_BYTES", 50_000)
     async with served(tmp_path) as page:
         silent = await mute(page)
         sent = 0
@@ -80,7 +80,7 @@ async def test_a_browser_that_was_too_slow_is_told_how_much_it_missed(
 async def test_a_browser_that_takes_nothing_for_long_is_disconnected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(browsers, "STALLED", 0.2)
+    monkeypatch.setattr(streams, "STALLED", 0.2)
     async with served(tmp_path) as page:
         silent = await mute(page)
         await eventually(lambda: len(page.hub), "the browser")
@@ -94,7 +94,7 @@ async def test_a_browser_that_takes_nothing_for_long_is_disconnected(
 
 
 async def test_events_go_last(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(browsers, "MOST_BYTES", 100)
+    monkeypatch.setattr(streams, "MOST_BYTES", 100)
     browser = Browser(Browsers(1).counts)
     browser.put(b"alarm" * 10)
     for _ in range(5):
@@ -122,7 +122,7 @@ async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
 
 
 async def test_a_quiet_stream_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(browsers, "HEARTBEAT", 0.01)
+    monkeypatch.setattr(streams, "HEARTBEAT", 0.01)
     async with served(tmp_path) as page, client() as browser, browser.get(f"{page.url}{API}/stream") as response:
         lines = [await response.content.readline() for _ in range(5)]
         assert lines[0].startswith(b"retry: ")

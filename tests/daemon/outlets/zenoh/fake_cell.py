@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt import Alarm, AlarmBook, Batch, Channel, FrameChannel, Frames, Layout, Stream
 from cellwatt.blocks import Block, cut
 from cellwatt.results import Event, Result, Task
 
@@ -102,6 +102,7 @@ class FakeView:
 
     def __init__(self, session: int = EPOCH) -> None:
         self.session = session
+        self.alarms = AlarmBook()
         self.lag = 0
         self.forgotten = 0
         self._lock = threading.Lock()

@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 import subprocess
+from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,7 +25,7 @@ from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, health
-from cellwatt.outlets.zenoh.signing import Check, Seal
+from cellwatt.outlets.zenoh.signing import Seal, Witness
 from cellwatt.signing import Signer, Verifier
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
@@ -53,28 +55,37 @@ def test_openssl_verifies_what_the_page_says_is_signed(keys: Path) -> None:
     subprocess.run(command.split(), cwd=keys, check=True, capture_output=True)
 
 
+def holds(keys: Path, topic: str, attachment: bytes, payload: bytes, root: str = ROOT, name: str = "cell") -> bool:
+    """True if a consumer takes it for the cell's own."""
+
+    def data(content: bytes) -> Any:
+        return SimpleNamespace(to_bytes=lambda: content)
+
+    sample: Any = SimpleNamespace(attachment=data(attachment), payload=data(payload))
+    return Witness(root, keys / f"{name}.pub", Counter()).message(topic, sample)
+
+
 def test_nothing_of_a_message_can_be_changed(keys: Path) -> None:
-    check = Check(ROOT, keys / "cell.pub")
     mark, payload = Mark(EPOCH, 7, 1, EPOCH).encode(b"payload"), b"payload"
     signed = seal(keys).message("alarm", mark, payload)
-    assert check.message("alarm", signed, payload)
+    assert holds(keys, "alarm", signed, payload)
     for i in range(len(signed)):
-        assert not check.message("alarm", signed[:i] + bytes([signed[i] ^ 1]) + signed[i + 1 :], payload)
-        assert not check.message("alarm", signed[:i], payload)
-    assert not check.message("alarm", signed, b"payloaD")
-    assert not check.message("alarm", signed[:-64] + b"p" + signed[-64:], b"ayload")
-    assert not check.message("event", signed, payload)
-    assert not Check(f"cellwatt/{SITE}/weld-4", keys / "cell.pub").message("alarm", signed, payload)
-    assert not Check(ROOT, keys / "other.pub").message("alarm", signed, payload)
-    assert not check.message("alarm", mark, payload)
+        assert not holds(keys, "alarm", signed[:i] + bytes([signed[i] ^ 1]) + signed[i + 1 :], payload)
+        assert not holds(keys, "alarm", signed[:i], payload)
+    assert not holds(keys, "alarm", signed, b"payloaD")
+    assert not holds(keys, "alarm", signed[:-64] + b"p" + signed[-64:], b"ayload")
+    assert not holds(keys, "event", signed, payload)
+    assert not holds(keys, "alarm", signed, payload, root=f"cellwatt/{SITE}/weld-4")
+    assert not holds(keys, "alarm", signed, payload, name="other")
+    assert not holds(keys, "alarm", mark, payload)
 
 
 def test_a_refusal_holds_for_its_question_alone(keys: Path) -> None:
-    check = Check(ROOT, keys / "cell.pub")
+    check = Witness(ROOT, keys / "cell.pub", Counter())
     body = json.dumps(seal(keys).refusal("first=0;count=5", "nothing kept")).encode()
-    assert check.refusal("first=0;count=5", body)
-    assert not check.refusal("first=0;count=6", body)
-    assert not check.refusal("first=0;count=5", body.replace(b"nothing", b"no"))
+    assert check._refused("first=0;count=5", body)
+    assert not check._refused("first=0;count=6", body)
+    assert not check._refused("first=0;count=5", body.replace(b"nothing", b"no"))
     for wrong in (
         b'{"error": "x"}',
         b"[]",
@@ -82,7 +93,7 @@ def test_a_refusal_holds_for_its_question_alone(keys: Path) -> None:
         b'{"error": "x", "signature": 5}',
         b'{"error": "", "signature": "z"}',
     ):
-        assert not check.refusal("first=0;count=5", wrong)
+        assert not check._refused("first=0;count=5", wrong)
 
 
 def test_a_certificate_or_several_keys_will_do(keys: Path) -> None:

@@ -20,8 +20,7 @@ from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.past import MOST_SAMPLES
-from cellwatt.outlets.zenoh.turns import Pace, Turns
+from cellwatt.outlets.zenoh.past import MOST_SAMPLES, Pace, Turns
 from cellwatt.subscriber import Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port

@@ -16,7 +16,7 @@ from energy.chain import Link, rotations, torques, write_urdf
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
-from cellwatt_plugins.energy.procedure.cube import load_cube
+from tests.plugins.energy.procedure.cube import CUBES
 
 STEP = 0.002
 ANALYZER = 50
@@ -158,7 +158,7 @@ class Arm:
 
     def __init__(self, made, links=None):
         self.made, self.links = made, links or links_of(made)
-        self.cube = load_cube(made.name)
+        self.cube = CUBES[made.name]
         n = made.joints
         size = np.array([1.0, 1.0, *([0.6] * (n - 5)), 0.25, 0.2, 0.15])[:n] * (2.0 if made.name == "UR10e" else 1.0)
         self.constant = 10.0 * np.sqrt(size)

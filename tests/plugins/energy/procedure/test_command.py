@@ -11,18 +11,9 @@ def run(*words):
     return CliRunner().invoke(campaign, [str(word) for word in words], catch_exceptions=False)
 
 
-def test_programs_are_written(tmp_path):
-    done = run("programs", "UR5e", "--out", tmp_path, "--speeds", "100,200", "--json")
-    told = json.loads(done.stdout)
-    assert [path.split("/")[-1] for path in told["files"]] == ["UR5e_0kg.script", "UR5e_5kg.script"]
-    assert "speeds = [0.1, 0.2]" in (tmp_path / "UR5e_5kg.script").read_text()
-    # 1.931 m at 100 and 200 mm/s, a second of rest each, ten a speed.
-    assert told["minutes_each"] == pytest.approx((30 * (19.31 + 9.66 + 2) + 20) / 60, abs=0.1)
-
-
 @pytest.mark.parametrize(("speeds", "said"), [("fast", "expected numbers"), ("100,-5", "above 0")])
 def test_speeds_that_are_none(tmp_path, speeds, said):
-    done = run("programs", "UR5e", "--out", tmp_path, "--speeds", speeds)
+    done = run("cut", tmp_path, "--robot", tmp_path, "--out", tmp_path, "--speeds", speeds)
     assert done.exit_code == 2
     assert said in done.output
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.errors import ModelError, RecordingError
+from cellwatt.errors import CellwattError, ModelError
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.cycles.known import restored, stored
 from cellwatt_plugins.faults.reference import load
@@ -127,6 +127,6 @@ def test_another_robot_is_refused(folder, tmp_path):
 
 
 def test_a_place_that_cannot_be_written(folder, tmp_path):
-    result = judge(folder, "--out", tmp_path / "no" / "findings.json")
-    assert isinstance(result.exception, RecordingError)
+    result = judge(folder, "--out", folder / "robot.yaml" / "findings.json")
+    assert isinstance(result.exception, CellwattError)
     assert "cannot be written" in str(result.exception)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cellwatt.errors import ModelError
+from cellwatt.errors import CellwattError, ModelError
 from cellwatt_plugins.faults.paper import equation as file
 from cellwatt_plugins.faults.paper.bevf import fit
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE
@@ -61,8 +61,8 @@ def test_what_is_no_equation_is_refused(tmp_path, text, problem):
         file.load(tmp_path / "task.yaml")
 
 
-def test_a_file_that_is_not_there_and_a_folder_that_is_not_there(fitted, tmp_path):
+def test_a_file_that_is_not_there_and_one_that_cannot_be_written(fitted, tmp_path):
     with pytest.raises(ModelError, match=r"none\.yaml: cannot be read"):
         file.load(tmp_path / "none.yaml")
-    with pytest.raises(ModelError, match="cannot be written"):
-        file.save(fitted[1], tmp_path / "nowhere" / "task.yaml")
+    with pytest.raises(CellwattError, match="cannot be written"):
+        file.save(fitted[1], tmp_path)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cellwatt.errors import ModelError
+from cellwatt.errors import CellwattError, ModelError
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
 from cellwatt_plugins.faults.paper.train_pattern import Fitted, _fitted, _in_words, _written
 from cellwatt_plugins.faults.reference import load
@@ -119,7 +119,7 @@ def test_an_odd_order_is_refused(reference, tmp_path):
 
 
 def test_a_folder_that_cannot_be_made_is_told(reference):
-    with pytest.raises(ModelError, match=r"--out .*told\.json/out: cannot be made"):
+    with pytest.raises(CellwattError, match=r"told\.json/out/\S+ cannot be written"):
         made(reference, reference.parent / "told.json" / "out")
 
 

@@ -6,6 +6,7 @@ samples are left out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,6 +14,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cellwatt.errors import CellwattError
 
 STEPS: Final = (200_000_000, 1_000_000_000, 10_000_000_000, 60_000_000_000, 600_000_000_000)
 """Steps of the levels, ns; each is a multiple of the one before."""
@@ -131,6 +134,13 @@ def chosen(start: int, end: int, points: int) -> tuple[int, Grid]:
     raise AssertionError("the first level always serves")
 
 
+def span_of(start_ms: float, end_ms: float) -> tuple[int, int]:
+    """A span in UTC ns. Raises ``CellwattError`` for one that is none."""
+    if not (math.isfinite(start_ms) and math.isfinite(end_ms) and 0 <= start_ms < end_ms < 2**62 / 1e6):
+        raise CellwattError(f"no span from {start_ms:g} to {end_ms:g} ms: it must end after it begins")
+    return round(start_ms * 1e6), max(round(end_ms * 1e6), round(start_ms * 1e6) + 1)
+
+
 def fitting(start: int, end: int, points: int, unit: int) -> Grid:
     """A grid of at most ``points`` (2 or more) buckets, nearly the finest, whose step is a multiple of ``unit`` ns."""
     grids = (Grid.over(start, end, max(-(-(end - start) // (n * unit)), 1) * unit) for n in (points, points - 1))
@@ -159,3 +169,8 @@ class Canvas:
         places = at[starts]
         self.low[row, places] = np.fmin(self.low[row, places], np.fmin.reduceat(low, starts))
         self.high[row, places] = np.fmax(self.high[row, places], np.fmax.reduceat(high, starts))
+
+    def add_samples(self, row: int, time: Index, values: NDArray[np.float64]) -> None:
+        """Put samples of one channel, in order of time (UTC ns), into row ``row``; NaN and infinities are none."""
+        known = np.isfinite(values)
+        self.add(row, self.grid.step, time[known] // self.grid.step, values[known], values[known])

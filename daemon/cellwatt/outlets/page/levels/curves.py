@@ -1,10 +1,13 @@
-"""Curves of a cell's record for a browser: lowest and highest values in as many steps as it asked for."""
+"""Curves of a cell's record for a browser, and the thread that keeps level files of it up to date."""
 
 from __future__ import annotations
 
+import logging
 import math
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import CellwattError, RecordingError, why
-from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting
-from cellwatt.outlets.page.levels.keeping import Keeper
-from cellwatt.outlets.page.levels.moments import Moments, Reader
-from cellwatt.outlets.page.levels.sources import Held, Source
-from cellwatt.outlets.page.levels.store import Store, ends_at, near
+from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting, span_of
+from cellwatt.outlets.page.levels.following import Source
+from cellwatt.outlets.page.levels.moments import Moments, Reader, Samples
+from cellwatt.outlets.page.levels.store import Growing, Store, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
 from cellwatt.record.retention import Kept
@@ -35,14 +37,32 @@ EXACT: Final = 9
 Float = NDArray[np.float64]
 
 
+Memory = tuple[int, Mapping[str, Samples]]
+"""Step of frames, ns, and samples by channel."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A question, with the recordings that are there; times UTC ns, ``until`` monotonic s."""
+
+    recordings: Sequence[Kept]
+    names: list[str]
+    start: int
+    end: int
+    points: int
+    until: float
+    memory: Memory
+
+
 class Curves:
-    """Answers about the recordings of ``cell`` in ``folder``, which it only reads.
+    """Answers about the recordings of ``cell`` in ``folder``, which it only reads; without one from memory alone.
 
     Level files stand in ``levels``, of the newest recordings as far as ``most`` bytes go.
     """
 
-    def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
-        self.store = Store(folder, cell, most=most)
+    def __init__(self, folder: Path | None, cell: str, most: float = math.inf) -> None:
+        self._recorded = folder is not None
+        self.store = Store(folder or Path(), cell, most=most)
         self._reader = Reader(self.store)
         self._keeper = Keeper(self.store)
 
@@ -58,44 +78,47 @@ class Curves:
         """Figures for health messages."""
         return self.store.stats()
 
-    def curves(self, channels: Sequence[str], start_ms: float, end_ms: float, points: int) -> dict[str, Any]:
+    def curves(
+        self, channels: Sequence[str], start_ms: float, end_ms: float, points: int, memory: Memory = (0, {})
+    ) -> dict[str, Any]:
         """Curves from ``start_ms`` to before ``end_ms`` UTC ms, and the intervals and alarms there, JSON-ready.
 
         There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
         samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
         Where a step is one frame, ``t`` are the frames' own times and there is no ``max``. Channels are those of the
-        frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``complete`` is false
-        where something is left out, for want of time or because it is too much. Never call it on an event loop.
+        frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory`` has what may
+        not be recorded yet. ``complete`` is false where something is left out, for want of time or because it is too
+        much. Never call it on an event loop.
 
         Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
         """
         start, end = span_of(start_ms, end_ms)
-        points, until = max(points, 2), time.monotonic() + PATIENCE
-        names = list(dict.fromkeys(channels))
-        recordings = self.store.recordings()
+        recordings, until = self.store.recordings() if self._recorded else [], time.monotonic() + PATIENCE
+        asked = _Asked(recordings, list(dict.fromkeys(channels)), start, end, max(points, 2), until, memory)
         try:
-            found = self._moments(recordings, names, start, end, points, until)
-            found = found or self._levels(recordings, names, start, end, points, until)
+            found = self._moments(asked) or self._levels(asked)
             told = marks(self.store, recordings, start, end, until)
         except OSError as error:
             raise RecordingError(f"record.folder {self.store.folder} cannot be read: {why(error)}") from error
         complete = found.pop("complete") and told.pop("complete")
-        return {**found, **told, "from_record": True, "complete": complete}
+        return {**found, **told, "from_record": self._recorded, "complete": complete}
 
     # short spans ----------------------------------------------------------------------------------
 
-    def _moments(
-        self, recordings: Sequence[Kept], names: list[str], start: int, end: int, points: int, until: float
-    ) -> dict[str, Any] | None:
+    def _moments(self, asked: _Asked) -> dict[str, Any] | None:
         """Curves out of the frames; None where levels serve better."""
+        start, end, points, names = asked.start, asked.end, asked.points, asked.names
         if end - start > MOMENTS or end - start >= points * FINER:
             return None
         beside = (end - start) // (points - 1) + BESIDE  # the first and the last step reach beyond the span
         first, last = start - beside, end + beside
         try:
-            found = self._reader.read(near(recordings, first, last), first, last, names, until)
+            found = self._reader.read(near(asked.recordings, first, last), first, last, names, asked.until)
         except TimeoutError:
             return None
+        found.step = found.step or asked.memory[0]
+        for name, held in asked.memory[1].items():
+            found.pieces[name].append(held)
         samples = {name: found.of(name, start, end) for name in names}
         times, step = _times(found, [time for time, _ in samples.values()])
         if len(times) <= points:
@@ -106,44 +129,27 @@ class Curves:
             return None
         canvas = Canvas(grid, len(names))
         for row, name in enumerate(names):
-            at, samples_ = found.of(name, grid.start, grid.end)
-            known = np.isfinite(samples_)
-            canvas.add(row, grid.step, at[known] // grid.step, samples_[known], samples_[known])
+            canvas.add_samples(row, *found.of(name, grid.start, grid.end))
         return {**_drawn(canvas, names), "complete": True}
 
     # long spans -----------------------------------------------------------------------------------
 
-    def _levels(
-        self, recordings: Sequence[Kept], names: list[str], start: int, end: int, points: int, until: float
-    ) -> dict[str, Any]:
+    def _levels(self, asked: _Asked) -> dict[str, Any]:
         """Curves out of the level files; those that are missing are made, newest first, as far as there is time."""
-        level, grid = chosen(start, end, points)
-        canvas, complete = Canvas(grid, len(names)), True
-        for kept in reversed(near(recordings, grid.start, grid.end)):
+        level, grid = chosen(asked.start, asked.end, asked.points)
+        canvas, complete = Canvas(grid, len(asked.names)), True
+        for kept in reversed(near(asked.recordings, grid.start, grid.end)):
             try:
-                source = self._source(kept, until)
+                source = self.store.source(kept, asked.until)
             except TimeoutError:
                 complete = False
                 continue
             if source is not None and source.start < grid.end and source.end >= grid.start:
-                complete &= self._drawn(kept, source, level, names, canvas)
-        return {**_drawn(canvas, names, EXACT), "complete": complete}
-
-    def _source(self, kept: Kept, until: float) -> Source | None:
-        """Source of a recording, None where nothing in it can be read. Raises ``TimeoutError``."""
-        if kept.closed:
-            source = self.store.made(kept, until, ends_at(until))
-            if source is None and time.monotonic() > until:
-                raise TimeoutError
-            return source
-        growing = self.store.growing(kept)
-        try:
-            with growing.lock:
-                if not growing.grow(until):
-                    raise TimeoutError
-                return Held(growing.gathered)
-        except FileNotFoundError:
-            return None
+                complete &= self._drawn(kept, source, level, asked.names, canvas)
+        for row, name in enumerate(asked.names):
+            if name in asked.memory[1]:
+                canvas.add_samples(row, *asked.memory[1][name])
+        return {**_drawn(canvas, asked.names, EXACT), "complete": complete}
 
     def _drawn(self, kept: Kept, source: Source, level: int, names: list[str], canvas: Canvas) -> bool:
         """Put the levels of a recording on the canvas; false where the level file is damaged, or went meanwhile."""
@@ -160,13 +166,6 @@ class Curves:
                 if (i := place.get(name)) is not None:
                     canvas.add(row, STEPS[level], buckets.index, buckets.low[i], buckets.high[i])
         return True
-
-
-def span_of(start_ms: float, end_ms: float) -> tuple[int, int]:
-    """A span in UTC ns. Raises ``CellwattError`` for one that is none."""
-    if not (math.isfinite(start_ms) and math.isfinite(end_ms) and 0 <= start_ms < end_ms < 2**62 / 1e6):
-        raise CellwattError(f"no span from {start_ms:g} to {end_ms:g} ms: it must end after it begins")
-    return round(start_ms * 1e6), max(round(end_ms * 1e6), round(start_ms * 1e6) + 1)
 
 
 def _times(found: Moments, times: list[NDArray[np.int64]]) -> tuple[NDArray[np.int64], int]:
@@ -197,3 +196,95 @@ def _plain(values: Float) -> list[float | None]:
     """Values for JSON, None for what is no number."""
     plain: list[float | None] = np.where(np.isfinite(values), values, np.array(None)).tolist()
     return plain
+
+
+log = logging.getLogger(__name__)
+
+PERIOD: Final = 2.0
+"""s from one look at the folder to the next."""
+WORK, REST = 0.01, 0.03
+"""s of reading, and of rest after it: the page's other threads go first."""
+
+
+class _Over(Exception):  # noqa: N818
+    pass
+
+
+class Keeper:
+    """Keeps a store up to date from ``start`` to ``close``."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._rest_at = 0.0
+        self.looks = 0
+        """Looks at the folder that are done."""
+
+    def start(self) -> None:
+        """Begin."""
+        self._over.clear()
+        self._thread = threading.Thread(target=self._run, name="levels", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End, in the middle of a recording if need be."""
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def look(self) -> None:
+        """Look at the folder once: take what is new, make what is missing, newest first, remove what is over."""
+        store = self._store
+        recordings = store.recordings()
+        for kept in recordings:
+            if kept.closed:
+                store.finish(kept)
+            else:
+                self._follow(store.growing(kept))
+        if store.room():
+            store.let_go()
+            for kept in reversed(recordings):
+                if kept.closed and store.budget.allows(kept.name):
+                    store.made(kept, math.inf, self._pace)
+        store.tidy()
+
+    def _follow(self, growing: Growing) -> None:
+        """Take what is new, a little at a time, so that nobody waits long for the lock."""
+        whole = False
+        while not whole:
+            with growing.lock:
+                try:
+                    whole = growing.grow(time.monotonic() + WORK)
+                except FileNotFoundError:
+                    return  # repaired, or removed
+            if self._over.wait(0 if whole else REST):
+                raise _Over
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            try:
+                self.look()
+            except _Over:
+                return
+            except OSError as error:
+                self._wrong(why(error))
+            except CellwattError as error:
+                self._wrong(str(error))
+            self.looks += 1
+            self._over.wait(PERIOD)
+
+    def _wrong(self, reason: str) -> None:
+        self._store.counts["failed looks"] += 1
+        self._store.problem = reason
+        log.warning("the record cannot be followed: %s", reason)
+
+    def _pace(self) -> None:
+        """Rest after some work; end where all is to end."""
+        now = time.monotonic()
+        if now < self._rest_at:
+            return
+        if self._over.wait(REST):
+            raise _Over
+        self._rest_at = time.monotonic() + WORK

@@ -1,11 +1,11 @@
-"""Reads a recording chunk by chunk, in the order of the file, also while it is written: each time what is new."""
+"""Reads recordings for their levels: one that grows, chunk by chunk; a closed one; or its level file."""
 
 from __future__ import annotations
 
 import os
 import struct
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
@@ -15,13 +15,17 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from cellwatt.files import open_file
+from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, coarser
+from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Columns, Gathering, Intervals
+from cellwatt.outlets.page.levels.level_file import LevelFile
 from cellwatt.record import decoder
 from cellwatt.record.chunks import LARGEST_RECORD, definitions, open_chunk, parse_attachment
 from cellwatt.record.container import CHUNK_HEAD, MAGIC, RECORD, Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.openfile import DEFINITIONS
-from cellwatt.record.opening import open_recording
+from cellwatt.record.opening import open_recording, survey
 from cellwatt.record.scan import read_at
 
 WINDOW: Final = 1 << 20
@@ -33,10 +37,12 @@ _FRONT: Final = RECORD.size + CHUNK_HEAD.size
 
 
 class Places:
-    """Chunks of a recording: offsets, lengths and times, in order of the file."""
+    """Chunks of a recording: offsets, lengths and times, in order of the file; those that a summary lists at first."""
 
-    def __init__(self) -> None:
+    def __init__(self, chunks: Iterable[Chunk] = ()) -> None:
         self._rows = array("q")
+        for chunk in chunks:
+            self.add(chunk.offset, chunk.length, chunk.start, chunk.end)
 
     def add(self, offset: int, length: int, start: int, end: int) -> None:
         """One more chunk; ``start`` and ``end`` UTC ns."""
@@ -48,17 +54,9 @@ class Places:
         return rows[(rows[:, 3] >= start) & (rows[:, 2] < end), :2]
 
 
-def chunk_at(file: FileIO, offset: int, length: int) -> bytes:
-    """Records of a chunk. Raises ``ValueError`` where it is damaged."""
-    return open_chunk(read_at(file, length, offset)[RECORD.size :]).data
-
-
-def places_of(chunks: Iterable[Chunk]) -> Places:
-    """The chunks that the summary of a closed recording lists."""
-    found = Places()
-    for chunk in chunks:
-        found.add(chunk.offset, chunk.length, chunk.start, chunk.end)
-    return found
+def items_at(file: FileIO, offset: int, length: int, tracks: Mapping[int, Track], wanted: frozenset[int]) -> list[Item]:
+    """Items of some channels in a chunk. Raises ``ValueError`` where it is damaged."""
+    return list(decoder.items(open_chunk(read_at(file, length, offset)[RECORD.size :]).data, tracks, wanted))
 
 
 class Follower:
@@ -143,7 +141,7 @@ class Follower:
 
     def _opened(self, file: FileIO, offset: int, length: int) -> list[Item]:
         try:
-            return list(decoder.items(chunk_at(file, offset, length), self._tracks, self._wanted))
+            return items_at(file, offset, length, self._tracks, self._wanted)
         except ValueError:
             self.damaged += 1
             return []
@@ -157,3 +155,64 @@ class Follower:
                 self._defined = attachment.data
                 self._tracks = tracks_of(self._contents.channels)[0]
                 self._wanted = frozenset(n for n, track in self._tracks.items() if track.topic in self._topics)
+
+
+EVERYTHING: Final = CURVES | TELLING
+Pace = Callable[[], None]
+"""Called after each chunk: may sleep, or raise to stop."""
+
+
+class Held:
+    """A recording as far as it was gathered, with ``curves`` or without; later items change nothing."""
+
+    def __init__(self, gathered: Gathering, *, curves: bool = True) -> None:
+        self.start, self.end = gathered.start, gathered.end
+        self.said = gathered.said
+        self._intervals = gathered.intervals
+        self._finest = gathered.finest() if curves else {}
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return sum(buckets.size for buckets in self._finest.values()) + self._intervals.spans.nbytes
+
+    def intervals(self) -> Intervals:
+        """Intervals."""
+        return self._intervals
+
+    def levels(self, level: int, wanted: Sequence[str]) -> list[tuple[Columns, Buckets]]:
+        """Buckets of one of ``STEPS`` of all sets of channels in which one of ``wanted`` is."""
+        factor = STEPS[level] // STEPS[0]
+        return [
+            (columns, coarser(finest, factor) if level else finest)
+            for columns, finest in self._finest.items()
+            if not set(wanted).isdisjoint(columns)
+        ]
+
+
+Source = LevelFile | Held
+"""Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
+
+
+def gather(path: Path, topics: frozenset[str], pace: Pace) -> Gathering:
+    """Read some topics of a closed recording; chunks that are damaged are passed over.
+
+    Raises ``OSError``, and ``RecordingError`` where it cannot be read.
+    """
+    gathered = Gathering()
+    contents = survey(path).contents
+    tracks = tracks_of(contents.channels)[0]
+    wanted = frozenset(number for number, track in tracks.items() if track.topic in topics)
+    with open_file(path) as file:
+        for chunk in _holding(contents, wanted):
+            with suppress(ValueError):
+                for item in items_at(file, chunk.offset, chunk.length, tracks, wanted):
+                    gathered.add(item)
+            pace()
+    return gathered
+
+
+def _holding(contents: Contents, wanted: frozenset[int]) -> list[Chunk]:
+    """The chunks with messages of some channels, in order, each once."""
+    chunks = {chunk.offset: chunk for number in wanted for chunk in contents.chunks.holding(number)}
+    return [chunks[offset] for offset in sorted(chunks)]

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt import alarms
 from cellwatt.frames import Frames
 from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, joined, of_samples
 from cellwatt.record.encoder import FRAME_TOPIC, Item
@@ -20,7 +21,7 @@ Columns = tuple[str, ...]
 CURVES: Final = frozenset([FRAME_TOPIC, TOPICS[Prediction]])
 TELLING: Final = frozenset([TOPICS[Interval], TOPICS[Alarm], TOPICS[Event]])
 """Topics of a recording that hold what the page shows beside the curves."""
-WORDS: Final = frozenset(["acknowledged", "shelved", "unshelved", "evidence"])
+WORDS: Final = frozenset([*alarms.WORDS, "evidence"])
 """Kinds of events about alarms: the word of people, and where the evidence is kept."""
 FOLD: Final = 4096
 """Samples that wait until they become buckets."""

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import FileIO
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +24,7 @@ from cellwatt.files import COMPUTED, open_file
 from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, levels
 from cellwatt.outlets.page.levels.gathering import SPANS, Columns, Gathering, Intervals, Said
 from cellwatt.record import messages
-from cellwatt.record.header import PART, FileName
+from cellwatt.record.header import PART, FileName, plain_cell
 from cellwatt.results import Alarm, Event
 
 FOLDER: Final = "levels"
@@ -164,6 +165,7 @@ class LevelFile:
             self.head, self._after = _head(file)
         if (self.head.recording, self.head.size) != (recording.name, size):
             raise ValueError("belongs to another recording")
+        self.start, self.end, self.said = self.head.start, self.head.end, self.head.said
 
     def levels(self, level: int, wanted: Sequence[str]) -> list[tuple[Columns, Buckets]]:
         """Buckets of one of ``STEPS`` of all sets of channels in which one of ``wanted`` is."""
@@ -216,3 +218,44 @@ def _inflated(body: bytes) -> bytes:
 
 def _decoded(kind: Any, texts: Sequence[str]) -> list[Any]:
     return [messages.decode(kind, text.encode()) for text in texts]
+
+
+class Budget:
+    """Holds the level files of ``cell`` in the folder of the recordings below ``most`` bytes."""
+
+    def __init__(self, folder: Path, cell: str, most: float) -> None:
+        self._folder, self._cell, self._most = folder / FOLDER, plain_cell(cell), most
+        self._oldest: tuple[int, int] | None = None
+        """Session and number of the newest recording whose file went."""
+
+    def allows(self, recording: FileName) -> bool:
+        """False for a recording that is as old as one whose file went, or older."""
+        return self._oldest is None or (recording.session, recording.number) > self._oldest
+
+    def files(self) -> list[tuple[FileName, os.DirEntry[str]]]:
+        """Level files of the cell by the names of their recordings. Raises ``OSError``."""
+        try:
+            with os.scandir(self._folder) as entries:
+                named = [(recording_of(Path(entry.name)), entry) for entry in entries]
+        except FileNotFoundError:
+            return []
+        return [(name, entry) for name, entry in named if name is not None and name.cell == self._cell]
+
+    def hold(self) -> int:
+        """Remove what is too much; return the number of files that went. Raises ``OSError``."""
+        there = sorted((((n.session, n.number), entry) for n, entry in self.files()), key=itemgetter(0))
+        total, gone = sum(_size(entry) for _, entry in there), 0
+        for age, entry in there:
+            if total <= self._most:
+                break
+            total -= _size(entry)
+            Path(entry.path).unlink(missing_ok=True)
+            self._oldest, gone = age, gone + 1
+        return gone
+
+
+def _size(entry: os.DirEntry[str]) -> int:
+    try:
+        return entry.stat().st_size
+    except FileNotFoundError:
+        return 0

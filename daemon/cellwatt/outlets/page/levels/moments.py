@@ -8,7 +8,6 @@ from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from io import FileIO
 from pathlib import Path
 from typing import Final
 
@@ -17,10 +16,9 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
-from cellwatt.outlets.page.levels.following import Places, chunk_at, places_of
+from cellwatt.outlets.page.levels.following import Places, items_at
 from cellwatt.outlets.page.levels.gathering import CURVES, Columns, prediction_arrays, prediction_names
 from cellwatt.outlets.page.levels.store import Store
-from cellwatt.record import decoder
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.opening import open_recording, survey
@@ -94,8 +92,9 @@ class Reader:
                 _, file = open_recording(kept.path)
                 with file:
                     for offset, length in places.tolist():
-                        for item in _items(file, offset, length, tracks, wanted):
-                            found.add(item)
+                        with suppress(ValueError):  # a chunk that is damaged has nothing to give
+                            for item in items_at(file, offset, length, tracks, wanted):
+                                found.add(item)
                         if time.monotonic() > until:
                             raise TimeoutError
         return found
@@ -117,17 +116,9 @@ class Reader:
             size, places, tracks = self._listed.get(kept.path, (0, None, {}))
             if places is None or size != kept.size:
                 contents = survey(kept.path).contents
-                places, tracks = places_of(contents.chunks), tracks_of(contents.channels)[0]
+                places, tracks = Places(contents.chunks), tracks_of(contents.channels)[0]
                 self._listed[kept.path] = (kept.size, places, tracks)
                 while len(self._listed) > LISTED:
                     self._listed.popitem(last=False)
             self._listed.move_to_end(kept.path)
             return places.within(start, end), tracks
-
-
-def _items(file: FileIO, offset: int, length: int, tracks: Mapping[int, Track], wanted: frozenset[int]) -> list[Item]:
-    """Items of a chunk; none where it is damaged."""
-    try:
-        return list(decoder.items(chunk_at(file, offset, length), tracks, wanted))
-    except ValueError:
-        return []

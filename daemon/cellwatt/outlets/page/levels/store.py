@@ -18,10 +18,9 @@ from typing import Any, Final
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page.levels import level_file
-from cellwatt.outlets.page.levels.budget import Budget
-from cellwatt.outlets.page.levels.following import Follower
+from cellwatt.outlets.page.levels.following import EVERYTHING, Follower, Held, Pace, Source, gather
 from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
-from cellwatt.outlets.page.levels.sources import EVERYTHING, Held, Pace, Source, Written, gather
+from cellwatt.outlets.page.levels.level_file import Budget, LevelFile
 from cellwatt.record.header import FileName
 from cellwatt.record.opening import ATTEMPTS
 from cellwatt.record.retention import Kept, listing
@@ -122,7 +121,7 @@ class Store:
             if (held := self._held.get(kept.path)) is not None:
                 return held
         try:
-            written = Written(kept.path, kept.size)
+            written = LevelFile(kept.path, kept.size)
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
@@ -148,7 +147,7 @@ class Store:
         """Source of a closed recording, made if it is not there; None where that cannot be.
 
         Waits for another thread that makes one until monotonic time ``deadline``, s; ``pace`` is called after each
-        chunk.
+        chunk, and may raise.
         """
         if (source := self.known(kept)) is not None:
             return source
@@ -160,6 +159,8 @@ class Store:
                 return source
             gathered = gather(kept.path, self._topics, pace)
             return self._keep(kept, gathered)
+        except TimeoutError:
+            raise
         except FileNotFoundError:
             return None  # removed to make room
         except (OSError, RecordingError) as error:
@@ -191,23 +192,24 @@ class Store:
         except OSError as error:
             log.debug("%s is read again: %s", kept.path, error)
 
-    def telling(self, kept: Kept, until: float) -> Source | None:
-        """Source of a recording that may lack its levels; read from it where there is no level file.
+    def source(self, kept: Kept, until: float, *, curves: bool = True) -> Source | None:
+        """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
 
         None where nothing in it can be read. Raises ``TimeoutError`` where that takes beyond monotonic time ``until``.
         """
+        pace = ends_at(until)
         try:
             if not kept.closed:
                 growing = self.growing(kept)
                 with growing.lock:
                     if not growing.grow(until):
                         raise TimeoutError
-                    return Held(growing.gathered, curves=False)
-            source = self.known(kept)
+                    return Held(growing.gathered, curves=curves)
+            source = self.made(kept, until, pace) if curves else self.known(kept)
             if source is not None or self._waits(kept.path):
                 return source
-            ends_at(until)()
-            return Held(gather(kept.path, TELLING, ends_at(until)), curves=False)
+            pace()
+            return None if curves else Held(gather(kept.path, TELLING, pace), curves=False)
         except TimeoutError:
             raise
         except FileNotFoundError:
@@ -270,7 +272,7 @@ class Store:
         if allowed and self._topics == EVERYTHING and self.room():
             try:
                 level_file.write(kept.path, kept.size, gathered)
-                written = Written(kept.path, kept.size)
+                written = LevelFile(kept.path, kept.size)
             except (OSError, ValueError) as error:
                 if kept.path.exists():  # otherwise it went with its recording
                     self.problem = f"{level_file.path_of(kept.path)} cannot be written: {error}"

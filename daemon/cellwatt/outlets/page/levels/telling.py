@@ -1,20 +1,24 @@
-"""Intervals and alarms of a span, the alarms from raise to clear out of the messages of several recordings."""
+"""Intervals and alarms of a span out of the record, the alarms from raise to clear, with what people said of them."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
-from cellwatt.outlets.page.levels.gathering import Intervals, Said
-from cellwatt.outlets.page.levels.sources import Source
+from cellwatt.alarms import RESTARTED, Acknowledgement
+from cellwatt.errors import RecordingError, why
+from cellwatt.outlets.page import shapes
+from cellwatt.outlets.page.levels.buckets import span_of
+from cellwatt.outlets.page.levels.following import Source
+from cellwatt.outlets.page.levels.gathering import TELLING, Intervals, Said
 from cellwatt.outlets.page.levels.store import Store, near
-from cellwatt.outlets.page.shapes import ms
+from cellwatt.outlets.page.shapes import mark, ms
+from cellwatt.record import packs
 from cellwatt.record.retention import Kept
 from cellwatt.results import Alarm, Event
-
-RESTARTED = "The daemon ended while this was active; the next one tells anew what still holds."
-"""Statement of the end of an alarm that nobody cleared."""
 
 
 @dataclass
@@ -136,7 +140,7 @@ def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, until:
     longest = sorted(rows.values(), key=lambda row: row["end"] - row["start"])[-MOST:]
     return {
         "intervals": sorted(longest, key=lambda row: row["start"]),
-        "alarms": [_mark(episode) for episode in alarms[-MOST:]],
+        "alarms": [mark(e.alarm, e.raised, e.cleared) for e in alarms[-MOST:]],
         "complete": complete,
     }
 
@@ -155,7 +159,7 @@ def read(
         if kept.name.session >= end:
             continue
         try:
-            source = store.telling(kept, until if kept.path in wanted else 0.0)
+            source = store.source(kept, until if kept.path in wanted else 0.0, curves=False)
         except TimeoutError:
             complete = False
             continue
@@ -181,7 +185,71 @@ def _rows(session: int, intervals: Intervals, start: int, end: int) -> dict[tupl
     return rows
 
 
-def _mark(episode: Episode) -> dict[str, Any]:
+PATIENCE: Final = 10.0
+"""s after which an answer is given as far as it goes."""
+
+
+def alarm_history(
+    folder: Path, cell: str, start_ms: float, end_ms: float, limit: int, store: Store | None = None
+) -> dict[str, Any]:
+    """Alarms that were up from ``start_ms`` to ``end_ms`` UTC ms, at most ``limit``, the newest first, JSON-ready.
+
+    ``evidence_page`` is the path of the page below the route of reports. ``complete`` is false where older ones are
+    left out. With a ``store`` of the same folder less is read. Never call it on an event loop.
+
+    Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
+    """
+    start, end = span_of(start_ms, end_ms)
+    store = store or Store(folder, cell, TELLING)
+    recordings = store.recordings()
+    try:
+        sources, complete = read(store, recordings, start, end, time.monotonic() + PATIENCE)
+    except OSError as error:
+        raise RecordingError(f"record.folder {folder} cannot be read: {why(error)}") from error
+    found = [episode for episode in together(recordings, sources) if episode.overlaps(start, end)][::-1]
+    pages = {pack.path.name for pack in _packs(folder, cell) if packs.page_of(pack.path).exists()}
+    return {
+        "alarms": [_told(episode, cell, pages) for episode in found[:limit]],
+        "complete": complete and len(found) <= limit,
+    }
+
+
+def _packs(folder: Path, cell: str) -> list[packs.Pack]:
+    try:
+        return packs.listing(folder / packs.FOLDER, cell)
+    except OSError:  # without evidence the alarms are worth telling
+        return []
+
+
+def _told(episode: Episode, cell: str, pages: set[str]) -> dict[str, Any]:
     alarm = episode.alarm
-    told = {"id": alarm.id, "severity": alarm.severity, "statement": alarm.statement}
-    return {**told, "raised": ms(episode.raised), "cleared": ms(episode.cleared)}
+    known = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
+    said = None if known is None else Acknowledgement(**_person(known), time=known.time)
+    return {
+        **shapes.alarm(alarm, said, _page(episode, cell, pages)),
+        "active": episode.cleared is None,
+        "cleared": shapes.ms(episode.cleared),
+        "cleared_statement": episode.cleared_statement,
+        "people": [_word(word) for word in episode.words],
+    }
+
+
+def _page(episode: Episode, cell: str, pages: set[str]) -> str | None:
+    """Path of the evidence page: that which the daemon told, or that which the alarm itself names."""
+    named: Alarm = episode.first
+    pack = episode.pack or f"{packs.name_of(cell, named)}.mcap"
+    return f"{packs.FOLDER}/{packs.page_of(Path(pack)).name}" if pack in pages else None
+
+
+def _word(word: Event) -> dict[str, Any]:
+    until = word.data.get("until")
+    return {
+        "t": shapes.ms(word.time),
+        "what": word.kind,
+        **_person(word),
+        **({"until": shapes.ms(until)} if isinstance(until, int) else {}),
+    }
+
+
+def _person(word: Event) -> dict[str, str]:
+    return {key: str(word.data.get(key, "")) for key in ("name", "note")}

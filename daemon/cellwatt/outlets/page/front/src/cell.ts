@@ -57,7 +57,7 @@ export class Cell extends Bus<Topics> {
       prediction: (told: Prediction) => this.takePrediction(told),
       health: (told: Status) => this.takeHealth(told),
       alarm: (told: Alarm) => this.takeAlarm(told),
-      shelved: (told: Shelved[]) => this.change((state) => (state.shelved = told), 'shelved', told),
+      shelved: (told: Shelved[]) => this.takeShelved(told),
       interval: (told: Interval) => this.takeInterval(told),
       task: (told: Task) => this.change((state) => (state.task = told), 'task', told),
       energy: (told: Energy) => this.takeEnergy(told),
@@ -145,6 +145,11 @@ export class Cell extends Bus<Topics> {
     if (alarm.active) this.alarms.set(alarm.id, alarm);
     else this.alarms.delete(alarm.id);
     this.tell('alarm', { alarm, isNew });
+  }
+
+  private takeShelved(told: Shelved[]): void {
+    for (const { id } of told) this.alarms.delete(id);
+    this.change((state) => (state.shelved = told), 'shelved', told);
   }
 
   private takeInterval(told: Interval): void {

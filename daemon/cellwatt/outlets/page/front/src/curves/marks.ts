@@ -23,10 +23,11 @@ export class Marks {
     else this.intervals.push(told);
   }
 
-  /** Take an alarm that was raised or cleared. */
+  /** Take an alarm that was raised, changed or cleared; the record may know it with another time of its raise. */
   alarm(told: AlarmMark): void {
-    const before = this.alarms.findLastIndex((a) => a.id === told.id && a.raised === told.raised);
-    if (before >= 0) this.alarms[before] = { ...told, statement: (this.alarms[before] as AlarmMark).statement };
+    const place = this.alarms.findLastIndex((a) => a.id === told.id && (a.cleared === null || a.cleared >= told.raised));
+    const before = this.alarms[place];
+    if (before) this.alarms[place] = { ...before, severity: told.severity, cleared: told.cleared };
     else this.alarms.push(told);
   }
 

@@ -32,7 +32,7 @@ export function alarmStrip(cell: Cell, around: Surroundings): { element: HTMLEle
     put(list, ...rows, more > 0 ? h('li', { class: 'more' }, h('a', { href: path }, counted(more, 'alarms.one_more', 'alarms.more'))) : null);
   };
   const ends = new Ends();
-  ends.add(cell.on('state', show), cell.on('alarm', show));
+  ends.add(cell.on('state', show), cell.on('alarm', show), cell.on('shelved', show));
   show();
   return { element, close: () => ends.call() };
 }

@@ -26,7 +26,7 @@ export function nowCards(cell: Cell): { element: HTMLElement; close(): void } {
   };
   const ends = new Ends();
   const timer = setInterval(() => (power.show(cell), state.show(cell)), PERIOD);
-  ends.add(cell.on('state', show), cell.on('alarm', show), cell.on('health', show), cell.on('interval', show), cell.on('task', show), () => clearInterval(timer));
+  ends.add(cell.on('state', show), cell.on('alarm', show), cell.on('shelved', show), cell.on('health', show), cell.on('interval', show), cell.on('task', show), () => clearInterval(timer));
   show();
   return { element: h('div', { class: 'now' }, state.element, doing.element, power.element), close: () => ends.call() };
 }
