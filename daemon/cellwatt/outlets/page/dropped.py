@@ -128,7 +128,8 @@ class Drops:
         if size is None:
             raise CellwattError(f"{path:.200} was not announced: drop it again")
         file, left = drop.files / path, size
-        drop.drawn.clear()  # it may be there already, in an older state
+        for drawn in [each for each in drop.drawn if f"{path}/".startswith(f"{each}/")]:
+            del drop.drawn[drawn]  # of an older state of the file, or of the bag that it is in
         try:
             out = await asyncio.to_thread(_begun, file)
             try:

@@ -100,6 +100,8 @@ async def test_a_table_is_drawn_and_what_is_no_recording_is_refused_in_words(
         refused = await browser.ask("POST", f"/{name}/curves/bad.csv", json={})
         assert refused == (409, {"error": "bad.csv: no column q_1"})
         assert (await browser.ask("GET", f"/{name}/curves/bad.csv"))[0] == 404
+        await browser.drop({"arm.xml": b"<mujoco/>"}, into=name)
+        assert (await browser.ask("GET", f"/{name}/curves/run%201.csv"))[0] == 200
         newer = CSV + b"1,2\n"
         await browser.drop({"run 1.csv": newer}, into=name)  # the same file in a newer state
         assert await browser.ask("POST", f"/{name}/curves/run%201.csv", json={}) == (200, {})
