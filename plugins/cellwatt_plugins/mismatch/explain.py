@@ -207,7 +207,7 @@ def _findings(
             tuned = lack_of_fit(nominal, fitted(solution.free, solution.terms), limits)
             own = [u for u in own if any(u.channel == other.channel for other in tuned)]
         falls.append(falling(solution))
-        found += findings_of(solution, falls[-1], _gain_tolerance(runs, torque.problem.states[0].robot))
+        found += findings_of(solution, falls[-1], own, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
             found += unknown_findings(solution, [u for u in own if _looked_at(solution, u)], held)
         left += [unexplained_channel(u, *_named(solution.problem, u.channel), _looked_at(solution, u)) for u in own]

@@ -135,6 +135,13 @@ def test_an_offset_is_found_beside_strong_physics_that_no_law_explains(arm):
     assert offset.parameters["offset"].value == pytest.approx(4.0, abs=0.6)
 
 
+def test_the_mean_of_what_no_law_explains_is_no_offset(arm):
+    def pushes(time, q, qd, run):
+        return column(np.maximum(5 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2)), 0.0), 1)
+
+    assert named(explained(arm, recorded(Missing(added=pushes)))) == {("unknown", 1)}
+
+
 @pytest.mark.slow
 def test_friction_that_turns_over_slowly(arm):
     """That of joint 1, 5.3 Nm, and 6 Nm more, builds up over 0.1 rad/s."""

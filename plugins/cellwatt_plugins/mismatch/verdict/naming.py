@@ -36,10 +36,10 @@ SEEN = 0.05
 """Share of the whole error that it takes off at least for that."""
 
 
-def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[Finding]:
+def findings_of(solution: Solution, steps: Falling, left: Sequence[LackOfFit], gain: float = 0.0) -> list[Finding]:
     """The terms of one side as findings, largest first, each with its step of the cascade.
 
-    ``gain`` is the tolerance of the common factor of all measured torques.
+    ``left`` is what stays unexplained beside them; ``gain`` the tolerance of the common factor of all measured torques.
     """
     known = estimates(solution)
     beside = LeaveOut(solution.problem, solution.factor)
@@ -47,7 +47,14 @@ def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[F
     found = [
         (added, _finding(solution, beside, added, known[added.term.place], last, gain)) for added in steps.findings
     ]
-    return [finding for added, finding in found if not _open(added.term, finding)]
+    named = [finding for added, finding in found if not _open(added.term, finding)]
+    return [finding for finding in named if not _mean_of(left, finding)]
+
+
+def _mean_of(left: Sequence[LackOfFit], finding: Finding) -> bool:
+    """True of an offset that is smaller than what stays unexplained at its joint: it is as well the mean of that."""
+    rest = max((u.rms for u in left if finding.joint == u.channel + 1), default=0.0)
+    return finding.effect == "torque_offset" and abs(finding.parameters["offset"].value) < rest
 
 
 def _open(term: Term, finding: Finding) -> bool:
