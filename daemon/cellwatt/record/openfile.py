@@ -74,7 +74,7 @@ def check_place(descriptor: int, path: Path) -> None:
         there = None
     except OSError:
         return  # nobody may look any more: that says nothing about the file
-    if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
+    if there is None or not os.path.samestat(there, mine):
         how = "moved away, or something is mounted over its folder," if mine.st_nlink else "removed"
         raise DisplacedError(f"{path.name} was {how} while it was written")
 
