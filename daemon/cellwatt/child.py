@@ -21,8 +21,8 @@ _libc = ctypes.CDLL(None, use_errno=True)
 def ends_with_parent(number: signal.Signals = signal.SIGTERM, niceness: int = 0) -> Callable[[], None]:
     """Return a ``preexec_fn`` for a child: the kernel sends it a signal when this process ends, by SIGKILL too.
 
-    The child has at least this ``niceness``, with 0 that of its parent. It leads a process group of its own, so that a Ctrl-C is for the
-    parent, which ends it in order. The thread that starts it must live as long as the process.
+    The child has at least this ``niceness``, with 0 that of its parent. It leads a process group of its own, so that a
+    Ctrl-C is for the parent, which ends it in order. The thread that starts it must live as long as the process.
     """
     parent = os.getpid()
 
