@@ -15,8 +15,7 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, rattling, supply_problem
-from cellwatt_plugins.mismatch.fit.rows import Filtered
+from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
@@ -33,8 +32,9 @@ from cellwatt_plugins.mismatch.verdict.events import merged
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Retuned, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.mounting import as_mounted, errors
-from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of, unknown_findings
+from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of
 from cellwatt_plugins.mismatch.verdict.retuned import retuned_of
+from cellwatt_plugins.mismatch.verdict.unfollowed import rattling_findings, unknown_findings
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.states import States
@@ -56,8 +56,6 @@ SUPPLY_SHARE = 0.2
 """Share of the time that is kept for the supply."""
 SETTLED = 1.3
 """Mean square residual of all joints up to which the supply's own residual can be judged."""
-RATTLES = 0.02
-"""Share of the time from which it is told that a joint rattles."""
 
 
 @dataclass(frozen=True)
@@ -216,6 +214,7 @@ def _findings(
         started = upright if mounted is not None and solution is torque else falls[-1].simulation
         fit += _fit(best, LeaveOut(best.problem, best.factor), started)
         tried += solution.tried
+    found += rattling_findings(torque)
     named = any(f.effect != "unknown" for f in found)
     # Of what is there at one time only, no data can be left out.
     once = any(term.effect.form.intermittent for solution in sides for term in solution.terms)
@@ -299,27 +298,12 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
             "No torque was recorded: the law of the simulation's servos stands for it. Motion does not tell gains, "
             "masses and friction that are all off by one factor: of these, your numbers are right within tolerances."
         )
-        notes += _rattles(torque.problem)
     if not any(run.power is not None for run in runs):
         notes.append("No supply power was recorded: what only the supply shows could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     if longest < 100:
         notes.append(f"The longest run lasts {longest:.0f} s: effects of warming up could not be tested.")
     return tuple(notes)
-
-
-def _rattles(problem: Problem) -> list[str]:
-    """What is told of joints that rattle, faster than law and motion are compared."""
-    shares = np.zeros(len(problem.floor))
-    for states, rows in zip(problem.states, problem.rows, strict=True):
-        if isinstance(rows, Filtered):
-            lost = rattling(states.servos.torque - states.nominal, rows, problem.size)
-            shares += np.mean(lost > 0, axis=0) / len(problem.states)
-    return [
-        f"Joint {joint + 1} rattles in {100 * shares[joint]:.0f} % of the time, though no command asks for it: what it "
-        "did meanwhile was not judged. Play between drive and link does this, or a drive that acts late."
-        for joint in np.flatnonzero(shares > RATTLES).tolist()
-    ]
 
 
 __all__ = ["Explained", "LackOfFit", "explain"]

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
-from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.mismatch.verdict.cascade import Added, Falling
 from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
-from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, between, mostly
-from cellwatt_plugins.mismatch.verdict.rebounds import rebounds
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, mostly
 from cellwatt_plugins.robot.curves import Curve
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
@@ -28,8 +26,6 @@ NEARLY = 0.85
 """A rival that reaches this share of a name's evidence is listed beside it."""
 CLOSE = 12.0
 """nats: or one that is this close."""
-AT_ONCE = 1.0
-"""s: what shows from the beginning on has no first time that would tell anything."""
 SIZEABLE = 0.1
 """Share of the error beyond the noise that a finding takes off at least, in its step, to be near certain."""
 SEEN = 0.05
@@ -154,47 +150,6 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
             )
         )
     return out
-
-
-def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveOut) -> list[Finding]:
-    """Findings of channels where something real is left that no known effect follows."""
-    supply = solution.problem.side == "supply"
-    return [_unknown(solution, u, held, None if supply else u.channel) for u in left]
-
-
-def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
-    name, unit = channel_name(solution.problem, left.channel), channel_unit(solution.problem, left.channel)
-    error = float(solution.problem.rms(held.residual(solution.terms))[left.channel])
-    best = solution.best
-    after = float(best.problem.rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
-    place = "The supply" if joint is None else f"Joint {joint + 1}"
-    where = between(left, unit)
-    if not where and left.times and left.times[0].start > AT_ONCE:
-        where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
-    parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
-    tone = hum(parts, [rows.step for rows in solution.problem.rows])
-    if tone is not None:
-        where += f"; it hums at {tone:.1f} Hz"
-    size = f"{left.rms:.3g} {unit.replace('*', '')}"
-    share = None if joint is None else rebounds(solution, joint)
-    statement = (
-        f"{place} shows {size} that no known effect explains{where}."
-        if share is None
-        else f"{place} shows {size} that no law follows, all of it just after its load turned over, in "
-        f"{100 * share:.0f} % of the time: the link rebounds in a play between motor and link. Backlash is missing; "
-        "its width cannot be told."
-    )
-    return Finding(
-        effect="unknown" if share is None else "backlash",
-        joint=None if joint is None else joint + 1,
-        kind="missing",
-        confidence=0.9,
-        statement=statement,
-        parameters={"rms": Parameter(left.rms, 0.0, unit)},
-        where=Where((name,), left.position, left.velocity, left.times),
-        improvement=Improvement(name, unit, error, after, left.floor),
-        followed=False,
-    )
 
 
 def _who(joint: int | None) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.fit.rows import Thinned
-from cellwatt_plugins.mismatch.verdict.rebounds import rebounds
+from cellwatt_plugins.mismatch.verdict.unfollowed import rebounds
 
 STEP = 0.01
 TIME = np.arange(4000) * STEP
