@@ -68,7 +68,7 @@ async def ours(table: np.ndarray, size: int) -> dict[str, float]:
         recorder.start()
         begin = cpu()
         for batch in made:
-            while not recorder.batch(batch):
+            while not recorder.put(batch):
                 await asyncio.to_thread(recorder.flush, 10)
         await recorder.close()
         seconds = cpu() - begin
@@ -126,7 +126,7 @@ async def real_time(table: np.ndarray, sources: int, seconds: float, record: boo
             while number < now * RATE:
                 for stream in made:
                     if record:
-                        assert recorder.batch(stream[number])
+                        assert recorder.put(stream[number])
                 number += 1
             await asyncio.sleep(0.002)
         spent = cpu() - used
@@ -161,7 +161,7 @@ async def child_ours(folder: Path) -> None:
     made = list(batches(values(5000), 1))
     recorder.start()
     for number in paced(len(made)):
-        recorder.batch(made[number])
+        recorder.put(made[number])
 
 
 def child_peer(folder: Path) -> None:

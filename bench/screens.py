@@ -1,4 +1,4 @@
-"""Draw docs/pictures/view-*.png and watch.svg: the demo's cell with a spring on an elbow, and a plant of 24 cells.
+"""Draw docs/pictures/view-*.png and watch.svg: the demo's cell with a spring on an elbow, a plant, and a recording.
 
 Devices are emulated, and so are the cells of the plant. It needs Chromium, and takes three minutes.
 """
@@ -15,8 +15,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -131,23 +131,44 @@ async def cell(folder: Path) -> None:
 
 
 async def plant() -> None:
-    endpoint, listen = f"tcp/{free_endpoint()}", free_endpoint()
+    endpoint = f"tcp/{free_endpoint()}"
     speaking = multiprocessing.get_context("spawn").Process(target=speak, args=(endpoint,))
     speaking.start()
-    command = ("-m", "cellwatt.commands", "view", "--connect", endpoint, "--site", SITE, "--listen", listen)
-    viewing = await asyncio.create_subprocess_exec(sys.executable, *command)
     try:
-        async with chromium() as browser:
-            page = await browser.new_page(viewport=SIZE, color_scheme="dark")
-            await _loaded(page, f"http://{listen}/plant")
+        async with viewed("dark", "--connect", endpoint, "--site", SITE) as page:
             await expect(page.locator(".tile")).to_have_count(CELLS, timeout=WAIT)
             await asyncio.sleep(5)
             await _shoot(page, "view-plant")
     finally:
-        viewing.terminate()
-        await viewing.wait()
         speaking.terminate()
         speaking.join()
+
+
+async def recording() -> None:
+    async with viewed("light") as page:
+        await page.set_viewport_size({"width": 1440, "height": 1720})
+        await page.get_by_role("button", name="Open a sample").click()
+        await page.locator("iframe").wait_for(timeout=WAIT)
+        await page.get_by_role("button", name="Explain", exact=True).click()
+        await page.locator("pre").wait_for(timeout=5 * WAIT)
+        await page.evaluate("scrollTo(0, 0)")
+        await _shoot(page, "view-recording")
+
+
+@asynccontextmanager
+async def viewed(scheme: Any, *arguments: str) -> AsyncIterator[Page]:
+    """The page of ``cellwatt view`` in a browser."""
+    listen = free_endpoint()
+    command = ("-m", "cellwatt.commands", "view", *arguments, "--listen", listen)
+    viewing = await asyncio.create_subprocess_exec(sys.executable, *command)
+    try:
+        async with chromium() as browser:
+            page = await browser.new_page(viewport=SIZE, color_scheme=scheme)
+            await _loaded(page, f"http://{listen}/")
+            yield page
+    finally:
+        viewing.terminate()
+        await viewing.wait()
 
 
 def speak(endpoint: str) -> None:
@@ -200,3 +221,4 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place, demo_cell(Path(place), f"spring:joint=3,at={HOOKED}s") as link:
         (PICTURES / "watch.svg").write_text(watched(link))
     asyncio.run(plant())
+    asyncio.run(recording())

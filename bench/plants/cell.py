@@ -96,7 +96,7 @@ class Cell:
             quality=quality,
             device_time=None,
         )
-        self.refused += not self.recorder.batch(batch)
+        self.refused += not self.recorder.put(batch)
         self.outlet.offer(batch)
         self.samples += count
         self.clock += int(count * step)

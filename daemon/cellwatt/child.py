@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import ctypes
 import os
 import signal
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Final
+
+from cellwatt.errors import CellwattError
 
 _PR_SET_PDEATHSIG: Final = 1
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def ends_with_parent(number: signal.Signals = signal.SIGTERM) -> Callable[[], None]:
+def ends_with_parent(number: signal.Signals = signal.SIGTERM, niceness: int = 0) -> Callable[[], None]:
     """Return a ``preexec_fn`` for a child: the kernel sends it a signal when this process ends, by SIGKILL too.
 
-    The child leads a process group of its own, so that a Ctrl-C is for the parent, which ends it in order. The thread
-    that starts it must live as long as the process.
+    The child has at least this ``niceness``, with 0 that of its parent. It leads a process group of its own, so that a
+    Ctrl-C is for the parent, which ends it in order. The thread that starts it must live as long as the process.
     """
     parent = os.getpid()
 
     def tie() -> None:
         os.setpgid(0, 0)
+        if niceness:
+            os.setpriority(os.PRIO_PROCESS, 0, max(niceness, os.getpriority(os.PRIO_PROCESS, 0)))
         end_with(parent, number)
 
     return tie
@@ -32,3 +40,55 @@ def end_with(parent: int, number: signal.Signals = signal.SIGTERM) -> None:
     _libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
     if os.getppid() != parent:  # it has ended meanwhile
         os._exit(1)
+
+
+async def output(
+    words: Sequence[str],
+    limit: float,
+    niceness: int,
+    *,
+    folder: Path | None = None,
+    heard: Callable[[str], object] = len,
+) -> str:
+    """What ``python -m WORDS`` prints, run in ``folder``; ``heard`` gets each line of its standard error.
+
+    Raises ``CellwattError`` where it cannot be started, takes longer than ``limit`` s, or fails: with its last line.
+    """
+    pipe = asyncio.subprocess.PIPE
+    try:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            *words,
+            cwd=folder,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=pipe,
+            stderr=pipe,
+            preexec_fn=ends_with_parent(signal.SIGKILL, niceness),
+        )
+    except OSError as error:
+        raise CellwattError(f"{words[0]} cannot be started: {error.strerror}") from error
+    assert process.stdout is not None and process.stderr is not None
+    try:
+        async with asyncio.timeout(limit):
+            printed, last = await asyncio.gather(process.stdout.read(), _last(process.stderr, heard))
+            await process.wait()
+    except TimeoutError:
+        raise CellwattError(f"it took longer than {limit:.0f} s") from None
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    if process.returncode:
+        raise CellwattError(last.removeprefix("cellwatt: ") or f"it ended with {process.returncode}")
+    return printed.decode(errors="replace").strip()
+
+
+async def _last(stream: asyncio.StreamReader, heard: Callable[[str], object]) -> str:
+    """The last line, once each was heard."""
+    last = ""
+    async for line in stream:
+        last = line.decode(errors="replace").strip() or last
+        heard(last)
+    return last

@@ -16,20 +16,18 @@ SHORT: Final = 12
 NO_BREAK: Final = "\N{NO-BREAK SPACE}"
 
 
-def show_table(header: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
+def show_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table on standard output; one too wide for the terminal has a paragraph for each row instead."""
     table = [tuple(row) for row in rows]
     if sys.stdout.isatty():
-        _draw(header, table, title)
+        _draw(header, table)
         return
-    if title:
-        click.echo(title)
     widths = [max(map(len, column)) for column in zip(header, *table, strict=True)]
     for row in (header, *table):
         click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
-def _draw(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:
+def _draw(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -39,9 +37,9 @@ def _draw(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> N
     whole = [[cell.replace(" ", NO_BREAK) if len(cell) <= SHORT else cell for cell in row] for row in rows]
     narrowest = [max(_longest_word(cell) for cell in column) for column in zip(header, *whole, strict=True)]
     if sum(narrowest) + GAP * (len(header) - 1) > console.width:
-        click.echo(stacked(header, rows, console.width, title))
+        click.echo(stacked(header, rows, console.width))
         return
-    table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.show_edge = False
     for name, width in zip(header, _shared(narrowest, header, whole, console.width), strict=True):
         table.add_column(name, width=width)
@@ -60,9 +58,9 @@ def _shared(narrowest: Sequence[int], header: Sequence[str], rows: Sequence[Sequ
     return widths
 
 
-def stacked(header: Sequence[str], rows: Sequence[Sequence[str]], width: int, title: str = "") -> str:
+def stacked(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> str:
     """Return a paragraph for each row: its first value, then the others behind the names of their columns."""
-    lines = [title] if title else []
+    lines = []
     for first, *others in rows:
         told = (
             f"{name} {value}".replace(" ", NO_BREAK) for name, value in zip(header[1:], others, strict=True) if value

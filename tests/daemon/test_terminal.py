@@ -27,7 +27,7 @@ def test_no_word_is_torn_and_no_line_is_too_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    terminal._draw(HEADER, [ROW], "")
+    terminal._draw(HEADER, [ROW])
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= width
     for word in " ".join(ROW).split():

@@ -53,7 +53,7 @@ async def test_subscriber_gets_what_is_recorded(tmp_path: Path) -> None:
 async def test_replay_gives_the_same_frames(tmp_path: Path) -> None:
     async with (
         EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device,
-        EmulatorProcess("power_board", "--listen", "pty", "--fault", '{"kind": "loss", "probability": 0.02}') as board,
+        EmulatorProcess("power_board", "--listen", "pty", "--fault", "loss:probability=2%") as board,
     ):
         sources = f"sources:\n{ur('arm', device.address)}  board: {{driver: power_board, port: {board.address}}}\n"
         async with running(tmp_path, sources + "stages: {segment: {arm: arm}}\n") as (daemon, audience):

@@ -51,7 +51,7 @@ _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loo
     "faults",
     multiple=True,
     metavar="WORDS",
-    help="A fault: spring:joint=3,at=20s; with --cell board/loss:probability=1%; or JSON (docs/emulators.md).",
+    help="A fault: spring:joint=3,at=20s; with --cell board/loss:probability=1%.",
 )
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="The emulator's own options.")
 @click.option("--control", is_flag=True, help="Take JSON lines on standard input; end of input ends it.")

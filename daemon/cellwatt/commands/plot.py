@@ -11,9 +11,11 @@ from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FINITE
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.units import with_units
+from cellwatt.logs.opening import is_log
 from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import stage
 from cellwatt.record.units import recorded_units
+from cellwatt.tables import is_table
 
 
 @click.command(short_help="Draw a recording as an HTML page.")
@@ -36,12 +38,18 @@ def command(
 ) -> None:
     """Draw RECORDING (files or folders): frames by quantity, intervals and tasks behind them, alarms across.
 
-    Where no intervals were recorded they are found now, with the segment stage's defaults.
+    Where no intervals were recorded they are found now, with the segment stage's defaults. Of tables (CSV, Parquet)
+    every column is drawn, in the units of the file.
     """
-    from cellwatt.runtime.page import report
+    if all(is_table(path) and not is_log(path) for path in recording):
+        from cellwatt.tables import page as tables_page
 
-    opened = open_recording(recording)
-    page = report(opened, start, end, channels, recorded_units(opened.header.settings, units))
+        page = tables_page.report(recording, start, end, channels)
+    else:
+        from cellwatt.runtime.page import report
+
+        opened = open_recording(recording)
+        page = report(opened, start, end, channels, recorded_units(opened.header.settings, units))
     with stage(f"writing {out}"):
         page.write(out)
     click.echo(json.dumps({"file": str(out)}) if as_json else f"wrote {out}")

@@ -24,7 +24,7 @@ from cellwatt.subscriber import LinkSettings
 from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
-@click.command(short_help="Show a live cell in a browser.")
+@click.command(short_help="Show a live cell, or a recording, in a browser.")
 @cell_options
 @click.option("--listen", metavar="HOST:PORT", help="Where the page is served (default: 127.0.0.1:8480).")
 @click.option(
@@ -54,7 +54,8 @@ def command(
 ) -> None:
     """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
 
-    The page only looks: alarms are acknowledged on the page that the cell itself serves (page: in its file).
+    The page only looks: alarms are acknowledged on the page that the cell itself serves (page: in its file). Recordings
+    dropped on it are drawn, and explained with a simulation; without any cell it is a page for them alone.
     """
     if hash_password:
         click.echo(str(hash_of(click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True))))
@@ -75,6 +76,9 @@ def command(
             raise click.UsageError("--foxglove shows one cell: give --cell, too")
         site, link = plant
         _run(settings, link, site, None, None, seconds)
+        return
+    if not (foxglove or where.file or where.connect or where.site or where.cell):
+        _run(settings, None, "", None, None, seconds)
         return
     site, cell, link = where.target(config)
     if foxglove:
@@ -124,7 +128,12 @@ def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str], f
 
 
 def _run(
-    settings: PageSettings, link: LinkSettings, site: str, cell: str | None, verify: Path | None, seconds: float | None
+    settings: PageSettings,
+    link: LinkSettings | None,
+    site: str,
+    cell: str | None,
+    verify: Path | None,
+    seconds: float | None,
 ) -> None:
     from cellwatt.outlets.page.viewing import view
 

@@ -5,19 +5,15 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import os
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from cellwatt.child import ends_with_parent
+from cellwatt.child import output
 from cellwatt.demo.cells import shape_file
-from cellwatt.demo.processes import ended
 from cellwatt.emulation import ArmSignals
-from cellwatt.errors import CellwattError
 from cellwatt.record import Recording
 from cellwatt.tables import write_table
 
@@ -28,6 +24,7 @@ REPORTS = "reports"
 RECORDED = (("q", "position"), ("qd", "velocity"), ("current", "current"))
 SECONDS = "15"
 """s of computing that ``explain`` may take."""
+LIMIT, NICENESS = 600.0, 10
 
 
 async def compared(folder: Path, name: str, epoch: float, since: float, until: float) -> str:
@@ -37,14 +34,9 @@ async def compared(folder: Path, name: str, epoch: float, since: float, until: f
     """
     out = folder / REPORTS / name
     recording, simulation = await asyncio.to_thread(write_run, folder, out, epoch, since, until)
-    command = [sys.executable, "-m", "cellwatt.commands", "explain", str(recording), "--simulation", str(simulation)]
-    command += ["--robot", str(shape_file().with_name("robot.yaml")), "--out", str(out), "--time", SECONDS, "--quiet"]
-    pipe = asyncio.subprocess.PIPE
-    process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe, preexec_fn=_humble())
-    async with ended(process):
-        _, errors = await process.communicate()
-    if process.returncode != 0:
-        raise CellwattError(f"explain failed: {errors.decode(errors='replace').strip()[-300:]}")
+    words = ["cellwatt.commands", "explain", str(recording), "--simulation", str(simulation), "--quiet"]
+    words += ["--robot", str(shape_file().with_name("robot.yaml")), "--out", str(out), "--time", SECONDS]
+    await output(words, LIMIT, NICENESS)
     found = json.loads(await asyncio.to_thread((out / "findings.json").read_text))
     statements = [finding["statement"] for finding in found["findings"]]
     return " ".join(statements) or "recording and simulation agree within noise and tolerances."
@@ -88,14 +80,3 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         log.setLevel(level)
-
-
-def _humble() -> Callable[[], None]:
-    """For a child that ends with this process, and gives way to all others."""
-    with_parent = ends_with_parent()
-
-    def prepare() -> None:
-        with_parent()
-        os.nice(10)
-
-    return prepare

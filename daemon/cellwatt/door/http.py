@@ -26,10 +26,15 @@ _MOST: Final = 64
 
 
 class HttpDoor:
-    """Serves ``app`` at the address of ``settings``, within ``limits``; ``counts`` says what was refused."""
+    """Serves ``app`` at the address of ``settings``, within ``limits``; ``counts`` says what was refused.
 
-    def __init__(self, app: web.Application, settings: Listening, limits: Limits = Limits()) -> None:
-        self._settings = settings
+    ``reader`` is a handler that reads the body of its requests in pieces, with deadlines of its own.
+    """
+
+    def __init__(
+        self, app: web.Application, settings: Listening, limits: Limits = Limits(), reader: Handler | None = None
+    ) -> None:
+        self._settings, self._reader = settings, reader
         self._log = logging.Logger(__name__)
         self._log.parent = logging.getLogger(__name__)
         self._log.addFilter(self._ours)
@@ -83,7 +88,7 @@ class HttpDoor:
         @web.middleware
         async def bounded(request: web.Request, handler: Handler) -> web.StreamResponse:
             with self._port.busy(request.transport):
-                if request.body_exists:
+                if request.body_exists and request.match_info.handler != self._reader:
                     try:
                         async with asyncio.timeout(BODY):
                             await request.read()

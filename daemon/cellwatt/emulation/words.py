@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -81,7 +80,6 @@ MEANING: Final[Mapping[str, str]] = MappingProxyType(
 """What the kinds of faults do, for people."""
 
 _LATE: Final = frozenset({"delay", "stall", "disconnect", "clock_jump"})
-_JSON: Final = ("{", "[")
 _SOURCE = re.compile(r"([\w.,-]+)/(.*)", re.DOTALL)
 
 
@@ -110,23 +108,18 @@ def kinds_of(emulator: type[Emulator]) -> tuple[str, ...]:
 
 def addressed(text: str) -> tuple[tuple[str, ...], str]:
     """Split off the sources, separated by commas, that a fault is for; none where it names none."""
-    found = None if text.startswith(_JSON) else _SOURCE.fullmatch(text.partition(":")[0])
+    found = _SOURCE.fullmatch(text.partition(":")[0])
     return (tuple(found[1].split(",")), text[len(found[1]) + 1 :]) if found else ((), text)
 
 
 def kind_of(text: str) -> str:
-    """Kind of a fault in words or as JSON. Raises ``ValueError``."""
-    return str(_from_json(text).kind) if text.startswith(_JSON) else text.partition(":")[0].strip()
+    """Kind of a fault in words."""
+    return text.partition(":")[0].strip()
 
 
 def mishap(text: str, emulator: type[Emulator]) -> Mishap:
-    """Read a fault for an emulator, in words or as JSON. Raises ``ValueError`` in one line with the nearest match."""
-    if text.startswith(_JSON):
-        fault = _from_json(text)
-        _check_kind(fault.kind, emulator)
-        return Mishap(0.0, fault)
-    kind, _, rest = text.partition(":")
-    kind = kind.strip()
+    """Read a fault for an emulator, in words. Raises ``ValueError`` in one line with the nearest match."""
+    kind, rest = kind_of(text), text.partition(":")[2]
     _check_kind(kind, emulator)
     keys = keys_of(kind, emulator)
     given = dict(_pair(part, kind, keys) for part in rest.split(",") if part.strip())
@@ -164,11 +157,3 @@ def _fault(kind: str, given: dict[str, Any]) -> Mishap:
     if "for" in given:
         given["duration"] = given.pop("for")
     return Mishap(at, Fault(kind, **given))  # type: ignore[arg-type]  # the caller has looked it up
-
-
-def _from_json(text: str) -> Fault:
-    try:
-        return Fault(**json.loads(text))
-    except (ValueError, TypeError):
-        keys = ", ".join(Fault.__dataclass_fields__)
-        raise ValueError(f"found {text!r} as a fault, expected a JSON object with kind and others of {keys}") from None

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.align import Aligner
-from cellwatt.batch import Batch, Tick
+from cellwatt.batch import Batch
 from cellwatt.channel import Channel, Quality, Stream
 from cellwatt.errors import RecordingError
+from cellwatt.frames import Frames
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt.turns import counted_on
 
@@ -72,22 +73,16 @@ def write_recording(
                     raise RecordingError(f"{part.name}: other columns than in the parts before")
                 batches += _batches(name, streams[name][0], _counted_on(each), start, zero, sequence)
             for batch in sorted(batches, key=lambda each: each.arrival):
-                _taken(recorder.batch(batch), recorder)
+                _taken(recorder.put(batch), recorder)
                 counts["samples"] += len(batch)
-                for frames in aligner.add(batch):
-                    _taken(recorder.frames(frames), recorder)
-                    counts["frames"] += len(frames)
+                counts["frames"] += _frames_taken(aligner.add(batch), recorder)
             start = max(batch.arrival for batch in batches) + PAUSE
-            tick = Tick(start - PAUSE // 2)
-            _taken(recorder.tick(tick), recorder)
-            for frames in aligner.tick(tick):
-                _taken(recorder.frames(frames), recorder)
-                counts["frames"] += len(frames)
             counts["parts"] += 1
             if not recorder.flush(WAIT):
                 raise RecordingError(f"{folder} does not take what is written: {recorder.stats()['problem']}")
         if recorder is None:
             raise RecordingError("the files hold nothing to import")
+        counts["frames"] += _frames_taken(aligner.flush(), recorder)
     finally:
         if recorder is not None:
             asyncio.run(recorder.close())
@@ -122,6 +117,15 @@ def _batches(
         out.append(Batch(source, stream, first, int(time[rows[-1]]), time[rows], bound, values, quality))
         sequence[source] = first + len(rows)
     return out
+
+
+def _frames_taken(blocks: Iterable[Frames], recorder: Recorder) -> int:
+    """Record frames; gives how many."""
+    count = 0
+    for frames in blocks:
+        _taken(recorder.put(frames), recorder)
+        count += len(frames)
+    return count
 
 
 def _taken(taken: bool, recorder: Recorder) -> None:

@@ -6,9 +6,10 @@ import struct
 import threading
 import zlib
 from array import array
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 import zstandard
@@ -28,6 +29,8 @@ LARGEST_RECORD = LARGEST_CHUNK + (1 << 20)
 
 SHORTEST_MESSAGE = MESSAGE_HEAD.size + 8
 """Bytes in front of a message's data; the publish time is the last of them."""
+
+DEFINED: Final[Mapping[int, type[Schema | Channel]]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
 R = TypeVar("R", bound=McapRecord)
 
@@ -138,8 +141,8 @@ def walk(data: bytes) -> Walk:
                     found.first[channel] = sequence
                 last[channel] = sequence
                 pairs[channel].extend((time, at))
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                found.definitions += definitions(data[at : at + 9 + length])
+            else:
+                found.definitions += definition(opcode, data[at + 9 : at + 9 + length])
         except struct.error:
             raise ValueError("a record in a chunk is cut") from None
         at += 9 + length
@@ -157,10 +160,11 @@ def definitions(data: bytes) -> list[Schema | Channel]:
             opcode, length = RECORD.unpack_from(data, at)
         except struct.error:
             raise ValueError("a definition is cut") from None
-        body = data[at + 9 : at + 9 + length]
-        if opcode == Opcode.SCHEMA:
-            found.append(parse(Schema, body))
-        elif opcode == Opcode.CHANNEL:
-            found.append(parse(Channel, body))
+        found += definition(opcode, data[at + 9 : at + 9 + length])
         at += 9 + length
     return found
+
+
+def definition(opcode: int, body: bytes) -> list[Schema | Channel]:
+    """The schema or channel that a record holds; nothing of a record of another kind."""
+    return [parse(DEFINED[opcode], body)] if opcode in DEFINED else []

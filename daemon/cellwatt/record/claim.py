@@ -59,7 +59,7 @@ class Claim:
             return
         try:
             there, mine = (self._folder / LOCK).stat(), os.fstat(self._lock)
-            if (there.st_dev, there.st_ino) == (mine.st_dev, mine.st_ino):
+            if os.path.samestat(there, mine):
                 return
         except OSError:
             if not self._folder.is_dir():

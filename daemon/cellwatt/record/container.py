@@ -149,17 +149,22 @@ def message(channel: int, sequence: int, time: int, data: bytes) -> bytes:
 
 def attachment(name: str, media_type: str, time: int, data: bytes, offset: int) -> tuple[bytes, AttachmentIndex]:
     """An attachment record to be written at ``offset``, and its entry in the summary."""
-    body = record_bytes(Attachment(create_time=time, log_time=time, name=name, media_type=media_type, data=data))
-    index = AttachmentIndex(
+    made = Attachment(create_time=time, log_time=time, name=name, media_type=media_type, data=data)
+    body = record_bytes(made)
+    return body, attachment_index(made, offset, len(body))
+
+
+def attachment_index(made: Attachment, offset: int, length: int) -> AttachmentIndex:
+    """The entry in the summary of an attachment, whose record of ``length`` bytes stands at ``offset``."""
+    return AttachmentIndex(
         offset=offset,
-        length=len(body),
-        log_time=time,
-        create_time=time,
-        data_size=len(data),
-        name=name,
-        media_type=media_type,
+        length=length,
+        log_time=made.log_time,
+        create_time=made.create_time,
+        data_size=len(made.data),
+        name=made.name,
+        media_type=made.media_type,
     )
-    return body, index
 
 
 def chunk_bytes(

@@ -31,6 +31,11 @@ def topic_of(source: str, stream: str) -> str:
     return f"/raw/{source}/{stream}"
 
 
+def topic_of_block(block: Batch | Frames) -> str:
+    """Topic under which a block is filed."""
+    return topic_of(block.source, block.stream.name) if isinstance(block, Batch) else FRAME_TOPIC
+
+
 class Encoder:
     """Puts items into one open file, declaring each topic when it is first used."""
 
@@ -51,7 +56,7 @@ class Encoder:
             self._add_message(item, number)
 
     def _add_block(self, block: Batch | Frames) -> None:
-        topic = topic_of(block.source, block.stream.name) if isinstance(block, Batch) else FRAME_TOPIC
+        topic = topic_of_block(block)
         known: tuple[int, BlockRows] = self._rows.get(topic) or (0, rows_of(block))
         number, rows = known
         if not rows.fits(block):

@@ -25,7 +25,7 @@ from cellwatt.record.decoder import Track
 from cellwatt.record.encoder import FRAME_TOPIC, topic_of
 from cellwatt.record.known import Known, known_as, look_at, tracks_in
 from cellwatt.record.opening import survey
-from cellwatt.record.reader import chunk_data
+from cellwatt.record.reader import chunk_data, numbered_items
 from cellwatt.record.retention import listing
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
@@ -238,7 +238,7 @@ def _blocks(
     """The blocks of one topic in some chunks; of a damaged chunk none."""
     for chunk in chunks:
         try:
-            found = list(decoder.numbered(chunk_data(file, chunk), tracks, {channel}))
+            found = numbered_items(file, chunk, tracks, {channel})
         except ValueError:
             continue
         blocks = (_Numbered(n, item) if isinstance(item, Result | Event) else item for n, item in found)

@@ -9,13 +9,13 @@ import os
 import struct
 from io import FileIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import zstandard
 from mcap.records import AttachmentIndex, Channel, Schema
 from numpy.typing import NDArray
 
+from cellwatt.files import sync_folder, write_all
 from cellwatt.record.container import (
     PRELUDE,
     Contents,
@@ -74,7 +74,7 @@ def check_place(descriptor: int, path: Path) -> None:
         there = None
     except OSError:
         return  # nobody may look any more: that says nothing about the file
-    if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
+    if there is None or not os.path.samestat(there, mine):
         how = "moved away, or something is mounted over its folder," if mine.st_nlink else "removed"
         raise DisplacedError(f"{path.name} was {how} while it was written")
 
@@ -216,9 +216,7 @@ class OpenFile:
             self._file.close()
 
     def _write(self, data: bytes) -> None:
-        view: Any = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]
+        write_all(self._file, data)
         self.size += len(data)
 
 
@@ -226,12 +224,3 @@ def definitions_copy(contents: Contents, offset: int) -> tuple[bytes, Attachment
     """All definitions of a file as an attachment to be written at ``offset``."""
     records = (*contents.schemas.values(), *contents.channels.values())
     return attachment(DEFINITIONS, "application/octet-stream", 0, b"".join(map(record_bytes, records)), offset)
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring names in a folder to disk. Raises ``OSError``."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -8,9 +8,7 @@ page (``.html``) beside it, and a seal where recordings are signed. One that is 
 from __future__ import annotations
 
 import contextlib
-import os
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,9 +17,9 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from cellwatt.alarms import SEVERITIES
-from cellwatt.files import WRITTEN, read_bytes
+from cellwatt.files import WRITTEN, read_bytes, replace_bytes
 from cellwatt.record.header import plain_cell
-from cellwatt.record.retention import surplus
+from cellwatt.record.retention import Stored, remove, surplus
 from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import EvidenceSettings
 from cellwatt.results import Alarm
@@ -89,13 +87,7 @@ def wants(settings: EvidenceSettings, alarm: Alarm) -> bool:
 def write_due(folder: Path, due: Due) -> None:
     """Note a pack that is to be cut. Raises ``OSError``."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = due_path(folder, due)
-    new = path.with_name(path.name + ".new")
-    with new.open("wb") as file:
-        file.write(_DUE.dump_json(due, fallback=str))
-        file.flush()
-        os.fsync(file.fileno())
-    new.rename(path)
+    replace_bytes(due_path(folder, due), _DUE.dump_json(due, fallback=str))
 
 
 def read_due(path: Path) -> Due:
@@ -126,13 +118,8 @@ def all_due(folder: Path, cell: str) -> list[Due]:
 
 
 @dataclass(frozen=True, slots=True)
-class Pack:
-    """A pack that is kept: ``size`` bytes with all that stands beside it, ``modified`` UTC s."""
-
-    path: Path
-    size: int
-    modified: float
-    closed: bool = True
+class Pack(Stored):
+    """A pack that is kept: ``size`` is that with all that stands beside it."""
 
     @property
     def beside(self) -> tuple[Path, ...]:
@@ -154,7 +141,7 @@ def listing(folder: Path, cell: str) -> list[Pack]:
             continue
         with contextlib.suppress(FileNotFoundError):
             status = path.stat()
-            pack = Pack(path, status.st_size, status.st_mtime)
+            pack = Pack(path, status.st_size, status.st_mtime, closed=True)
             size = status.st_size + sum(p.stat().st_size for p in pack.beside if p.exists())
             found.append(replace(pack, size=size))
     return sorted(found, key=lambda p: p.path.name)
@@ -166,10 +153,3 @@ def retain(folder: Path, cell: str, settings: EvidenceSettings, now: float) -> l
     gone = surplus(packs, keep=settings.keep, age=settings.age, now=now, reserve=0.0)
     remove(gone)
     return [pack for pack in packs if pack not in gone]
-
-
-def remove(packs: Iterable[Pack]) -> None:
-    """Delete packs with what stands beside them. Raises ``OSError``."""
-    for pack in packs:
-        for path in (*pack.beside, pack.path):
-            path.unlink(missing_ok=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from io import FileIO
 from pathlib import Path
@@ -308,11 +308,11 @@ class Recording:
                 if chunk.indexes and not any(number in wanted for number, _ in chunk.indexes):
                     continue
                 try:
-                    found = list(decoder.items(chunk_data(opened, chunk), tracks, wanted))
+                    found = numbered_items(opened, chunk, tracks, wanted)
                 except ValueError as error:
                     self._note(Damage(file.path, chunk.offset, chunk.length, str(error)))
                     continue
-                yield from found
+                yield from (item for _, item in found)
 
     def _note(self, damage: Damage) -> None:
         if damage not in self.damage:
@@ -336,6 +336,13 @@ def chunk_data(file: FileIO, chunk: Chunk) -> bytes:
     if chunk.length > LARGEST_RECORD:
         raise ValueError("a chunk's length is wrong")
     return open_chunk(read_at(file, chunk.length, chunk.offset)[RECORD.size :]).data
+
+
+def numbered_items(
+    file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], wanted: Container[int]
+) -> list[tuple[int, Item]]:
+    """The wanted items of a chunk with their numbers. Raises ``ValueError`` where it is damaged."""
+    return list(decoder.numbered(chunk_data(file, chunk), tracks, wanted))
 
 
 def _within(item: Any, span: tuple[int, int]) -> Any:

@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
-from typing import Any
 
-from cellwatt.files import open_file
+from cellwatt.files import open_file, sync_folder, write_all
 from cellwatt.record.chunks import open_chunk, walk
 from cellwatt.record.container import (
     PRELUDE,
@@ -24,7 +23,7 @@ from cellwatt.record.container import (
     record_bytes,
 )
 from cellwatt.record.header import DAMAGED, PART, FileName, Header, plain_cell
-from cellwatt.record.openfile import HEADER, definitions_copy, lock, sync_folder
+from cellwatt.record.openfile import HEADER, definitions_copy, lock
 from cellwatt.record.scan import Damage, Scan, read_at, scan
 from cellwatt.record.summary import guess_header
 
@@ -62,19 +61,6 @@ class Recovery:
             lost.append(f"{self.unreadable} bytes unreadable ({'; '.join(dict.fromkeys(d.what for d in self.damage))})")
         where = f"; kept as {self.aside.name}" if self.aside else ""
         return f"{kept}, lost: {', '.join(lost)}{where}"
-
-    def plain(self) -> dict[str, Any]:
-        """JSON-ready, for reports."""
-        return {
-            "file": self.part.name,
-            "result": self.result.name if self.result else None,
-            "messages": self.messages,
-            "bytes": self.size,
-            "unreadable_bytes": self.unreadable,
-            "missing": dict(self.missing),
-            "aside": self.aside.name if self.aside else None,
-            "text": str(self),
-        }
 
 
 def left_open(folder: Path, cell: str) -> list[Path]:
@@ -158,7 +144,7 @@ def _set_aside(file: FileIO, found: Scan, target: Path) -> Path | None:
         return None
     aside = _free_name(target.with_name(target.name + DAMAGED))
     with FileIO(aside, "xb") as out:
-        _write(out, tail)
+        write_all(out, tail)
         os.fsync(out.fileno())
     return aside
 
@@ -167,7 +153,7 @@ def _close_behind(file: FileIO, found: Scan) -> None:
     """Cut the torn tail off and write the end of the file in its place."""
     file.truncate(found.end)
     file.seek(found.end)
-    _write(file, found.tail + closing(found.contents, found.end + len(found.tail)))
+    write_all(file, found.tail + closing(found.contents, found.end + len(found.tail)))
     os.fsync(file.fileno())
 
 
@@ -178,7 +164,7 @@ def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
     try:
         with FileIO(temporary, "wb") as out:
             contents = _copy(file, found, header, out)
-            _write(out, closing(contents, out.tell()))
+            write_all(out, closing(contents, out.tell()))
             os.fsync(out.fileno())
         temporary.rename(target)
     except OSError:
@@ -192,22 +178,16 @@ def _copy(file: FileIO, found: Scan, header: Header, out: FileIO) -> Contents:
     new.schemas, new.channels, new.counts = old.schemas, old.channels, old.counts
     new.start, new.end = old.start, old.end
     body, index = attachment(HEADER, "application/json", header.session, header.to_json().encode(), len(PRELUDE))
-    _write(out, PRELUDE + body)
+    write_all(out, PRELUDE + body)
     definitions = b"".join(map(record_bytes, (*old.schemas.values(), *old.channels.values())))
     body, second = definitions_copy(old, out.tell())
     # In front of all chunks, because the chunk that brought them may be the one that is lost.
-    _write(out, body + definitions)
+    write_all(out, body + definitions)
     new.attachments = [index, second]
     for chunk in old.chunks:
         record = read_at(file, chunk.length, chunk.offset)
         at = out.tell()
         indexes, places = message_indexes(walk(open_chunk(record[RECORD.size :]).data).index(), at + chunk.length)
-        _write(out, record + indexes)
+        write_all(out, record + indexes)
         new.chunks.append(Chunk(at, *chunk[1:6], places, len(indexes)))
     return new
-
-
-def _write(file: FileIO, data: bytes) -> None:
-    view: Any = memoryview(data)
-    while view:
-        view = view[file.write(view) :]

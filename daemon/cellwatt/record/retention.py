@@ -6,21 +6,33 @@ import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from cellwatt.record.header import DAMAGED, FileName, plain_cell
 from cellwatt.record.seal import seal_of
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
-    """A file of the recording folder: ``modified`` UTC s; ``closed`` where it may be removed."""
+class Stored:
+    """A file that a budget counts, of ``size`` bytes, last changed at ``modified``, UTC s."""
 
     path: Path
-    name: FileName
     size: int
     modified: float
     closed: bool
+    """True where it may be removed."""
+
+    @property
+    def beside(self) -> tuple[Path, ...]:
+        """Files that go with it: its seal."""
+        return (seal_of(self.path),)
+
+
+@dataclass(frozen=True, slots=True)
+class Kept(Stored):
+    """A file of the recording folder."""
+
+    name: FileName
 
 
 def listing(folder: Path, cell: str) -> list[Kept]:
@@ -33,33 +45,14 @@ def listing(folder: Path, cell: str) -> list[Kept]:
         with contextlib.suppress(FileNotFoundError):
             status = path.stat()
             closed = path.suffix in (".mcap", DAMAGED)
-            found.append(Kept(path, name, status.st_size, status.st_mtime, closed))
+            found.append(Kept(path, status.st_size, status.st_mtime, closed, name))
     return sorted(found, key=lambda k: (k.name, k.path.name))
 
 
-class Removable(Protocol):
-    """What a budget counts: a size in bytes, the time of its last change in UTC s, and true where it may go."""
-
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        ...
-
-    @property
-    def modified(self) -> float:
-        """UTC s."""
-        ...
-
-    @property
-    def closed(self) -> bool:
-        """True where it may go."""
-        ...
+S = TypeVar("S", bound=Stored)
 
 
-R = TypeVar("R", bound=Removable)
-
-
-def surplus(files: Sequence[R], *, keep: float, age: float, now: float, reserve: float) -> list[R]:
+def surplus(files: Sequence[S], *, keep: float, age: float, now: float, reserve: float) -> list[S]:
     """Files to remove, oldest first, so that all files and ``reserve`` bytes more fit into ``keep`` bytes.
 
     Closed files last written more than ``age`` s before ``now`` (UTC s) go as well; 0 keeps them.
@@ -75,14 +68,11 @@ def surplus(files: Sequence[R], *, keep: float, age: float, now: float, reserve:
     return gone
 
 
-def remove(files: Iterable[Kept]) -> int:
-    """Delete files; gives the bytes freed. Raises ``OSError``."""
-    freed = 0
+def remove(files: Iterable[Stored]) -> None:
+    """Delete files with what stands beside them. Raises ``OSError``."""
     for file in files:
-        file.path.unlink(missing_ok=True)
-        seal_of(file.path).unlink(missing_ok=True)
-        freed += file.size
-    return freed
+        for path in (*file.beside, file.path):
+            path.unlink(missing_ok=True)
 
 
 def remove_oldest(folder: Path, cell: str) -> Kept | None:

@@ -16,11 +16,31 @@ from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, Schema
+from mcap.records import Channel
 from mcap.records import Header as McapHeader
 
-from cellwatt.record.chunks import LARGEST_RECORD, Walk, definitions, open_chunk, parse, parse_attachment, walk
-from cellwatt.record.container import CHUNK_HEAD, COMPRESSION, MAGIC, RECORD, TAIL, Chunk, Contents, message_indexes
+from cellwatt.record.chunks import (
+    DEFINED,
+    LARGEST_RECORD,
+    Walk,
+    definition,
+    definitions,
+    open_chunk,
+    parse,
+    parse_attachment,
+    walk,
+)
+from cellwatt.record.container import (
+    CHUNK_HEAD,
+    COMPRESSION,
+    MAGIC,
+    RECORD,
+    TAIL,
+    Chunk,
+    Contents,
+    attachment_index,
+    message_indexes,
+)
 from cellwatt.record.header import Header
 from cellwatt.record.openfile import DEFINITIONS, HEADER
 
@@ -180,10 +200,8 @@ class _Scanner:
             parse(McapHeader, body)
         elif opcode == Opcode.ATTACHMENT:
             self._attachment(at, body)
-        elif opcode == Opcode.SCHEMA:
-            contents.define([parse(Schema, body)])
-        elif opcode == Opcode.CHANNEL:
-            contents.define([parse(Channel, body)])
+        elif opcode in DEFINED:
+            contents.define(definition(opcode, body))
         elif opcode == Opcode.DATA_END:
             self._closing(at)
         else:
@@ -195,17 +213,7 @@ class _Scanner:
             self.found.header = header_of(read.data)
         elif read.name == DEFINITIONS:
             self.found.contents.define(definitions(read.data))
-        self.found.contents.attachments.append(
-            AttachmentIndex(
-                offset=at,
-                length=RECORD.size + len(body),
-                log_time=read.log_time,
-                create_time=read.create_time,
-                data_size=len(read.data),
-                name=read.name,
-                media_type=read.media_type,
-            )
-        )
+        self.found.contents.attachments.append(attachment_index(read, at, RECORD.size + len(body)))
 
     def _closing(self, at: int) -> None:
         """Compare the checksum of everything behind the data."""

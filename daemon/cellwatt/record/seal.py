@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from cellwatt.errors import RecordingError, why
+from cellwatt.files import replace_text
 from cellwatt.record.header import PART, FileName
 from cellwatt.signing import Signer, Verifier
 
@@ -55,12 +55,7 @@ def write(recording: Path, state: State, signer: Signer) -> None:
     size, digest = _digest(recording)
     bare = Seal(target.name, size, digest, state)
     made = Seal(target.name, size, digest, state, signer.sign(*bare.parts).hex())
-    new = target.with_name(target.name + SUFFIX + ".new")
-    with new.open("w", encoding="utf-8") as file:
-        json.dump(asdict(made), file)
-        file.flush()
-        os.fsync(file.fileno())
-    new.rename(seal_of(target))
+    replace_text(seal_of(target), json.dumps(asdict(made)))
 
 
 def read(recording: Path) -> dict[str, Any] | None:

@@ -10,11 +10,11 @@ from io import FileIO
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, Schema, Statistics
+from mcap.records import AttachmentIndex, Statistics
 
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
-from cellwatt.record.chunks import LARGEST_RECORD, parse, parse_attachment
+from cellwatt.record.chunks import LARGEST_RECORD, definition, parse, parse_attachment
 from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
 from cellwatt.record.decoder import tracks_of
 from cellwatt.record.foreign import ForeignError, held, is_foreign
@@ -101,11 +101,8 @@ def _contents(summary: bytes, *, chunks: bool) -> Contents:
                 contents.chunks.append(read_chunk_index(summary[at - length : at]))
             continue
         body = summary[at - length : at]
-        if opcode == Opcode.SCHEMA:
-            contents.define([parse(Schema, body)])
-        elif opcode == Opcode.CHANNEL:
-            contents.define([parse(Channel, body)])
-        elif opcode == Opcode.ATTACHMENT_INDEX:
+        contents.define(definition(opcode, body))
+        if opcode == Opcode.ATTACHMENT_INDEX:
             contents.attachments.append(parse(AttachmentIndex, body))
         elif opcode == Opcode.STATISTICS:
             statistics = parse(Statistics, body)

@@ -14,7 +14,7 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record.container import Contents
-from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
+from cellwatt.record.encoder import Item, topic_of_block
 from cellwatt.record.files import CHUNK, Entry, Files
 from cellwatt.record.header import Header
 from cellwatt.record.messages import TOPICS, Health
@@ -27,16 +27,17 @@ LOOK, IDLE = 0.5, 5.0
 """Periods in s at which files are looked after while nothing arrives: until what was written is on disk, and then."""
 OVERHEAD = 1000
 """Bytes that a block takes in memory beside its numbers."""
+SIZES = {Tick: 300, Event: 1000}
+"""Bytes that a message of a kind takes; others take more."""
 
 
 class Recorder:
     """Writes everything of one session into ``settings.folder``.
 
-    ``batch``, ``tick``, ``frames``, ``result``, ``event`` and ``health`` are called on the event loop, only
-    enqueue, and return ``False`` where the item was refused because the queue is full (or the recorder is
-    not running); refused items are counted. A disk that is full, read-only or broken stops the writing,
-    never the daemon: what waits stays in memory up to ``settings.queue`` bytes, room is made by deleting
-    the oldest recordings, and writing goes on in a new file as soon as the disk takes it.
+    ``put`` and ``health`` are called on the event loop, only enqueue, and return ``False`` where the item was refused
+    because the queue is full (or the recorder is not running); refused items are counted. A disk that is full,
+    read-only or broken stops the writing, never the daemon: what waits stays in memory up to ``settings.queue`` bytes,
+    room is made by deleting the oldest recordings, and writing goes on in a new file as soon as the disk takes it.
     """
 
     def __init__(self, settings: RecordSettings, header: Header) -> None:
@@ -88,31 +89,17 @@ class Recorder:
             self._thread.join()
             self._upkeep.close()
 
-    def batch(self, batch: Batch) -> bool:
-        """Record raw samples; ``False`` where they were refused, for the caller to count. An empty batch is nothing."""
-        if not len(batch):
+    def put(self, item: Batch | Frames | Tick | Event | Result, number: int | None = None) -> bool:
+        """Record an item, a result or event under its number; ``False`` where it was refused, for the caller to count.
+
+        An empty block is nothing, and so are frames where the settings say not to record them.
+        """
+        if not isinstance(item, Batch | Frames):
+            return self._put(item, SIZES.get(type(item), 2000), TOPICS[type(item)], number=number)
+        if not len(item) or (isinstance(item, Frames) and not self.settings.frames):
             return True
-        size = batch.values.nbytes + 40 * len(batch) + OVERHEAD
-        return self._put(batch, size, topic_of(batch.source, batch.stream.name), len(batch))
-
-    def tick(self, tick: Tick) -> bool:
-        """Record that time moved on."""
-        return self._put(tick, 300, TOPICS[Tick])
-
-    def frames(self, frames: Frames) -> bool:
-        """Record frames, unless the settings say not to."""
-        if not self.settings.frames or not len(frames):
-            return True
-        size = frames.values.nbytes + frames.bound.nbytes + frames.quality.nbytes + OVERHEAD
-        return self._put(frames, size, FRAME_TOPIC, len(frames))
-
-    def result(self, result: Result, number: int | None = None) -> bool:
-        """Record what a stage found, under its number in its series."""
-        return self._put(result, 2000, TOPICS[type(result)], number=number)
-
-    def event(self, event: Event, number: int | None = None) -> bool:
-        """Record what happened to a source or the daemon, under its number."""
-        return self._put(event, 1000, TOPICS[Event], number=number)
+        each = 40 * len(item) if isinstance(item, Batch) else item.bound.nbytes + item.quality.nbytes
+        return self._put(item, item.values.nbytes + each + OVERHEAD, topic_of_block(item), len(item))
 
     def health(self, time: int, status: Mapping[str, Any]) -> bool:
         """Record the daemon's health at ``time``, UTC ns, with what comes next, or after ``IDLE`` s."""

@@ -4,7 +4,7 @@ A page is a ``Report`` of ``Section`` with blocks: texts, ``Figure``, ``Table``,
 """
 
 from cellwatt.report.blocks import Bars, Block, Card, Columns, Folded, Html, Notes, Switch, Table, heading, quiet
-from cellwatt.report.figure import Axis, Figure, Panel
+from cellwatt.report.figure import Axis, Figure, Panel, over_time
 from cellwatt.report.page import Report, Section, Tile
 from cellwatt.report.provenance import Provenance
 
@@ -26,5 +26,6 @@ __all__ = [
     "Table",
     "Tile",
     "heading",
+    "over_time",
     "quiet",
 ]

@@ -27,13 +27,12 @@ def curve(
     start: float = 0.0,
     step: float = 1.0,
     width: float = 1.4,
-    dash: str = "solid",
     most: int = MOST_POINTS,
     decimals: int | None = None,
 ) -> Json:
     """A line through evenly spaced values (N,), the first at ``start``, thinned to ``most`` points."""
     y, apart = thin(np.asarray(values, np.float64), most)
-    line = {"color": colour, "width": width, "dash": dash}
+    line = {"color": colour, "width": width}
     place = {"x0": round(start, 4), "dx": apart * step, "y": plain(y, decimals)}
     return {"type": "scatter", "mode": "lines", "name": escape(name), "line": line, **place}
 
@@ -69,10 +68,10 @@ def dots(
     return {"type": "scatter", "mode": "markers", "name": escape(name), "marker": marker, **places, **told}
 
 
-def ribbon(low: ArrayLike, high: ArrayLike, colour: str, *, start: float = 0.0, step: float = 1.0) -> list[Json]:
+def ribbon(low: ArrayLike, high: ArrayLike, colour: str, start: float) -> list[Json]:
     """A band between two evenly spaced curves (N,)."""
     red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    edges = [curve("", values, colour, start=start, step=step, width=0, most=10**9) for values in (low, high)]
+    edges = [curve("", values, colour, start=start, width=0, most=10**9) for values in (low, high)]
     filled = {**edges[1], "fill": "tonexty", "fillcolor": f"rgba({red},{green},{blue},0.25)"}
     return [{**edge, "hoverinfo": "skip"} for edge in (edges[0], filled)]
 
@@ -100,11 +99,11 @@ def colours(top: float, title: str, ticks: Sequence[float], texts: Sequence[str]
     return {"coloraxis": {"colorscale": HEAT, "cmin": 0, "cmax": top, "colorbar": bar}}
 
 
-def band(low: float, high: float, colour: str, opacity: float = 0.22) -> list[Json]:
+def band(low: float, high: float, colour: str) -> list[Json]:
     """A stripe over the whole width between two heights; none where they are not known."""
     if not np.isfinite([low, high]).all():
         return []
-    return [_box(("x domain", 0.0, 1.0), ("y", low, high), colour, opacity)]
+    return [_box(("x domain", 0.0, 1.0), ("y", low, high), colour, 0.22)]
 
 
 def stretch(

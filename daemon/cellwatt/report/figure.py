@@ -19,6 +19,8 @@ GAP, TITLED_GAP, COLUMN_GAP = 16, 62, 0.035
 """Between rows without and with a title of the upper axis, pixels; between columns, share of the width."""
 BOTTOM, TOP, LEGEND = 50, 14, 20
 """Margins, pixels."""
+OVER_TIME = 190
+"""Pixels of a panel of curves over time."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,12 @@ class Figure:
         if self.shared == "y" and number > 1:
             y |= {"matches": "y", "showticklabels": False, "title": None}
         return {_numbered("xaxis", number): x, _numbered("yaxis", number): y}
+
+
+def over_time(label: str, rows: Sequence[Sequence[Panel]]) -> Figure:
+    """Panels one below the other on one axis of time, each with its legend beside it."""
+    heights = [OVER_TIME] * len(rows)
+    return Figure(label, rows, heights, "x", own_legends=True, sides=(70, 190), layout={"hovermode": "x unified"})
 
 
 def pack(text: str) -> str:

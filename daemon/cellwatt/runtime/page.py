@@ -13,7 +13,7 @@ from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recording
 from cellwatt.registry import stage as find_stage
-from cellwatt.report import Axis, Figure, Notes, Panel, Provenance, Report, Section, Table
+from cellwatt.report import Axis, Figure, Notes, Panel, Provenance, Report, Section, Table, over_time
 from cellwatt.report.drawing import MOST_POINTS, curve, note, stretch, upright
 from cellwatt.report.figure import Json
 from cellwatt.report.numbers import unit
@@ -22,8 +22,6 @@ from cellwatt.results import Alarm, Interval, Task
 from cellwatt.stage import CellInfo
 from cellwatt.units import Units
 
-HEIGHT = 190
-"""Pixels of a diagram."""
 LEAD = (
     "Coloured bands: intervals, labelled with the joints that move. "
     "Dotted lines: alarms raised (red) and cleared (green)."
@@ -92,15 +90,7 @@ def channels_over_time(
         [Panel(_curves(frames, columns, grid, shown[0], most), x, marks=marks + labels * (row == 0), title=title)]
         for row, ((title, columns), grid) in enumerate(zip(groups, grids, strict=True))
     ]
-    return Figure(
-        f"Channels of {recording.header.cell} over time",
-        rows,
-        [HEIGHT] * len(rows),
-        "x",
-        own_legends=True,
-        sides=(70, 190),
-        layout={"hovermode": "x unified"},
-    )
+    return over_time(f"Channels of {recording.header.cell} over time", rows)
 
 
 def _facts(recording: Recording, frames: Frames) -> list[str]:

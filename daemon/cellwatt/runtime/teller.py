@@ -162,7 +162,7 @@ class Teller:
     def record(self, item: Item, number: int | None = None) -> None:
         """Record one item, where anything is recorded; a result or event under its number."""
         if self.recorder is not None and (number is None or not self.behind):
-            _record(self.recorder, item, number)
+            self.recorder.put(item, number)
 
     def told(self) -> Iterator[tuple[int, Result | Event]]:
         """What the journal has and the record should have, with its numbers, each series in order."""
@@ -306,17 +306,3 @@ class Teller:
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
         """See ``CellView.result_history``."""
         return self._history.results(series, session, first, count) if self._history is not None else ()
-
-
-def _record(recorder: Recorder, item: Item, number: int | None) -> None:
-    match item:
-        case Batch():
-            recorder.batch(item)
-        case Tick():
-            recorder.tick(item)
-        case Frames():
-            recorder.frames(item)
-        case Event():
-            recorder.event(item, number)
-        case _:
-            recorder.result(item, number)

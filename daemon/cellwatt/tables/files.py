@@ -53,7 +53,7 @@ def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
     if is_log(path):
         log_of = read_log(path)
         return Table(path, {"t": log_of.time, **log_of.columns(joints)}, named=tuple(joints) or log_of.joints)
-    if path.is_dir() or ".mcap" in path.suffixes:
+    if not is_table(path):
         return _recorded(path)
     import pyarrow as pa
 
@@ -63,6 +63,11 @@ def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
     except (pa.ArrowException, ValueError) as error:  # the latter: names that are not UTF-8
         raise RecordingError(f"{path}: cannot be read as a table: {_line(error)}") from error
+
+
+def is_table(path: Path) -> bool:
+    """True for what is neither a recording of cellwatt nor a folder, nor a bag: CSV, Parquet, or any other text."""
+    return not path.is_dir() and ".mcap" not in path.suffixes and path.suffix != ".db3"
 
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:

@@ -68,11 +68,10 @@ def _from(frames: Frames, start: int) -> Frames:
     return replace(frames, time=frames.time + max(0, -(-start // step) * step - int(frames.time[0])))
 
 
-def frames_of_table(time: Float, position: Float, power: Float, start: int = 0) -> Frames:
+def frames_of_table(time: Float, position: Float, power: Float) -> Frames:
     """A table on the grid of its median rate: ``time`` (N,) s rising, ``position`` (N, n) rad, ``power`` (N,) W.
 
-    Values are interpolated; where rows are more than two steps apart they are missing. ``start`` ns is the earliest
-    grid point.
+    Values are interpolated; where rows are more than two steps apart they are missing.
     """
     steps = np.diff(time)
     rate = float(round(1 / np.median(steps), 1))
@@ -81,7 +80,7 @@ def frames_of_table(time: Float, position: Float, power: Float, start: int = 0) 
     row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(steps) - 1)
     values[(steps[row] > 2.5 / rate) & (grid > time[row])] = np.nan
     layout = Layout(_channels(position.shape[1]), rate)
-    first = -(-max(start, round(time[0] * 1e9)) // layout.step)
+    first = -(-round(time[0] * 1e9) // layout.step)
     return Frames(
         layout=layout,
         sequence=0,

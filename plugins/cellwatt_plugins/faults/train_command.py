@@ -39,7 +39,6 @@ Codes = NDArray[np.int8]
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write to.")
 @click.option("--fault", "faulty", multiple=True, metavar="JOINT=RECORDING", help="A fault of a joint, recorded.")
 @click.option("--robot", type=INPUT, help="The robot's description: faults are simulated where none were recorded.")
-@click.option("--emulated", is_flag=True, help="Springs on the arm of `cellwatt emulate`, where none were recorded.")
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")
@@ -52,7 +51,6 @@ def train(
     out: Path,
     faulty: tuple[str, ...],
     robot: Path | None,
-    emulated: bool,
     arm: str | None,
     power: str | None,
     seed: int,
@@ -62,14 +60,14 @@ def train(
 
     The network of the paper: from the code of each interval (power above, within or below its tolerance) to the joint,
     after a table that is learnt from cycles with a fault of each joint: recorded ones (--fault, once or more for a
-    joint), else springs on the emulated arm, else springs on the arm as --robot describes it.
+    joint), else springs on the arm as --robot describes it.
 
     On RECORDINGs of healthy running, alarms in vain are counted.
     """
     reference = load(file)
     known = None if robot is None else _known(reference, robot)
     wanted = _Wanted(reference, out, recordings, arm, power or reference.power, seed)
-    report = list(_train_codes(wanted, faulty, known, emulated))
+    report = list(_train_codes(wanted, faulty, known))
     click.echo(json.dumps({"networks": report}) if as_json else _in_words(report))
 
 
@@ -85,9 +83,7 @@ class _Wanted:
     seed: int
 
 
-def _train_codes(
-    wanted: _Wanted, faulty: Sequence[str], known: Known | None, emulated: bool
-) -> Iterator[dict[str, Any]]:
+def _train_codes(wanted: _Wanted, faulty: Sequence[str], known: Known | None) -> Iterator[dict[str, Any]]:
     """Networks of the paper, written one by one."""
     courses, tolerance = courses_of(wanted.reference), Tolerance()
     if not courses:
@@ -102,7 +98,7 @@ def _train_codes(
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
     calm = codes_in(wanted.recordings) if wanted.recordings else {}
-    sources = Sources(told, None if known is None else known.arm, emulated, tolerance)
+    sources = Sources(told, None if known is None else known.arm, tolerance)
     for trained in spread(_codes_of, courses, "networks of codes", shared=(sources, wanted.seed)):
         course = trained.course
         path = wanted.out / f"{course.task}-{course.speed:.2f}-codes.onnx"

@@ -124,7 +124,7 @@ def _panel(course: Weekly, found: Fleet, marks: Sequence[dict[str, object]]) -> 
     joint = "" if course.joint is None else f", joint {course.joint}"
     return Panel(
         [
-            *ribbon(low, high, MODEL, start=float(x[0])),
+            *ribbon(low, high, MODEL, float(x[0])),
             line("", x, course.kind, MEASURED, width=1.0),
             line("", x, values, MODEL, width=1.2),
             dots("", x, values, MODEL, size=4, opacity=0.9),

@@ -18,6 +18,8 @@ from cellwatt_plugins.fleet.adjusted import Course
 
 Float = NDArray[np.float64]
 
+MOST: Final = 2
+"""Steps of a course that are told."""
 FEWEST: Final = 6
 """Weeks of a line, at least."""
 EITHER_SIDE: Final = 3
@@ -115,13 +117,13 @@ def bends(course: Course, rho: float) -> float:
     return float(found[2] / np.sqrt(covariance[2, 2]))
 
 
-def steps_in(course: Course, rho: float, chance: float, scatter: float = 0.0, most: int = 2) -> list[Step]:
+def steps_in(course: Course, rho: float, chance: float, scatter: float = 0.0) -> list[Step]:
     """Return the steps of a course, each less likely than ``chance`` by accident, in their order.
 
     ``scatter`` is the least τ of its weeks: one that is less, beside the step that suits it best, is so by accident.
     """
     found: list[Step] = []
-    while len(found) < most and (step := _step(course, rho, found, scatter)) is not None and step.chance < chance:
+    while len(found) < MOST and (step := _step(course, rho, found, scatter)) is not None and step.chance < chance:
         found = sorted([*found, step], key=lambda each: each.week)
     return [_sized(course, rho, step, found) for step in found]
 

@@ -136,7 +136,7 @@ def explain(
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
-        supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until)
+        supply = None if supplied is None else search(lambda *_: supplied, 1, thresholds, until=until)
     with stage("judging by data left out"):
         findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, nominal, tuple(runs))

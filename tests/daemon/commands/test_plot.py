@@ -71,3 +71,19 @@ def test_some_of_it(call: Call, recordings: Path, tmp_path: Path) -> None:
     (figure,) = read(tmp_path / "page.html").figures
     assert {trace["name"] for trace in figure["data"]} == {"joint_2.position"}
     assert figure["layout"]["xaxis"]["range"] == pytest.approx([0.1, 0.3])
+
+
+def test_a_table_has_every_column_and_a_gap_where_rows_are_missing(call: Call, tmp_path: Path) -> None:
+    rows = [f"{10 + i / 100:.2f},{i},{2 * i},{7 if i == 5 else ''},on" for i in range(60) if not 20 <= i < 30]
+    (tmp_path / "log.csv").write_text("time,q_1 [deg],q_2 [deg],power,state\n" + "\n".join(rows))
+    assert call("plot", tmp_path / "log.csv", "--out", tmp_path / "page.html").code == 0
+    page = read(tmp_path / "page.html")
+    check(page)
+    (figure,) = page.figures
+    shown = {trace["name"]: trace for trace in figure["data"]}
+    assert list(shown) == ["q_1 [deg]", "q_2 [deg]", "power"]
+    assert shown["q_2 [deg]"]["y"][19:31] == [38, *[None] * 10, 60]
+    assert (shown["q_2 [deg]"]["x0"], round(shown["q_2 [deg]"]["dx"], 4)) == (0, 0.01)
+    assert [note["text"] for note in figure["layout"]["annotations"]] == ["<b>q [deg]</b>", "<b>power</b>"]
+    ended = call("plot", tmp_path / "log.csv", "--out", tmp_path / "page.html", "--channel", "torque")
+    assert ended.code == 3 and "no such columns" in ended.err

@@ -73,6 +73,12 @@ def test_without_a_cell_it_is_the_plant(live: str) -> None:
         assert (found[0]["cell"], found[0]["state"]) == (CELL, "green")
 
 
+def test_without_any_cell_it_is_for_recordings() -> None:
+    with viewing() as url:
+        told = get(f"{url}/api/site")
+        assert (told["mode"], told["cells"], told["may_drop"]) == ("recordings", [], True)
+
+
 def test_a_password_becomes_its_hash(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cellwatt.outlets.page.sessions.P", 1)
     ended = run("--hash-password", input="correct horse\ncorrect horse\n")
@@ -85,7 +91,7 @@ def test_a_password_becomes_its_hash(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ((), "give a cell's FILE, or --connect, --site and --cell"),
+        (("--foxglove",), "give a cell's FILE, or --connect, --site and --cell"),
         (("--site", SITE), "give a cell's FILE"),
         (("--connect", "tls/127.0.0.1:7447", "--site", SITE), "needs --ca FILE"),
         ((*WHERE, "--foxglove"), "--foxglove shows one cell"),

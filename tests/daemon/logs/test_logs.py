@@ -78,6 +78,8 @@ def test_a_bag_opens_as_a_recording_with_its_own_time_and_is_drawn_and_exported(
     recording = cw.open(path)
     samples = recording.batches("log", "log")
     np.testing.assert_array_equal(samples.time, START + np.arange(len(TIME)) * STEP)
+    frames = recording.frames_table()  # up to the last sample, and none without any
+    assert len(frames) == len(TIME) and np.isfinite(frames.values).all()
     names = [channel.name for channel in recording.streams["log"][0].channels]
     np.testing.assert_array_equal(samples.values[:, names.index("elbow_joint.target_position")], COMMAND[:, 2])
     folder = recording.paths[0].parent

@@ -33,7 +33,7 @@ async def main(folder: Path, rate: float, machine: Machine) -> None:
             quality = np.zeros(1, np.uint8)
             sys.stdout.write(f"{number} {machine.late:.3f}\n")
             sys.stdout.flush()
-            recorder.batch(
+            recorder.put(
                 Batch("arm", STREAM, number, int(stamp[0]), stamp, np.zeros(1, np.int64), values, quality, stamp)
             )
             number += 1

@@ -47,7 +47,7 @@ def soon(monkeypatch):
 
 async def record(recorder, numbers):
     for n in numbers:
-        assert recorder.batch(batch_of(n * 10, 10))
+        assert recorder.put(batch_of(n * 10, 10))
         await asyncio.to_thread(recorder.flush, 0.2)
 
 
@@ -62,7 +62,7 @@ async def test_nothing_is_lost_while_memory_lasts(tmp_path, monkeypatch, code, s
     recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
     recorder.start()
     await record(recorder, range(3))
-    assert all(recorder.batch(batch_of(n * 10, 10)) for n in range(3, 20))
+    assert all(recorder.put(batch_of(n * 10, 10)) for n in range(3, 20))
     await eventually(lambda: recorder.stats()["state"] == state)
     assert str(tmp_path) in recorder.stats()["problem"]
     disk.room = 10**9
@@ -81,12 +81,12 @@ async def test_what_finds_no_room_in_memory_is_refused_and_counted(tmp_path, mon
     monkeypatch.setattr(openfile, "create", disk.open)
     recorder = Recorder(RecordSettings(folder=tmp_path, queue=20e3), HEADER)
     recorder.start()
-    taken = [recorder.batch(batch_of(n * 10, 10)) for n in range(40)]
+    taken = [recorder.put(batch_of(n * 10, 10)) for n in range(40)]
     assert 0 < taken.count(False) < 40
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 10 * taken.count(False)}
     disk.room = 10**9
     await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
-    assert recorder.batch(batch_of(400, 10))
+    assert recorder.put(batch_of(400, 10))
     await recorder.close()
     stored = Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist()
     assert stored == [10 * n + i for n, ok in enumerate([*taken, True]) if ok for i in range(10)]
@@ -97,7 +97,7 @@ async def test_closing_on_a_full_disk_ends_and_counts(tmp_path, monkeypatch):
     monkeypatch.setattr(openfile, "create", disk.open)
     recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
     recorder.start()
-    assert recorder.batch(batch_of(0, 7))
+    assert recorder.put(batch_of(0, 7))
     await recorder.close()
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 7}
     assert not list(tmp_path.iterdir())
@@ -136,7 +136,7 @@ async def test_recordings_are_not_given_for_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(openfile, "create", Disk(0).open)
     recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12))
     recorder.start()
-    assert recorder.batch(batch_of(0, 10))
+    assert recorder.put(batch_of(0, 10))
     await eventually(lambda: "something else fills it" in recorder.stats()["upkeep_problem"])
     await recorder.close()
     assert len(list(tmp_path.glob("*.mcap"))) == 12
@@ -157,7 +157,7 @@ async def test_a_sync_that_fails_moves_on_to_another_file(tmp_path, monkeypatch)
     numbers = iter(range(10_000))
 
     def goes_on():
-        assert recorder.batch(batch_of(next(numbers), 1))
+        assert recorder.put(batch_of(next(numbers), 1))
         return recorder.stats()["files"] == 2 and recorder.stats()["state"] == "ok"
 
     await eventually(goes_on)
@@ -197,12 +197,12 @@ async def test_a_really_full_disk_is_survived(small_disk):
     numbers = iter(range(10_000))
 
     def full():
-        assert recorder.batch(batch_of(next(numbers) * 10, 10))
+        assert recorder.put(batch_of(next(numbers) * 10, 10))
         return recorder.stats()["state"] == "disk full"
 
     await eventually(full)
     for _ in range(20):
-        assert recorder.batch(batch_of(next(numbers) * 10, 10))
+        assert recorder.put(batch_of(next(numbers) * 10, 10))
     filler.unlink()
     await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
     await recorder.close()
@@ -218,7 +218,7 @@ async def test_a_ring_on_a_small_disk_goes_on_for_ever(small_disk):
     recorder = Recorder(settings, HEADER)
     recorder.start()
     for n in range(60):
-        assert recorder.batch(batch_of(n * 250, 250))
+        assert recorder.put(batch_of(n * 250, 250))
         assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await recorder.close()
     assert recorder.stats()["drops"] == {} and recorder.stats()["removed"]["files"] > 5
@@ -237,7 +237,7 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr("cellwatt.record.recovery._write", full)
+        patch.setattr("cellwatt.record.recovery.write_all", full)
         report = recover(part)
     assert "cannot be repaired now: No space left on device" in str(report)
     assert part.read_bytes() == before
@@ -290,7 +290,7 @@ async def test_recordings_that_had_to_go_before_their_time_are_told(tmp_path, mo
     monkeypatch.setattr(openfile, "create", disk.open)
     recorder = Recorder(RecordSettings(folder=tmp_path, keep=1e9), HEADER)
     recorder.start()
-    recorder.batch(batch_of(0, 10))
+    recorder.put(batch_of(0, 10))
     await eventually(lambda: recorder.stats()["short"].get("files", 0) >= 3)
     disk.room = 1 << 20
     await asyncio.to_thread(recorder.flush, PATIENCE)

@@ -33,8 +33,8 @@ async def recorder(tmp_path):
 async def history(recorder, tmp_path):
     """3000 samples of the arm and 600 of the supply, in several closed files and an open one, some still in memory."""
     for n in range(300):
-        assert recorder.batch(batch_of(n * 10, 10))
-        assert recorder.batch(batch_of(n * 2, 2, stream=SUPPLY, source="supply"))
+        assert recorder.put(batch_of(n * 10, 10))
+        assert recorder.put(batch_of(n * 2, 2, stream=SUPPLY, source="supply"))
         if n % 10 == 0:
             assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) >= 3)
@@ -94,7 +94,7 @@ async def test_what_is_left_after_a_number_is_found_however_far(history, tmp_pat
 
 async def test_what_is_left_begins_after_a_hole_within_a_file(recorder, tmp_path):
     for first in (0, 10, 4000, 4010):
-        assert recorder.batch(batch_of(first, 10))
+        assert recorder.put(batch_of(first, 10))
     assert await asyncio.to_thread(recorder.flush, PATIENCE)
     history = History(tmp_path, recorder)
     found = await asyncio.to_thread(history.later, "arm", "rtde", SESSION, 20, 15)
@@ -130,7 +130,7 @@ async def test_earlier_sessions_are_served(tmp_path, recorder):
 
 async def test_a_hole_in_the_numbers_is_a_hole_in_the_answer(recorder, tmp_path):
     for first in (0, 10, 40, 50):
-        assert recorder.batch(batch_of(first, 10))
+        assert recorder.put(batch_of(first, 10))
     found = await ask(History(tmp_path, recorder), "arm", "rtde", SESSION, 5, 50)
     assert numbers(found) == [*range(5, 20), *range(40, 55)]
 
@@ -139,8 +139,8 @@ async def test_a_hole_in_the_numbers_is_a_hole_in_the_answer(recorder, tmp_path)
 async def framed(recorder, tmp_path):
     """1500 frames beside samples, in several closed files and an open one, some still in memory."""
     for n in range(150):
-        assert recorder.batch(batch_of(n * 10, 10))
-        assert recorder.frames(frames_of(n * 10, 10))
+        assert recorder.put(batch_of(n * 10, 10))
+        assert recorder.put(frames_of(n * 10, 10))
         if n % 10 == 0:
             assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) >= 3)
@@ -185,10 +185,10 @@ def prediction(number: int, model: str) -> Prediction:
 async def judged(recorder, tmp_path):
     """Tasks 5 … 605 and what two models said, in several closed files and an open one, some still in memory."""
     for n in range(600):
-        assert recorder.result(task(n), n + 5)
-        assert recorder.result(prediction(n, "a/b"), n)
-        assert n % 2 or recorder.result(prediction(n, "other"), n // 2)
-        assert recorder.result(alarm(n))
+        assert recorder.put(task(n), n + 5)
+        assert recorder.put(prediction(n, "a/b"), n)
+        assert n % 2 or recorder.put(prediction(n, "other"), n // 2)
+        assert recorder.put(alarm(n))
         if n % 15 == 0:
             assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) >= 2)
@@ -227,7 +227,7 @@ async def test_what_has_no_numbers_is_recorded_and_not_given_by_number(judged, r
 async def test_one_without_a_number_stands_beside_those_that_have_one(recorder, tmp_path):
     """What a process told and its journal lost again is recorded by the next one as it is."""
     for item, number in ((task(1), 7), (task(2), None), (task(3), 8)):
-        assert recorder.result(item, number)
+        assert recorder.put(item, number)
     found = await asyncio.to_thread(History(tmp_path, recorder).results, "task", SESSION, 0, 10)
     assert found == [(7, task(1)), (8, task(3))]
     await recorder.close()

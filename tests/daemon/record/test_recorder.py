@@ -27,10 +27,10 @@ async def recorder(tmp_path):
 async def test_items_are_written_in_order_and_counted(recorder, tmp_path):
     sent = [batch_of(0, 3), Tick(SESSION), batch_of(3, 2), Tick(SESSION + 5)]
     for item in sent:
-        assert recorder.batch(item) if not isinstance(item, Tick) else recorder.tick(item)
-    assert recorder.frames(frames_of(0, 4))
-    assert recorder.event(Event(SESSION, None, "started", "up"))
-    assert recorder.result(Alarm("a", "joint_fault", "error", True, SESSION, SESSION, "x"))
+        assert recorder.put(item)
+    assert recorder.put(frames_of(0, 4))
+    assert recorder.put(Event(SESSION, None, "started", "up"))
+    assert recorder.put(Alarm("a", "joint_fault", "error", True, SESSION, SESSION, "x"))
     assert recorder.health(SESSION, {"ok": True})
     await recorder.close()
     recording = Recording.open(tmp_path)
@@ -54,7 +54,7 @@ def closing_size(folder):
 async def test_a_flush_brings_all_taken_so_far_to_the_file(tmp_path):
     recorder = Recorder(RecordSettings(folder=tmp_path, flush=3600.0), HEADER)
     recorder.start()
-    assert recorder.batch(batch_of(0, 3))
+    assert recorder.put(batch_of(0, 3))
     assert not list(tmp_path.iterdir())
     assert await asyncio.to_thread(recorder.flush, PATIENCE)
     (back,) = Recording.open(tmp_path / (name_of() + PART)).entries()
@@ -64,7 +64,7 @@ async def test_a_flush_brings_all_taken_so_far_to_the_file(tmp_path):
 
 
 async def test_samples_reach_the_file_without_being_asked_for(recorder, tmp_path):
-    assert recorder.batch(batch_of(0, 3))
+    assert recorder.put(batch_of(0, 3))
     await eventually(lambda: recorder.stats()["samples"].get("/raw/arm/rtde") == 3)
     assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 3
 
@@ -72,8 +72,8 @@ async def test_samples_reach_the_file_without_being_asked_for(recorder, tmp_path
 async def test_frames_are_left_out_on_request_and_empty_blocks_are_nothing(tmp_path):
     recorder = Recorder(RecordSettings(folder=tmp_path, frames=False), HEADER)
     recorder.start()
-    assert recorder.frames(frames_of(0, 4)) and recorder.batch(replace(batch_of(0, 1), time=np.empty(0, np.int64)))
-    assert recorder.batch(batch_of(0, 1))
+    assert recorder.put(frames_of(0, 4)) and recorder.put(replace(batch_of(0, 1), time=np.empty(0, np.int64)))
+    assert recorder.put(batch_of(0, 1))
     await recorder.close()
     assert Recording.open(tmp_path).counts == {"/raw/arm/rtde": 1}
 
@@ -89,7 +89,7 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
     monkeypatch.setattr(files_module.OpenFile, "write_chunk", slow)
     recorder = Recorder(RecordSettings(folder=tmp_path, queue=100e3), HEADER)
     recorder.start()
-    taken = [recorder.batch(batch_of(n * 100, 100)) for n in range(20)]
+    taken = [recorder.put(batch_of(n * 100, 100)) for n in range(20)]
     assert taken[0] and not taken[-1]
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 100 * taken.count(False)}
     assert recorder.stats()["queue"]["bytes"] <= 100e3
@@ -100,10 +100,10 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
 
 async def test_a_stopped_recorder_refuses(tmp_path):
     recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
-    assert not recorder.batch(batch_of(0, 1))
+    assert not recorder.put(batch_of(0, 1))
     recorder.start()
     await recorder.close()
-    assert not recorder.batch(batch_of(0, 1))
+    assert not recorder.put(batch_of(0, 1))
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 2}
     await recorder.close()
 
@@ -112,7 +112,7 @@ async def test_files_rotate_by_size(tmp_path):
     recorder = Recorder(RecordSettings(folder=tmp_path, file_size=60e3, flush=0.001), HEADER)
     recorder.start()
     for n in range(30):
-        assert recorder.batch(batch_of(n * 100, 100))
+        assert recorder.put(batch_of(n * 100, 100))
         assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await recorder.close()
     files = sorted(tmp_path.iterdir())
@@ -128,10 +128,10 @@ async def test_files_rotate_by_age(tmp_path, monkeypatch):
     monkeypatch.setattr("cellwatt.record.writer.IDLE", 0.01)
     recorder = Recorder(RecordSettings(folder=tmp_path, file_age=0.05), HEADER)
     recorder.start()
-    assert recorder.batch(batch_of(0, 1))
+    assert recorder.put(batch_of(0, 1))
     await eventually(lambda: list(tmp_path.glob("*.mcap")))
     assert recorder.stats()["file"] is None
-    assert recorder.batch(batch_of(1, 1))
+    assert recorder.put(batch_of(1, 1))
     await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 2)
     await recorder.close()
     assert [b.sequence for b in Recording.open(tmp_path).entries()] == [0, 1]
@@ -139,10 +139,10 @@ async def test_files_rotate_by_age(tmp_path, monkeypatch):
 
 async def test_another_declaration_goes_into_another_file(recorder, tmp_path):
     other = Stream(ARM.name, (Channel("supply.power", "W"),), 10.0, "host")
-    assert recorder.batch(batch_of(0, 1))
-    assert recorder.batch(batch_of(1, 2, stream=other))
-    assert recorder.batch(batch_of(3, 2, stream=Stream(*[getattr(other, n) for n in Stream.__slots__])))
-    assert recorder.frames(frames_of(0, 2)) and recorder.frames(frames_of(2, 2, channels=4))
+    assert recorder.put(batch_of(0, 1))
+    assert recorder.put(batch_of(1, 2, stream=other))
+    assert recorder.put(batch_of(3, 2, stream=Stream(*[getattr(other, n) for n in Stream.__slots__])))
+    assert recorder.put(frames_of(0, 2)) and recorder.put(frames_of(2, 2, channels=4))
     await recorder.close()
     assert len(list(tmp_path.glob("*.mcap"))) == 3
     assert [b.stream for b in Recording.open(tmp_path).entries()] == [ARM, other, other]
@@ -151,9 +151,9 @@ async def test_another_declaration_goes_into_another_file(recorder, tmp_path):
 
 
 async def test_new_settings_begin_a_new_file(recorder, tmp_path):
-    assert recorder.batch(batch_of(0, 1))
+    assert recorder.put(batch_of(0, 1))
     recorder.redeclare(replace(HEADER, settings="changed"))
-    assert recorder.batch(batch_of(1, 1))
+    assert recorder.put(batch_of(1, 1))
     await recorder.close()
     first, second = (Recording.open(p) for p in sorted(tmp_path.iterdir()))
     assert (first.header.settings, second.header.settings) == (HEADER.settings, "changed")
@@ -161,9 +161,9 @@ async def test_new_settings_begin_a_new_file(recorder, tmp_path):
 
 
 async def test_what_cannot_be_written_is_counted_and_the_rest_goes_on(recorder, tmp_path):
-    assert recorder.batch(replace(batch_of(0, 2), values=np.zeros((2, 3))))
-    assert recorder.event(Event(SESSION, None, "odd", "x", {"object": object()}))
-    assert recorder.batch(batch_of(2, 1))
+    assert recorder.put(replace(batch_of(0, 2), values=np.zeros((2, 3))))
+    assert recorder.put(Event(SESSION, None, "odd", "x", {"object": object()}))
+    assert recorder.put(batch_of(2, 1))
     await recorder.close()
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 2, "/event": 1}
     assert [b.sequence for b in Recording.open(tmp_path).entries()] == [2]
@@ -184,7 +184,7 @@ async def test_a_start_repairs_what_the_last_run_left(tmp_path):
     (tmp_path / (name_of(3) + PART)).write_bytes(b"")
     recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12))
     recorder.start()
-    assert recorder.batch(batch_of(0, 1))
+    assert recorder.put(batch_of(0, 1))
     reports = await recorder.recovered()
     await recorder.close()
     assert [r.part.name for r in reports] == [name_of(3) + PART, name_of(2) + PART]
@@ -197,7 +197,7 @@ async def test_two_sessions_in_one_folder_follow_each_other(tmp_path):
     for session in (SESSION + 10**9, SESSION):
         recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=session))
         recorder.start()
-        assert recorder.batch(replace(batch_of(0, 1), arrival=session))
+        assert recorder.put(replace(batch_of(0, 1), arrival=session))
         await recorder.close()
     assert [b.arrival for b in Recording.open(tmp_path).entries()] == [SESSION, SESSION + 10**9]
 
@@ -206,7 +206,7 @@ async def test_recordings_of_several_cells_are_not_mixed(tmp_path):
     for cell in ("weld-3", "weld-4"):
         recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, cell=cell))
         recorder.start()
-        assert recorder.batch(batch_of(0, 1))
+        assert recorder.put(batch_of(0, 1))
         await recorder.close()
     with pytest.raises(RecordingError, match="several cells"):
         Recording.open(tmp_path)
@@ -215,6 +215,6 @@ async def test_recordings_of_several_cells_are_not_mixed(tmp_path):
 async def test_the_loop_is_never_blocked(recorder):
     with blockbuster_ctx():  # of files, too, which a test may else touch
         for n in range(50):
-            assert recorder.batch(batch_of(n * 10, 10))
+            assert recorder.put(batch_of(n * 10, 10))
             recorder.stats()
         await asyncio.sleep(0)

@@ -6,14 +6,14 @@ from hypothesis import strategies as st
 
 from cellwatt.record import RecordSettings
 from cellwatt.record.header import FileName
-from cellwatt.record.retention import Kept, listing, remove, remove_oldest, surplus
+from cellwatt.record.retention import Kept, listing, remove_oldest, surplus
 from cellwatt.record.upkeep import Upkeep
 
 from .making import CELL, SESSION, name_of
 
 
 def kept(number, size, *, age=0.0, closed=True):
-    return Kept(Path(f"{number}"), FileName(SESSION, number, CELL), size, 1000.0 - age, closed)
+    return Kept(Path(f"{number}"), size, 1000.0 - age, closed, FileName(SESSION, number, CELL))
 
 
 def numbers(files):
@@ -72,7 +72,6 @@ def test_the_oldest_closed_file_makes_room(tmp_path):
     assert remove_oldest(tmp_path, CELL).path.name == name_of(3)
     assert remove_oldest(tmp_path, CELL) is None
     assert [p.name for p in tmp_path.iterdir()] == [name_of(1) + ".part"]
-    assert remove([]) == 0
 
 
 def test_a_new_start_keeps_to_the_budget(tmp_path):

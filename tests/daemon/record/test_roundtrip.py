@@ -266,7 +266,7 @@ def test_the_header_and_declarations_come_back(tmp_path):
 async def _record(folder, header, batches):
     recorder = Recorder(RecordSettings(folder=folder), header)
     recorder.start()
-    assert all(recorder.batch(b) for b in batches)
+    assert all(recorder.put(b) for b in batches)
     await recorder.close()
 
 

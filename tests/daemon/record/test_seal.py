@@ -27,7 +27,7 @@ async def record(settings: RecordSettings, blocks: int) -> None:
     recorder = Recorder(settings, HEADER)
     recorder.start()
     for n in range(blocks):
-        assert recorder.batch(batch_of(n * 10, 10))
+        assert recorder.put(batch_of(n * 10, 10))
         if n % 10 == 0:
             assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await recorder.close()
@@ -218,7 +218,7 @@ async def test_without_its_key_the_cell_records_and_says_so(keys: Path) -> None:
     (keys / "cell.key").unlink()
     recorder = Recorder(RecordSettings(folder=keys / "recordings", sign=keys / "cell.key"), HEADER)
     recorder.start()
-    assert recorder.batch(batch_of(0, 10))
+    assert recorder.put(batch_of(0, 10))
     await recorder.close()
     assert "could not be signed: " in recorder.stats()["upkeep_problem"]
     assert len(Recording.open(keys / "recordings").paths) == 1

@@ -186,7 +186,7 @@ async def test_losses_are_counted_one_by_one(tmp_path, probability):
 
 
 async def test_losses_from_the_first_package_on_are_counted(tmp_path):
-    fault = '{"kind": "loss", "probability": 0.1}'
+    fault = "loss:probability=10%"
     async with (
         served(tmp_path, ROWS, *HOLD, "--fault", fault) as (emulator, _),
         watching(emulator.address) as watched,

@@ -1,4 +1,4 @@
-"""`cellwatt faults train`: fault tables and the paper's network, from recorded and emulated faults."""
+"""`cellwatt faults train`: fault tables and the paper's network, from recorded faults."""
 
 import json
 from pathlib import Path
@@ -9,12 +9,14 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from cellwatt.emulation import ArmSignals
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.command import faults, reference
-from cellwatt_plugins.faults.paper.columns import column_of, emulated
+from cellwatt_plugins.faults.paper.columns import column_of
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
+from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, run
 
@@ -89,29 +91,18 @@ def test_a_recording_of_another_task_is_refused(folder, tmp_path):
     assert "--fault 3: no whole cycle" in str(done.exception)
 
 
-def test_a_task_that_the_emulated_arm_does_not_do_is_refused(folder):
-    done = train(folder, "--emulated")
-    assert isinstance(done.exception, ModelError)
-    assert "is none of the emulated arm's" in str(done.exception)
-
-
-@pytest.mark.parametrize("stiffness", [45.0, 80.0])
-def test_the_table_of_the_emulated_arm_names_springs_that_it_was_not_trained_on(tmp_path, stiffness):
-    done = called(faults, "train", "--reference", DEMO, "--emulated", "--out", tmp_path)
-    assert done.exit_code == 0, done.exception
-    assert "joint 4:  0  0  0  0  0  0  0  0   at rest" in done.output
-    (file,) = tmp_path.glob("*.onnx")
-    for joint in (2, 3, 5):
-        assert named(file, joint, stiffness) == {joint}
-
-
 def test_the_network_of_the_example_names_the_elbow():
     assert named(DEMO.parent / "fault-networks", 3, 80.0) == {3}
 
 
 def named(network, joint, stiffness):
     """Joints of which alarms were raised on the emulated arm of the demo with a spring on a joint."""
-    frames = next(emulated(joint, 1.0, stiffness=stiffness, seed=99))
+    arm = ArmSignals(seed=99)
+    arm.disturb({"spring": float(joint), "stiffness": stiffness, "rest": arm.home[joint - 1]})
+    t = np.arange(-1.0, 3 * arm.period, 0.02)
+    told = arm.at(np.maximum(t, 0.0))
+    position = np.column_stack([told[f"joint_{j}.position"] for j in range(1, 7)])
+    frames = frames_of_table(t + 1.0, position, told["supply.power"])
     cell = CellInfo("demo", "demo", None, DEMO.parent)
     segment = SegmentStage("segment", SegmentSettings(), frames.layout, cell)
     chosen = PaperFaultsSettings(reference=DEMO, network=network, arm="table", power="supply.power")

@@ -95,7 +95,7 @@ async def recorded(folder, table, begin, session):
     quality = np.zeros(values.shape, np.uint8)
     recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "weld-0", session))
     recorder.start()
-    assert recorder.frames(Frames(layout, 0, time, values, quality, np.zeros(values.shape, np.int64)))
+    assert recorder.put(Frames(layout, 0, time, values, quality, np.zeros(values.shape, np.int64)))
     await recorder.close()
 
 

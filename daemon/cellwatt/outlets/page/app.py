@@ -22,25 +22,47 @@ from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, proof_of, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
+from cellwatt.outlets.page.drop_api import DropApi
+from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import Rooms
 from cellwatt.outlets.page.sessions import LONGEST, Sessions
 from cellwatt.outlets.page.streams import Browsers, encoded
 from cellwatt.version import __version__
 
-PAGES: Final = ("/", "/plant", "/login", "/cell/{site}/{cell}", "/cell/{site}/{cell}/{part}")
+PAGES: Final = (
+    "/",
+    "/plant",
+    "/login",
+    "/cell/{site}/{cell}",
+    "/cell/{site}/{cell}/{part}",
+    "/recordings",
+    "/recordings/{name}",
+)
 _PACKED: Final = 1024
 """Bytes of JSON from which on it is packed."""
 LIMITS: Final = Limits(connections=384, peer=256)
 
 
 class Page:
-    """The application for ``rooms``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow."""
+    """The application for ``rooms``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow.
 
-    def __init__(self, settings: PageSettings, gate: Gate, rooms: Rooms, assets: Assets, browsers: Browsers) -> None:
+    Recordings can be dropped on it where there are ``drops``.
+    """
+
+    def __init__(
+        self,
+        settings: PageSettings,
+        gate: Gate,
+        rooms: Rooms,
+        assets: Assets,
+        browsers: Browsers,
+        drops: Drops | None = None,
+    ) -> None:
         self._settings, self._gate, self._rooms, self._assets = settings, gate, rooms, assets
         self._browsers = browsers
-        self._door = HttpDoor(self.application(), settings, LIMITS)
+        self._drops = None if drops is None else DropApi(drops, settings)
+        self._door = HttpDoor(self.application(), settings, LIMITS, self._drops.put if self._drops else None)
         self.url = ""
 
     def application(self) -> web.Application:
@@ -61,6 +83,7 @@ class Page:
             web.get("/api/plant", self._plant),
             web.get("/api/plant/stream", self._plant_stream, allow_head=False),
             *CellApi(self._rooms).routes(),
+            *(self._drops.routes() if self._drops else ()),
         )
 
     async def _index(self, request: web.Request) -> web.StreamResponse:
@@ -78,6 +101,7 @@ class Page:
             "cells": [{"site": site, "cell": cell} for site, cell in self._rooms.cells] if known else [],
             "user": visitor.name,
             "may_act": visitor.may_act and self._rooms.acts,
+            "may_drop": self._drops is not None and self._drops.may(request),
             "login_needed": not known,
             "csrf": self._gate.sessions.csrf(visitor.token),
             "version": __version__,
@@ -132,10 +156,11 @@ class Page:
 
 @asynccontextmanager
 async def served(
-    settings: PageSettings, rooms: Rooms, browsers: Browsers, logins: Path | None = None
+    settings: PageSettings, rooms: Rooms, browsers: Browsers, logins: Path | None = None, drops: Drops | None = None
 ) -> AsyncIterator[Page]:
     """Serve a page until the end of the context; ``logins`` is the file that keeps them, if any does.
 
+    Recordings can be dropped on it where there are ``drops``, which end with it.
     Raises ``OutletError`` if that cannot be.
     """
     sessions, assets = Sessions(logins, lambda name: proof_of(settings, name)), Assets()
@@ -146,12 +171,14 @@ async def served(
         asyncio.to_thread(assets.load),
     )
     gate = Gate(settings, sessions, names)
-    page = Page(settings, gate, rooms, assets, browsers)
+    page = Page(settings, gate, rooms, assets, browsers, drops)
     try:
         await page.start(context)
         yield page
     finally:
         await page.stop()
+        if drops is not None:
+            await drops.close()
         await gate.save()
 
 

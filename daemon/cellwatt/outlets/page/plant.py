@@ -10,13 +10,13 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.page.archive import Desk
 from cellwatt.outlets.page.followed import UNREADABLE, Followed
-from cellwatt.outlets.page.rooms import Room, page_of, plant_cell
+from cellwatt.outlets.page.rooms import Mode, Room, page_of, plant_cell
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.keys import PREFIX, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
@@ -56,7 +56,7 @@ class Plant:
     Zenoh calls back in threads of its own: what they bring is taken on the loop.
     """
 
-    mode: Literal["cell", "plant"] = "plant"
+    mode: Mode = "plant"
     acts = False
 
     def __init__(self, link: LinkSettings, site: str, browsers: Browsers, desk: Desk) -> None:

@@ -18,6 +18,8 @@ from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Hub
 from cellwatt.outlets.zenoh.received import Health
 
+Mode = Literal["cell", "plant", "recordings"]
+
 Order = Callable[[Mapping[str, Any]], Awaitable[None]]
 """Has the cell's daemon do something; raises ``CellwattError`` with its reason."""
 
@@ -34,7 +36,7 @@ class Room:
 class Rooms(Protocol):
     """All cells of a page."""
 
-    mode: Literal["cell", "plant"]
+    mode: Mode
     site: str | None
     acts: bool
     """True if anything can be changed from here."""
@@ -68,29 +70,31 @@ def prefix(site: str, cell: str) -> str:
 
 
 class OneRoom:
-    """A page of one cell."""
+    """A page of one cell; of none, on which recordings can be dropped."""
 
-    mode: Literal["cell", "plant"] = "cell"
     hub: Hub | None = None
 
-    def __init__(self, room: Room) -> None:
+    def __init__(self, room: Room | None) -> None:
         self._room = room
-        self.site: str | None = room.feed.site
-        self.acts = room.order is not None
+        self.mode: Mode = "recordings" if room is None else "cell"
+        self.site: str | None = None if room is None else room.feed.site
+        self.acts = room is not None and room.order is not None
 
     @property
     def cells(self) -> Sequence[tuple[str, str]]:
         """See ``Rooms.cells``."""
-        return ((self._room.feed.site, self._room.feed.cell),)
+        return () if self._room is None else ((self._room.feed.site, self._room.feed.cell),)
 
     async def room(self, site: str, cell: str) -> Room:
         """See ``Rooms.room``."""
-        if (site, cell) != self.cells[0]:
+        if self._room is None or (site, cell) not in self.cells:
             raise KeyError(cell)
         return self._room
 
     def summary(self) -> list[dict[str, Any]]:
         """See ``Rooms.summary``."""
+        if self._room is None:
+            return []
         feed = self._room.feed
         age = None if feed.live.heard is None else time.monotonic() - feed.live.heard
         return [plant_cell(feed.site, feed.cell, feed.live.status, age)]

@@ -10,6 +10,7 @@ from typing import Any
 
 from cellwatt.outlets.page.app import served
 from cellwatt.outlets.page.archive import Archive, Desk
+from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.followed import watch
 from cellwatt.outlets.page.outlet import PageSettings
@@ -22,7 +23,7 @@ from cellwatt.subscriber import LinkSettings
 
 async def view(
     settings: PageSettings,
-    link: LinkSettings,
+    link: LinkSettings | None,
     site: str,
     cell: str | None,
     verify: Path | None,
@@ -31,15 +32,17 @@ async def view(
 ) -> None:
     """Serve the page of a cell, ``None`` for all of the site, for ``seconds`` or until cancelled.
 
+    Without a ``link`` it is a page for recordings alone.
+
     ``tell`` is given the address. Logins end with this call. Raises ``OutletError`` if the page cannot be served.
     """
-    browsers, desk = Browsers(settings.browsers), Desk()
+    browsers, desk, drops = Browsers(settings.browsers), Desk(), Drops()
     try:
         with plain_errors():
             async with asyncio.TaskGroup() as group:
                 rooms, following = _rooms(settings, link, site, cell, verify, browsers, desk)
                 tasks = [group.create_task(work) for work in following]
-                async with served(settings, rooms, browsers) as page:
+                async with served(settings, rooms, browsers, drops=drops) as page:
                     tell(f"the page is at {page.url}")
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(seconds):
@@ -52,7 +55,7 @@ async def view(
 
 def _rooms(
     settings: PageSettings,
-    link: LinkSettings,
+    link: LinkSettings | None,
     site: str,
     cell: str | None,
     verify: Path | None,
@@ -60,6 +63,8 @@ def _rooms(
     desk: Desk,
 ) -> tuple[Rooms, list[Coroutine[Any, Any, None]]]:
     """What is shown, and what follows it."""
+    if link is None:
+        return OneRoom(None), []
     if cell is None:
         plant = Plant(link, site, browsers, desk)
         return plant, [plant.run()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from cellwatt.frames import Frames
@@ -16,8 +16,8 @@ from cellwatt.outlets.zenoh.messages import topic_of
 from cellwatt.record.messages import time_of
 from cellwatt.results import Alarm, Event, Result
 
-RESULTS_KEPT: Final = 4096
-"""Results and events kept of each topic."""
+ALARMS_KEPT, RESULTS_KEPT = 4096, 1024
+"""Alarms, and results and events of each other topic, that are kept; the record has more."""
 _OVERHEAD: Final = 1000
 """Bytes that a block of frames takes in memory beside its numbers: of two frames, more than these."""
 
@@ -27,8 +27,8 @@ class _Numbering:
     """The items kept of one topic, oldest first, and the number of the next one."""
 
     session: int
+    kept: deque[tuple[Mark, Result | Event]]
     following: int = 0
-    kept: deque[tuple[Mark, Result | Event]] = field(default_factory=lambda: deque(maxlen=RESULTS_KEPT))
 
 
 class Backlog:
@@ -66,7 +66,10 @@ class Backlog:
     def _keep(self, number: int | None, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
         """``number`` is the item's, ``None`` for the next of its topic."""
         topic = topic_of(item)
-        numbering = self._topics.setdefault(topic, _Numbering(self.session))
+        if topic not in self._topics:
+            most = ALARMS_KEPT if topic == ALARM else RESULTS_KEPT
+            self._topics[topic] = _Numbering(self.session, deque(maxlen=most))
+        numbering = self._topics[topic]
         mark = Mark(numbering.session, numbering.following if number is None else number, 1, time_of(item))
         numbering.following = mark.end
         numbering.kept.append((mark, item))
@@ -75,7 +78,7 @@ class Backlog:
     def add_frames(self, frames: Frames) -> Mark:
         """Keep frames under their own numbers; where those go back, a new numbering begins."""
         with self._lock:
-            numbering = self._topics.setdefault(FRAME, _Numbering(self._numbered))
+            numbering = self._topics.setdefault(FRAME, _Numbering(self._numbered, deque()))
             if frames.sequence < numbering.following:
                 numbering.session += 1
                 self._frames.clear()

@@ -6,15 +6,12 @@ import asyncio
 import contextlib
 import json
 import logging
-import os
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-from cellwatt.child import ends_with_parent
-from cellwatt.errors import RecordingError
+from cellwatt.child import output
+from cellwatt.errors import CellwattError
 from cellwatt.record import RecordSettings, packs
 from cellwatt.record.packs import Due
 from cellwatt.results import Alarm, Event
@@ -156,7 +153,7 @@ class Keeper:
             made = await self._made_by_process(due)
         except OSError as error:
             failure = f"{self.folder} cannot be written: {error.strerror}"
-        except RecordingError as error:
+        except CellwattError as error:
             failure = str(error)
         except Exception as error:
             # A pack is worth something, but never the record of what goes on: this process goes on without.
@@ -174,33 +171,11 @@ class Keeper:
         self._say(due, f"kept in {packs.FOLDER}/{due.name}.mcap", {**made, "pack": f"{due.name}.mcap"})
 
     async def _made_by_process(self, due: Due) -> dict[str, Any]:
-        """What the process that makes a pack says of it. Raises ``RecordingError`` where it makes none."""
+        """What the process that makes a pack says of it. Raises ``CellwattError`` where it makes none."""
         settings = self._settings
         sign = [] if settings.sign is None else ["--sign", str(settings.sign)]
         note = str(packs.due_path(self.folder, due))
-        command = [sys.executable, "-m", MODULE, note, "--reserve", str(settings.file_limit), *sign]
-        try:
-            process = await asyncio.create_subprocess_exec(
-                *command,
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.PIPE,
-                preexec_fn=_tied(),
-            )
-        except OSError as error:
-            raise RecordingError(f"the process that makes it cannot be started: {error.strerror}") from error
-        try:
-            async with asyncio.timeout(LIMIT):
-                said, wrong = await process.communicate()
-        except TimeoutError:
-            raise RecordingError(f"it took longer than {LIMIT:.0f} s") from None
-        finally:
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
-        if process.returncode:
-            words = wrong.decode(errors="replace").strip().splitlines()
-            raise RecordingError(words[-1] if words else f"the process that makes it ended with {process.returncode}")
+        said = await output([MODULE, note, "--reserve", str(settings.file_limit), *sign], LIMIT, NICENESS)
         found: dict[str, Any] = json.loads(said.splitlines()[-1])
         return found
 
@@ -216,14 +191,3 @@ class Keeper:
         told = f"evidence of alarm {first.id}{f' and {others} more' if others else ''} {what}"
         alarms = [alarm.id for alarm in due.alarms]
         self._tell(Event(self._now(), first.source, "evidence", told, {"alarms": alarms, **data}))
-
-
-def _tied() -> Callable[[], None]:
-    """For the child: it ends with this process and gives way to all others."""
-    tie = ends_with_parent(signal.SIGKILL)
-
-    def begin() -> None:
-        tie()
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
-
-    return begin

@@ -13,13 +13,13 @@ from cellwatt.batch import Batch
 from cellwatt.blocks import Block, cut
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
-from cellwatt.record import Recorder, decoder
+from cellwatt.record import Recorder
 from cellwatt.record.container import Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.messages import Message
 from cellwatt.record.opening import survey
-from cellwatt.record.reader import chunk_data
+from cellwatt.record.reader import numbered_items
 from cellwatt.record.retention import Kept, listing
 from cellwatt.results import Event, Result, series_of
 
@@ -118,7 +118,7 @@ def _readable(files: Iterable[Kept]) -> Iterator[tuple[FileIO, Contents, Mapping
 def _items(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], wanted: Container[int]) -> list[tuple[int, Item]]:
     """Those of a chunk with their numbers; of a damaged one none."""
     try:
-        return list(decoder.numbered(chunk_data(file, chunk), tracks, wanted))
+        return numbered_items(file, chunk, tracks, wanted)
     except ValueError as error:
         log.warning("%s: the chunk at %d is passed over: %s", file.name, chunk.offset, error)
         return []

@@ -24,7 +24,7 @@ SLOTS: Final = 2 * CHAINS
 KEPT: Final = 10.0
 """s of data that a ring holds: how long a reader may stand still before it misses some."""
 SMALLEST, LARGEST = 1 << 20, 64 << 20  # bytes of a ring
-RESULTS: Final = 4 << 20
+RESULTS: Final = 2 << 20
 """Bytes of results that a chain may be ahead of who records and publishes them."""
 
 TELL, OTHERS, TOLD = 0, 1, READERS - 1

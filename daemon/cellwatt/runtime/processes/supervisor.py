@@ -86,7 +86,7 @@ class Supervisor:
     @property
     def _parts(self) -> list[Part]:
         held = list(self._reload.judges.values()) if self._reload is not None else []
-        return [self._collect, self._align, self._tell, *self._judges.values(), *held, *self._ending]
+        return [*self._serving(), *held, *self._ending]
 
     def run(self) -> None:
         """Serve the cell. Raises ``CellwattError`` where a part cannot be started, or another has the record folder."""
@@ -192,9 +192,7 @@ class Supervisor:
         now = time.monotonic()
         serving = self._serving()
         due = [p.again_at - now for p in serving if not p.alive]
-        for key, _ in self._selector.select(max(min([LOOK, *due]), 0.0)):
-            if key.fileobj in self._selector.get_map():
-                key.data()
+        self._wait(min([LOOK, *due]))
         self._shared.clock.discipline()
         if self._claim is not None and now >= self._renew_at:
             self._renew_at = now + RENEW
@@ -202,6 +200,12 @@ class Supervisor:
         for part in serving:
             if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
                 self._start(part)
+
+    def _wait(self, seconds: float) -> None:
+        """Deal with news, which may take ``seconds`` to come."""
+        for key, _ in self._selector.select(max(seconds, 0.0)):
+            if key.fileobj in self._selector.get_map():
+                key.data()
 
     def _serving(self) -> list[Part]:
         return [self._collect, self._align, self._tell, *self._judges.values()]
@@ -281,9 +285,7 @@ class Supervisor:
     def _end(self, part: Part, *, at_once: bool = False) -> None:
         end = time.monotonic() + (0.0 if at_once else END)
         while part.alive and time.monotonic() < end:
-            for key, _ in self._selector.select(max(end - time.monotonic(), 0.0)):
-                if key.fileobj in self._selector.get_map():
-                    key.data()
+            self._wait(end - time.monotonic())
         if part.alive:
             if not at_once:
                 log.warning("the process %s did not end within %.0f s: what it held is lost", part.name, END)

@@ -296,7 +296,8 @@ class _Telling:
         now = time.monotonic()
         said = {part: known for part, (_, known) in self._said.items()}
         ages = {part: now - heard for part, (heard, _) in self._said.items()}
-        silent = {part for part, age in ages.items() if age > SILENT}
+        ending = self._raw.reader.ring.ended  # the others have come to their end, in order
+        silent = {part for part, age in ages.items() if age > SILENT and not ending}
         waiting = {part for part in silent if starved(said[part]["pid"], said[part]["cpu_s"], ages[part])}
         stages = {name: s for known in said.values() for name, s in known.get("stages", {}).items()}
         collect, align = said.get("collect", {}), said.get("align", {})

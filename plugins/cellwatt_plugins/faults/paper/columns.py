@@ -1,16 +1,15 @@
-"""The fault table of a task, learnt from cycles with a known fault: recorded, emulated, or simulated ones."""
+"""The fault table of a task, learnt from cycles with a known fault: recorded or simulated ones."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.emulation import ArmSignals
 from cellwatt.frames import Frames
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval
@@ -22,7 +21,6 @@ from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
 from cellwatt_plugins.faults.paper.following import CycleFollower, CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
-from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.trace import Trace
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
@@ -33,10 +31,6 @@ Codes = NDArray[np.int8]
 SPRINGS = (4.0, 8.0, 16.0)
 """Springs that are simulated, slack where the task begins: torque over a radian in multiples of the joint's Coulomb
 friction."""
-STIFFNESS, CYCLES = 60.0, 3
-"""Nm/rad of a spring on the emulated arm, hooked on where the joint is at home, and how many cycles it runs."""
-RATE, LEAD = 50.0, 1.0
-"""Hz of the emulated arm's frames, and s at rest before its first cycle."""
 
 
 def recorded(
@@ -62,16 +56,6 @@ def recorded(
                 codes = np.array([verdict.code for verdict in cycle.verdicts], np.int8)
                 found[cycle.course.key].append(codes)
     return dict(found)
-
-
-def emulated(joint: int, speed: float, *, stiffness: float = STIFFNESS, seed: int = 0) -> Iterator[Frames]:
-    """Frames of the emulated arm (`cellwatt emulate`) with a spring, Nm/rad, on a joint (from 1)."""
-    arm = ArmSignals(speed=speed, seed=seed)
-    arm.disturb({"spring": float(joint), "stiffness": stiffness, "rest": arm.home[joint - 1]})
-    t = np.arange(-LEAD, CYCLES * arm.period, 1 / RATE)
-    told = arm.at(np.maximum(t, 0.0))
-    position = np.column_stack([told[f"joint_{j}.position"] for j in range(1, len(arm.home) + 1)])
-    yield frames_of_table(t + LEAD, position, told["supply.power"])
 
 
 def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:

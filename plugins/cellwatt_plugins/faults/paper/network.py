@@ -30,8 +30,7 @@ from pydantic import BaseModel
 from cellwatt.config import reads_version
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.onnx_file import OnnxFile
-from cellwatt_plugins.faults.paper.course import Course
-from cellwatt_plugins.faults.paper.trained_for import TrainedFor, not_the_motion
+from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -119,10 +118,6 @@ class FaultNetwork:
                 f"it has {columns[0]} inputs and {columns[1]} outputs, expected {sizes[0]} and {sizes[1]} for the "
                 "table in its metadata"
             )
-
-    def differs(self, course: Course) -> str:
-        """Why it is not for a course; empty where it is."""
-        return not_the_motion(self.table, course) if self.task is None else self.task.differs(course)
 
     def outputs(self, codes: Codes) -> Float:
         """Y1 … Yn and the one for "free", (m, groups + 1), for the codes of m cycles (m, intervals)."""

@@ -29,9 +29,12 @@ from cellwatt_plugins.faults.paper.judging import (
 )
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
+from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import Reference, columns_of, load
 from cellwatt_plugins.faults.stage import ToleranceSettings
 from cellwatt_plugins.faults.trace import Trace
+
+TRAIN = "train it with `cellwatt faults train`"
 
 
 def networks_of(path: Path, reference: Reference, where: Path) -> dict[Key, FaultNetwork]:
@@ -45,9 +48,11 @@ def networks_of(path: Path, reference: Reference, where: Path) -> dict[Key, Faul
     files: dict[Key, Path] = {}
     for file in _files(path):
         network = FaultNetwork(OnnxFile(file))
-        fits = [course for course in courses if not network.differs(course)]
+        if network.task is None:
+            raise ModelError(f"fault network {file}: does not say of which task it is; {TRAIN}")
+        fits = [course for course in courses if not network.task.differs(course)]
         if not fits:
-            raise ModelError(_of_no_course(file, network, courses, where))
+            raise ModelError(_of_no_course(file, network.task, courses, where))
         for course in fits:
             if course.key in files:
                 raise _twice(file, files[course.key], course.key)
@@ -68,18 +73,14 @@ def _files(path: Path) -> list[Path]:
     return found
 
 
-def _of_no_course(file: Path, network: FaultNetwork, courses: Sequence[Course], reference: Path) -> str:
-    """The one line that says what does not fit; of the course that is meant, where the file says which."""
-    task = network.task
-    meant = [c for c in courses if task is not None and c.key == (task.task, task.speed)]
-    meant = meant or [c for c in courses if len(c.intervals) == network.intervals] or list(courses)
-    if not meant:
+def _of_no_course(file: Path, task: TrainedFor, courses: Sequence[Course], reference: Path) -> str:
+    """The one line that says what does not fit, of the course of that name, else of the first."""
+    if not courses:
         return f"fault network {file}: reference {reference} has no tasks by intervals to use it for"
-    course = meant[0]
-    of = f"a table of {network.intervals} intervals that names no task" if task is None else task.words
+    course = next((c for c in courses if c.key == (task.task, task.speed)), courses[0])
     return (
-        f"fault network {file}: was trained for {of}, which is none of reference {reference}: its {course.task} at "
-        f"speed {course.speed:.2f} has {network.differs(course)}; train it with `cellwatt faults train`"
+        f"fault network {file}: was trained for {task.words}, which is none of reference {reference}: its "
+        f"{course.task} at speed {course.speed:.2f} has {task.differs(course)}; {TRAIN}"
     )
 
 

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from cellwatt_plugins.faults.paper.course import Course
-
-Codes = NDArray[np.int8]
 
 WAY = math.radians(3.0)
 """rad by which a joint's way in an interval may differ from the way in the task that was trained …"""
@@ -74,17 +71,6 @@ class TrainedFor:
             if abs(seconds - expected) > PACE * expected:
                 return f"another pace: interval {number} takes {seconds:.2f} s, expected {expected:.2f} s"
         return ""
-
-
-def not_the_motion(table: Codes, course: Course) -> str:
-    """Why a table of which no task is known is not that of a course's motion; empty where it is."""
-    joints = course.intervals[0].readings.q.shape[1]
-    if table.shape != (len(course.intervals), joints):
-        return f"{len(course.intervals)} intervals of {joints} joints, expected {len(table)} of {table.shape[1]}"
-    motion = [[joint in interval.moving for joint in range(1, joints + 1)] for interval in course.intervals]
-    if not np.array_equal(table != 0, np.array(motion)):
-        return "other joints in motion than have codes in the table"
-    return ""
 
 
 def _words(moving: Sequence[int]) -> str:

@@ -13,14 +13,14 @@ from cellwatt.errors import ModelError
 from cellwatt.progress import steps
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.identify import FittedArm
-from cellwatt_plugins.faults.paper.columns import column_of, emulated, recorded, simulated
+from cellwatt_plugins.faults.paper.columns import column_of, simulated
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import fault_table
 from cellwatt_plugins.faults.paper.network import groups_of, train
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 
 Codes = NDArray[np.int8]
-Origin = Literal["recorded", "emulated", "simulated", "at rest"]
+Origin = Literal["recorded", "simulated", "at rest"]
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,10 @@ class Column:
 @dataclass(frozen=True)
 class Sources:
     """Sources of cycles with a fault: codes of recorded ones by joint (from 1) and task; the ``arm`` to simulate
-    springs on, if any; whether the emulated arm is asked."""
+    springs on, if any."""
 
     recorded: Mapping[int, Mapping[Key, Sequence[Codes]]]
     arm: FittedArm | None
-    emulated: bool
     tolerance: Tolerance
 
     def column(self, course: Course, joint: int) -> Column:
@@ -52,14 +51,6 @@ class Sources:
             return Column("at rest", [np.zeros(len(course.intervals), np.int8)])
         if cycles := self.recorded.get(joint, {}).get(course.key):
             return Column("recorded", cycles)
-        if self.emulated:
-            found = recorded(emulated(joint, course.speed), [course], self.tolerance, None, "supply.power")
-            if cycles := found.get(course.key):
-                return Column("emulated", cycles)
-            raise ModelError(
-                f"{course.task} at speed {course.speed:.2f} is none of the emulated arm's: leave --emulated out, and "
-                "give --fault JOINT=RECORDING or --robot"
-            )
         if self.arm is not None:
             return Column("simulated", simulated(self.arm, course, joint, self.tolerance))
         raise ModelError(

@@ -40,8 +40,9 @@ COLUMNS = ("qpos", "qvel", "actuator_force")
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Number from which the arm and the rest is drawn.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write; demo-explain-SEED.")
+@click.option("--only-files", is_flag=True, help="Write the files, say what is concealed, and explain nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the truth beside the findings, as JSON.")
-def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, as_json: bool) -> None:
+def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_files: bool, as_json: bool) -> None:
     """Conceal physics from a simulation, and let `explain` find it.
 
     An arm is drawn, and physics that it has and that the user's simulation (arm.xml) does not have. MuJoCo runs the arm
@@ -54,6 +55,9 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, as_json
     folder = Path(f"demo-explain-{seed}") if out is None else out
     say = (lambda _: None) if as_json else click.echo
     concealed = write_files(folder, wanted, np.random.default_rng(seed))
+    if only_files:
+        click.echo("\n".join(each.sentence + "." for each in concealed) or "Nothing is concealed.")
+        return
     words = ["run_1.csv", "run_2.csv", "--simulation", "arm.xml", "--mend", "arm.xml", "--out", "result"]
     say(f"{folder}: arm.xml is your simulation, run_1.csv and run_2.csv are what the arm's sensors measured")
     say(f"$ cd {shlex.quote(str(folder))} && cellwatt explain {shlex.join(words)}\n")

@@ -9,7 +9,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
@@ -243,11 +243,13 @@ class Problem:
         return cast("K", self.of_design[name])
 
 
-def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float | None = None) -> Problem:
+def torque_problem(
+    runs: Sequence[Run], states: Sequence[States], turning: Float | None = None, late: float = 0.0
+) -> Problem:
     """The joints' torques of all runs.
 
     ``turning`` (n,) Nm is friction beyond the nominal that turns over with the sign of the velocity: the less is known
-    of that sign, the less a sample counts.
+    of that sign, the less a sample counts. What the motion leaves unsure shows in the torque within ``late`` s.
     """
     robot = states[0].robot
     told = _told(runs, states)
@@ -268,8 +270,11 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
     # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
     variance = tuple(
         noise**2
-        + np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
-        + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
+        + _until(
+            np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
+            + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread),
+            round(late / run.step),
+        )
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(
@@ -302,6 +307,13 @@ def rattling(target: Float, rows: Filtered, size: Float) -> Float:
     fast = target - smooth(target, rows.sample_step, rows.bandwidth)
     power = uniform_filter1d(np.square(fast), max(1, round(EDGE / rows.sample_step)), axis=0)
     return np.asarray(np.where(power > np.square(RATTLES * size), np.square(LEAK) * power, 0.0))
+
+
+def _until(values: Float, rows: int) -> Float:
+    """The greatest of values (N, n) over so many rows before each, or after it where ``rows`` is negative."""
+    if rows < 0:
+        return _until(values[::-1], -rows)[::-1]
+    return np.asarray(maximum_filter1d(values, rows + 1, axis=0, origin=rows // 2))
 
 
 def _unsure(states: States, at_rest: Float) -> Float:

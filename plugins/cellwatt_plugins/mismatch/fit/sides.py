@@ -21,10 +21,13 @@ class Torques:
         self._runs, self._states = tuple(runs), tuple(states)
         self._plain: Problem | None = None
 
-    def __call__(self, turning: Float) -> Problem:
-        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign."""
-        if turning.any():
-            return torque_problem(self._runs, self._states, turning)
+    def __call__(self, turning: Float, late: float) -> Problem:
+        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign.
+
+        The torques were read ``late`` s after the motion.
+        """
+        if turning.any() or late:
+            return torque_problem(self._runs, self._states, turning, late)
         if self._plain is None:
             self._plain = torque_problem(self._runs, self._states)
         return self._plain

@@ -16,8 +16,8 @@ Float = NDArray[np.float64]
 COVERAGE: Final = 0.9
 
 
-def half_width(errors: Float, coverage: float = COVERAGE) -> float:
-    """Half width that holds at least ``coverage`` of new errors like ``errors`` (N,)."""
+def half_width(errors: Float) -> float:
+    """Half width that holds at least ``COVERAGE`` of new errors like ``errors`` (N,)."""
     size = np.sort(np.abs(errors))
-    rank = int(np.ceil((len(size) + 1) * coverage))
+    rank = int(np.ceil((len(size) + 1) * COVERAGE))
     return float(size[min(rank, len(size)) - 1])

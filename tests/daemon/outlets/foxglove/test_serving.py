@@ -96,9 +96,9 @@ def recording(seen: Seen, tmp_path_factory: pytest.TempPathFactory) -> Path:
         recorder = Recorder(RecordSettings(folder=folder, keep="1 GB"), Header(SITE, CELL, EPOCH))
         recorder.start()
         for block in seen.blocks:
-            assert recorder.frames(block)
+            assert recorder.put(block)
         for item in TOLD:
-            assert recorder.event(item) if type(item).__name__ == "Event" else recorder.result(item)
+            assert recorder.put(item)
         assert recorder.health(EPOCH + 9000, HEALTH)
         await recorder.close()
 

@@ -16,6 +16,7 @@ import numpy as np
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
 from cellwatt.outlets.page.access import Gate, proof_of
 from cellwatt.outlets.page.app import Assets, Page
+from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import OneRoom, Room, prefix
@@ -195,7 +196,13 @@ def built(folder: Path) -> Assets:
 
 @asynccontextmanager
 async def served(
-    folder: Path, *, acts: bool = True, context: Any = None, archive: Any = None, **settings: Any
+    folder: Path,
+    *,
+    acts: bool = True,
+    context: Any = None,
+    archive: Any = None,
+    drops: Drops | None = None,
+    **settings: Any,
 ) -> AsyncIterator[Served]:
     """A page of one cell without a daemon."""
     made = PageSettings(**{"listen": "127.0.0.1:0", **settings})
@@ -209,7 +216,7 @@ async def served(
 
     gate = Gate(made, Sessions(None, lambda name: proof_of(made, name)))
     rooms = OneRoom(Room(feed, archive, order if acts else None))
-    page = Page(made, gate, rooms, await asyncio.to_thread(built, folder), browsers)
+    page = Page(made, gate, rooms, await asyncio.to_thread(built, folder), browsers, drops)
     url = (await page.start(context)).rstrip("/")
     try:
         yield Served(url, page, feed, gate, archive, browsers, orders)

@@ -70,12 +70,15 @@ async def test_the_site_says_what_is_here_and_who_asks(browser: aiohttp.ClientSe
         "cells": [{"site": SITE, "cell": CELL}],
         "user": None,
         "may_act": True,
+        "may_drop": False,
         "login_needed": False,
         "version": __version__,
     }
 
 
-@pytest.mark.parametrize("path", ["/", "/plant", "/login", f"/cell/{SITE}/{CELL}", f"/cell/{SITE}/{CELL}/alarms"])
+@pytest.mark.parametrize(
+    "path", ["/", "/plant", "/login", f"/cell/{SITE}/{CELL}", f"/cell/{SITE}/{CELL}/alarms", "/recordings/2"]
+)
 async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession, page: Served, path: str) -> None:
     async with browser.get(page.url + path) as response:
         assert (response.status, response.content_type) == (200, "text/html")

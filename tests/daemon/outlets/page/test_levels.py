@@ -366,7 +366,7 @@ def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path,
     reader.start()
     try:
         for i in range(0, count, 50):
-            assert recorder.frames(frames(time[i : i + 50], values[i : i + 50], names))
+            assert recorder.put(frames(time[i : i + 50], values[i : i + 50], names))
             assert recorder.flush(60)
             end = time[i + 49] / MS + 20
             found = reader.curves(["arm.c7"], max(end - 1000, START), end, 500)

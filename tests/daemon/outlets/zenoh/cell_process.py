@@ -39,7 +39,7 @@ class RecordingView(FakeView):
         self.journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
 
     def record(self, item: Batch | Frames, session: int | None = None) -> None:
-        assert self.recorder.frames(item) if isinstance(item, Frames) else self.recorder.batch(item)
+        assert self.recorder.put(item)
 
     def recordings(self) -> Sequence[Mapping[str, Any]]:
         return self._history.recordings()
@@ -98,7 +98,7 @@ class Cell:
         assert self.recorded is not None
         for _ in range(count):
             item = task(self.tasks)
-            assert self.recorded.recorder.result(item, self.recorded.journal.put(item))
+            assert self.recorded.recorder.put(item, self.recorded.journal.put(item))
             self.outlet.offer(item)
             self.tasks += 1
             if self.tasks % TASKS_OF_A_FLUSH == 0:

@@ -7,7 +7,7 @@ import pytest
 
 from cellwatt import CellwattError
 from cellwatt.outlets.zenoh.answers import Answers
-from cellwatt.outlets.zenoh.backlog import RESULTS_KEPT, Backlog
+from cellwatt.outlets.zenoh.backlog import ALARMS_KEPT, Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, JSON
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.mark import Mark
@@ -161,7 +161,7 @@ def test_where_the_begin_is_gone_the_answer_begins_with_what_is_left(
     assert mark is not None
     assert (mark.sequence, mark.count) == (begin.sequence, 5)
 
-    for number in range(RESULTS_KEPT + 2 * MOST_RESULTS):
+    for number in range(ALARMS_KEPT + 2 * MOST_RESULTS):
         backlog.add(alarm(number, active=False))
     mark = answers.about("results", {"kind": "alarm", "first": "3", "count": "100000"}).mark
     assert mark is not None

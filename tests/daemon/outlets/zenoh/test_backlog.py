@@ -3,7 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cellwatt import Interval, Prediction
-from cellwatt.outlets.zenoh.backlog import RESULTS_KEPT, Backlog
+from cellwatt.outlets.zenoh.backlog import ALARMS_KEPT, RESULTS_KEPT, Backlog
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, alarm, frames
 
 
@@ -49,10 +49,12 @@ def test_an_alarm_that_changes_its_severity_is_told_where_it_was() -> None:
 
 def test_results_are_kept_up_to_a_number_of_each_topic() -> None:
     kept = backlog()
-    for number in range(RESULTS_KEPT + 3):
+    for number in range(ALARMS_KEPT + 3):
         kept.add(alarm(number))
-    found = kept.results("alarm", EPOCH, 0, RESULTS_KEPT)
-    assert [m.sequence for m, _ in found] == list(range(3, RESULTS_KEPT))
+        kept.add(Interval("arm", number, 1, 2, (), (), (), ()))
+    found = kept.results("alarm", EPOCH, 0, ALARMS_KEPT)
+    assert [m.sequence for m, _ in found] == list(range(3, ALARMS_KEPT))
+    assert len(kept.results("interval", EPOCH, 0, 2 * ALARMS_KEPT)) == RESULTS_KEPT
     assert [m.sequence for m, _ in kept.results("alarm", EPOCH, 10, 2)] == [10, 11]
     assert kept.results("alarm", EPOCH + 1, 0, 9) == []
     assert kept.results("task", EPOCH, 0, 9) == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+import time
 from dataclasses import replace
 from multiprocessing import Pipe
 from pathlib import Path
@@ -79,6 +80,18 @@ def test_a_judge_in_another_place_ends_the_alarms_of_one_that_was_down_at_a_relo
     assert telling.left(1) == []
 
 
+def test_at_the_end_nobody_who_is_silent_is_down() -> None:
+    shared = Shared.of(*declared(CONFIG))
+    telling = Telling(shared)
+    telling._said["align"] = time.monotonic() - 10.0, {"part": "align", "pid": 0, "cpu_s": 0.0, "restarts": 0}
+    told: list[bool] = []
+    telling._teller.on_health = lambda status: told.append(status["processes"]["align"]["down"])
+    telling._look()
+    shared.raw.end()
+    telling._look()
+    assert told == [True, False]
+
+
 @pytest.mark.parametrize("written", [0, 1, 3])
 async def test_what_was_told_and_not_written_is_recorded_by_the_next_with_its_number(
     tmp_path: Path, written: int
@@ -112,7 +125,7 @@ async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_
     judge.put(task(0))
     first.left()
     for n in range(3 * LAST):
-        kept.batch(batch_of(n, 1))
+        kept.put(batch_of(n, 1))
         await asyncio.to_thread(kept.flush, PATIENCE)
     await kept.close()
     again = await Telling(shared, restarts=1).recording(tmp_path)

@@ -180,7 +180,7 @@ async def recorded_by_cellwatt(folder, t, sources=("arm",), silent=slice(0, 0)):
     recorder.start()
     none = np.zeros(table.shape, np.int64)
     time = start + np.arange(len(t)) * layout.step
-    assert recorder.frames(Frames(layout, 0, time, table, np.where(np.isnan(table), 4, 0).astype(np.uint8), none))
+    assert recorder.put(Frames(layout, 0, time, table, np.where(np.isnan(table), 4, 0).astype(np.uint8), none))
     await recorder.close()
 
 

@@ -57,15 +57,22 @@ def without(state: SearchState, now: Solution, term: Term) -> Solution:
 
 
 def reweigh(state: SearchState, now: Solution) -> Solution:
-    """The same terms where friction that they add makes the samples near stops count less."""
-    turning = np.zeros_like(state.turning)
+    """The same terms where friction that they add makes the samples near stops count less, as late as they are read."""
+    turning, late, terms = np.zeros_like(state.turning), 0.0, list[Term]()
     for term in now.terms:
         if term.effect.form.reverses and term.joint is not None:
             turning[term.joint] += abs(float(now.coefficients(term)[0]))
-    if np.all(np.abs(turning - state.turning) < 0.1 * turning + 1e-12):
+        if term.effect.name == "time_delay" and term.effect.acts_on == "reading":
+            late = term.shape[0] * float(now.coefficients(term)[0])
+        terms.append(term)
+    step = now.problem.states[0].step
+    if np.all(np.abs(turning - state.turning) < 0.1 * turning + 1e-12) and abs(late - state.late) < step:
         return now
-    state.turn(turning.tolist())
-    return solve(state, now.terms)
+    # Near stops a delay was not told from torque that turns over slowly.
+    if abs(late - state.late) >= step:
+        terms = [replace(t, shape=(late,)) if t.effect.name == "time_delay" else t for t in terms]
+    state.turn(turning.tolist(), late)
+    return solve(state, terms)
 
 
 def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression) -> Problem:

@@ -20,8 +20,9 @@ from cellwatt_plugins.robot.effects.effect import Effect
 Float = NDArray[np.float64]
 Place = tuple[str, int | None]
 """Name of an effect and its joint (0-based), as ``Term.place``."""
-Make = Callable[[Float], Problem]
-"""Makes the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign."""
+Make = Callable[[Float, float], Problem]
+"""Makes the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign, read so many s
+late."""
 
 
 @dataclass
@@ -49,6 +50,8 @@ class SearchState:
     """Joints (0-based) at which no candidate has been refused since a term last entered there."""
     left: tuple[tuple[Term, ...], list[Float]] | None = None
     """What some terms leave at all samples of each run."""
+    late: float = 0.0
+    """s after the motion at which the problem's torques were read."""
     looseness: float = 1.0
     """See ``loose``."""
     known: dict[tuple[str, int | None, frozenset[Term]], Candidate | None] = field(default_factory=dict)
@@ -66,21 +69,26 @@ class SearchState:
         """Note that a term entered or left at ``joints``, None for the whole arm: they are to be looked at again."""
         self.unlooked |= set(self.moving) if None in joints else set(joints)
 
-    def turn(self, turning: Sequence[float]) -> None:
-        """Make the problem anew where another friction (C,) Nm turns over with the sign of the velocity."""
-        if not np.array_equal(turning, self.turning):
-            self.turning = np.array(turning)
+    def turn(self, turning: Sequence[float], late: float) -> None:
+        """Make the problem anew where another friction (C,) Nm turns over with the sign of the velocity.
+
+        The torque shows that ``late`` s after.
+        """
+        if not np.array_equal(turning, self.turning) or late != self.late:
+            self.turning, self.late = np.array(turning), late
             self._anew()
 
     def loosen(self, looseness: float) -> None:
         """Begin anew with other tolerances; see ``loose``."""
-        self.looseness, self.turning = looseness, np.zeros_like(self.turning)
+        self.looseness, self.turning, self.late = looseness, np.zeros_like(self.turning), 0.0
         self._anew()
 
     def _anew(self) -> None:
         # What motion and priors alone determine stays; the weight of each sample does not.
         old = self.problem
-        self.problem = replace(loose(self.make(self.turning), self.looseness), simulated=old.simulated, made=old.made)
+        self.problem = replace(
+            loose(self.make(self.turning, self.late), self.looseness), simulated=old.simulated, made=old.made
+        )
         self.solved.clear()
         self.known.clear()
         self.left = None
@@ -125,7 +133,7 @@ def start(
 ) -> SearchState:
     """A search of ``channels`` in which nothing was tried yet."""
     turning = np.zeros(channels)
-    problem = make(turning)
+    problem = make(turning, 0.0)
     supply = problem.side == "supply"
     own = tuple(e for e in effects if (e.place == "supply") == supply)
     return SearchState(make, thresholds, own, turning, problem, powered=powered, until=until)

@@ -50,7 +50,8 @@ def search(
 
     Nothing more is tried from ``until`` s on; see ``budget.now``.
 
-    ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
+    ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign, and for
+    the s by which torques are read late.
     """
     state = start(make, channels, thresholds, effects, until, powered)
     now = _found(state, ())
@@ -75,7 +76,8 @@ def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
     state.changed(None)
     now = drop_needless(state, reweigh(state, solve(state, terms))) if terms else plain_terms(state, solve(state, []))
     while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
-        now = swap(state, reweigh(state, entered), beside=entered.terms[-1])
+        now = reweigh(state, entered)
+        now = swap(state, now, beside=now.terms[-1])
         now = drop_needless(state, now, beside=now.terms[-1])
     now = drop_needless(state, swap(state, now))
     for term in steps(now.terms[:-1], "refining", said):

@@ -1,6 +1,6 @@
 /** Questions to the server. */
 
-import type { CellState, Curves, Mismatch, PastAlarm, PlantCell, Report, Site } from './shapes';
+import type { CellState, Curves, Drop, Mismatch, PastAlarm, PlantCell, Report, Site } from './shapes';
 
 /** The server's answer that something cannot be done, or that it gave none (status 0). */
 export class Refused extends Error {
@@ -26,6 +26,36 @@ export async function site(): Promise<Site> {
 export const plant = (): Promise<{ cells: PlantCell[] }> => get('/api/plant');
 export const logIn = (name: string, password: string): Promise<unknown> => post('/api/login', { name, password });
 export const logOut = (): Promise<unknown> => post('/api/logout', {});
+
+/** Recordings that are dropped on the page. */
+const DROPS = '/api/recordings';
+export const drops = (): Promise<{ drops: string[] }> => get(DROPS);
+export const dropped = (name: string): Promise<Drop> => get(`${DROPS}/${name}`);
+export const sample = (): Promise<{ name: string }> => post(`${DROPS}/sample`, {}) as Promise<{ name: string }>;
+
+/** Announce files of some bytes, for a drop that is there or another; returns its name. */
+export async function drop(files: Readonly<Record<string, number>>, into: string | null): Promise<string> {
+  return ((await post(DROPS, { files, into })) as { name: string }).name;
+}
+
+export function send(name: string, path: string, body: Blob): Promise<unknown> {
+  return ask(`${DROPS}/${name}/files/${encoded(path)}`, { method: 'PUT', headers: { 'X-CSRF-Token': csrf }, body });
+}
+
+/** Address of the page with a recording's curves, once it is made. */
+export async function drawn(name: string, path: string): Promise<string> {
+  const address = `${DROPS}/${name}/curves/${encoded(path)}`;
+  await post(address, {});
+  return address;
+}
+
+export function explain(name: string, recordings: readonly string[], simulations: readonly string[], robot: string | null): Promise<unknown> {
+  return post(`${DROPS}/${name}/explain`, { recordings, simulations, robot });
+}
+
+function encoded(path: string): string {
+  return path.split('/').map(encodeURIComponent).join('/');
+}
 
 /** Questions about one cell. */
 export class CellApi {

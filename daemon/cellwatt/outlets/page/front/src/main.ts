@@ -7,6 +7,7 @@ import { logOut, Refused, site as readSite } from './api';
 import { Cell } from './cell';
 import { Clock } from './clock';
 import { h, put } from './dom';
+import { takeDrops, type Files } from './dropping';
 import { severityWord } from './icons';
 import { followSystem } from './palette';
 import { prefs } from './prefs';
@@ -21,6 +22,7 @@ import { loginView } from './views/login';
 import { mismatchView } from './views/mismatch';
 import { overviewView } from './views/overview';
 import { plantView } from './views/plant';
+import { recordingsView } from './views/recordings';
 import { reportsView } from './views/reports';
 
 const VIEWS: Readonly<Record<Part, CellView>> = {
@@ -38,11 +40,17 @@ class Page {
   private cell: Cell | null = null;
   private view: View | null = null;
   private before = '/';
+  private dropped: Files | null = null;
   private shell: Shell;
   private readonly router = new Router((place) => this.show(place));
 
   constructor(private readonly root: HTMLElement) {
     this.shell = this.frame();
+    takeDrops(() => Boolean(this.site?.may_drop), (files) => {
+      this.dropped = files;
+      if (parse(location.pathname).view === 'recordings') this.router.show();
+      else this.router.go('/recordings');
+    });
   }
 
   /** Ask who we are, until there is an answer, and show the place of the address bar. */
@@ -77,7 +85,7 @@ class Page {
     }
     if (place.view === 'start') {
       const only = site.mode === 'cell' ? site.cells[0] : undefined;
-      return this.router.go(only ? cellPath(only.site, only.cell) : '/plant', true);
+      return this.router.go(only ? cellPath(only.site, only.cell) : site.mode === 'plant' ? '/plant' : '/recordings', true);
     }
     const moved = this.view !== null;
     this.view?.close();
@@ -104,6 +112,11 @@ class Page {
       return VIEWS[place.part](main, this.cell, around);
     }
     if (place.view === 'plant') return plantView(main, around, (live) => this.shell.connection(live));
+    if (place.view === 'recordings') {
+      const files = this.dropped;
+      this.dropped = null;
+      return recordingsView(main, around, place.name, files);
+    }
     if (place.view === 'login') return loginView(main, around);
     put(main, h('h1', {}, t('page.unknown')), h('p', {}, h('a', { href: '/' }, t('page.home'))));
     return null;

@@ -5,6 +5,7 @@ export type Place =
   | { view: 'start' }
   | { view: 'plant' }
   | { view: 'login' }
+  | { view: 'recordings'; name: string | null }
   | { view: 'cell'; site: string; cell: string; part: Part }
   | { view: 'unknown' };
 
@@ -15,6 +16,7 @@ export function parse(path: string): Place {
   const [first = '', site, cell, part = 'overview', ...rest] = path.split('/').slice(1).map(decoded);
   if (first === '' && site === undefined) return { view: 'start' };
   if ((first === 'plant' || first === 'login') && site === undefined) return { view: first };
+  if (first === 'recordings' && cell === undefined) return { view: first, name: site || null };
   if (first === 'cell' && site && cell && !rest.length && (PARTS as readonly string[]).includes(part)) {
     return { view: 'cell', site, cell, part: part as Part };
   }

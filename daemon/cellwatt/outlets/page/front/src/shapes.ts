@@ -5,11 +5,13 @@ export type State = 'green' | 'amber' | 'red' | 'gone' | null;
 export type Values = readonly (number | null)[];
 
 export interface Site {
-  mode: 'cell' | 'plant';
+  mode: 'cell' | 'plant' | 'recordings';
   site: string | null;
   cells: { site: string; cell: string }[];
   user: string | null;
   may_act: boolean;
+  /** Recordings can be dropped. */
+  may_drop: boolean;
   login_needed: boolean;
   csrf: string;
   version: string;
@@ -230,4 +232,14 @@ export interface Mismatch {
   unit?: string | null;
   channel?: string | null;
   effects?: unknown[];
+}
+
+export type DropKind = 'recording' | 'simulation' | 'robot' | 'other';
+
+/** Files that were dropped, and what `explain` says of them. */
+export interface Drop {
+  name: string;
+  items: { path: string; kind: DropKind }[];
+  note: string;
+  answer: { running: boolean; said: string; error: string; files: string[] } | null;
 }

@@ -56,6 +56,7 @@ export class Shell {
     put(this.crumbs, home, plant, cell ? h('span', { class: 'where' }, h('span', { class: 'state-mark' }), h('b', {}, cell.name), h('span', { class: 'quiet' }, cell.site)) : null);
     this.badge = h('span', { class: 'badge' });
     const links = cell && place.view === 'cell' ? PARTS.map((part) => this.link(cell, part, place.part)) : [];
+    if (site?.may_drop) links.push(h('a', { href: '/recordings', 'aria-current': place.view === 'recordings' ? 'page' : null }, t('drop.nav')));
     put(this.nav, ...links);
     this.nav.hidden = !links.length;
     this.toolbar(site);

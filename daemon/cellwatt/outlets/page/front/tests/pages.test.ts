@@ -118,6 +118,7 @@ describe('addresses', () => {
   it('lead to places and back', () => {
     expect(parse('/')).toEqual({ view: 'start' });
     expect(parse('/plant')).toEqual({ view: 'plant' });
+    expect(parse('/recordings/3')).toEqual({ view: 'recordings', name: '3' });
     expect(parse(cellPath('hall 1', 'a/b', 'alarms'))).toEqual({ view: 'cell', site: 'hall 1', cell: 'a/b', part: 'alarms' });
     expect(parse(cellPath('s', 'c'))).toEqual({ view: 'cell', site: 's', cell: 'c', part: 'overview' });
     expect(parse('/cell/s/c/nothing')).toEqual({ view: 'unknown' });
