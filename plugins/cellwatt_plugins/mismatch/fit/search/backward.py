@@ -131,6 +131,8 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
             why = "takes little, or not surely, off a channel of which much stays unexplained"
         if why is None and _as_friction(state, now, term):
             why = "is less than friction may pull either way"
+        if why is None and _as_blow(now, term):
+            why = "is as well a blow in the play there"
         if why is None and not felt(rest, now, term, state.thresholds):
             why = "takes little off the error of every joint"
         if why is None and not stands_out(rest, now, term, state.thresholds):
@@ -147,6 +149,12 @@ def _as_friction(state: SearchState, now: Solution, term: Term) -> bool:
         return False
     friction = state.turning[term.joint] + state.robot.column("coulomb_friction")[term.joint]
     return bool(np.max(np.abs(now.added(term))) < friction)
+
+
+def _as_blow(now: Solution, term: Term) -> bool:
+    """True of what is there once, at a joint whose link rebounds in its play: no blow of it is foretold."""
+    plays = any(t.joint == term.joint and t.effect.name == "backlash" for t in now.terms)
+    return term.joint is not None and term.effect.form.intermittent and plays
 
 
 def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> bool:
