@@ -61,7 +61,8 @@ class MismatchStage(Stage[MismatchSettings]):
         self._intake = intake(name, layout, settings.arm, settings.power, model.arm().description)
         self._streamed = streamed(name, settings.simulation, layout, self._intake)
         places = self._intake.places
-        self._servos, self._simulation = _simulation(robot, model, layout.step * 1e-9, self._intake)
+        hold = settings.command_rate and 1 / settings.command_rate
+        self._servos, self._simulation = _simulation(robot, model, layout.step * 1e-9, self._intake, hold)
         needed = [places[q] for q in ("position", "velocity", "command") if q in places]
         motion = [column for place in needed for column in range(place.start, place.stop)]
         self._window = Window(motion, layout.step, self._simulation.lead)
@@ -116,10 +117,10 @@ class MismatchStage(Stage[MismatchSettings]):
     def _compare(self, stretch: Stretch) -> Prediction:
         """Simulate a stretch; what is new in it goes into the history beside what was measured."""
         places, new = self._intake.places, stretch.new
-        simulated, law = self._said(stretch)
+        simulated, driven = self._said(stretch)
         simulated, measured = simulated[new], stretch.values[new, : self._width]
-        if law is not None:
-            measured[:, places["torque"]] = law[new]
+        if driven is not None:
+            measured[:, places["command"]], measured[:, places["torque"]] = (each[new] for each in driven)
         read = np.isfinite(measured[:, places[self._intake.measured]])
         there = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
         # One sensor that died does not take the other joints out of sight.
@@ -137,8 +138,8 @@ class MismatchStage(Stage[MismatchSettings]):
             units={c.name: c.unit for c in judged},
         )
 
-    def _said(self, stretch: Stretch) -> tuple[Float, Float | None]:
-        """Values (N, C) of the simulation for all frames of a stretch, and torques (N, n) of the servos' law."""
+    def _said(self, stretch: Stretch) -> tuple[Float, tuple[Float, Float] | None]:
+        """Values (N, C) of the simulation for all frames of a stretch; commands and torques (N, n) of driven servos."""
         if self._streamed is not None:
             return stretch.values[:, self._width :], None
         places = self._intake.places
@@ -147,7 +148,7 @@ class MismatchStage(Stage[MismatchSettings]):
         time = (stretch.time - stretch.time[0]) * 1e-9
         said = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature, command)
         parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
-        return np.column_stack(parts), said.law
+        return np.column_stack(parts), said.driven
 
     def _judge(self) -> list[Alarm]:
         """Alarms that change with the intervals whose frames have all been simulated."""
@@ -196,12 +197,14 @@ def _model(
     return robot, open_model(simulation, robot, cell.folder, len(layout.joints("position", settings.arm)))
 
 
-def _simulation(robot: Place | None, model: Model, step: float, intake: Intake) -> tuple[Path | None, Simulation]:
+def _simulation(
+    robot: Place | None, model: Model, step: float, intake: Intake, hold: float | None
+) -> tuple[Path | None, Simulation]:
     """The simulation of an arm, and the MJCF with its servos where their law stands for torque."""
     from cellwatt_plugins.mismatch.live.simulation import Simulation, servos
 
     file, servo = servos(robot, model) if intake.driven else (None, None)
-    return file, Simulation(model, step, "temperature" in intake.joints, servo)
+    return file, Simulation(model, step, "temperature" in intake.joints, servo, hold)
 
 
 def _explainer(stage: MismatchStage) -> Explainer | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cellwatt.quantity import Bytes, Fraction, Seconds
+from cellwatt.quantity import Bytes, Fraction, Hertz, Seconds
 from cellwatt.stage import StageSettings
 
 
@@ -61,6 +61,11 @@ class MismatchSettings(StageSettings):
     """
     arm: str | None = None
     """Source with the joints; may be left out where only one source has joints."""
+    command_rate: Hertz | None = None
+    """Of an arm without torque: how often its servos are told where to go, the cell's rate where left out.
+
+    Each command holds until the next, so what they are told is half as long late.
+    """
     power: str | None = None
     """Channel of the supply's power; the only ``supply.power`` where left out, none where there is none."""
     band: BandSettings = BandSettings()

@@ -18,7 +18,7 @@ from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.mjcf import is_mjcf
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact, smooth
-from cellwatt_plugins.robot.servo.law import Drive, Servo, servo_of
+from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.servo.motion import compared
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
@@ -36,12 +36,13 @@ LONG = 60.0
 class Simulated:
     """Torque (N, n) Nm and supply power (N,) W by the simulation for N samples.
 
-    ``law``: what the servos' law says instead of a measurement, where the arm has none.
+    ``driven``, of an arm without torque: what its servos are told (N, n) rad, so that it holds over each sample, and
+    the torque (N, n) Nm that their law gives.
     """
 
     torque: Float
     power: Float
-    law: Float | None = None
+    driven: tuple[Float, Float] | None = None
 
 
 class Simulation:
@@ -51,9 +52,15 @@ class Simulation:
     can know (it was not there at the start of the run, nor when the joint was cold).
     """
 
-    def __init__(self, model: Model, step: float, warm: bool, servo: Servo | None = None) -> None:
-        """``step`` s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``."""
+    def __init__(
+        self, model: Model, step: float, warm: bool, servo: Servo | None = None, hold: float | None = None
+    ) -> None:
+        """``step`` s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``.
+
+        ``hold`` s is how long what a ``servo`` is told holds, ``step`` where left out.
+        """
         self._arm, self._servo = model.arm(), servo
+        self._late = 0.0 if hold is None else (hold - step) / 2
         followed = _followed(model, self._arm, step, warm, servo is not None)
         self.left_out = tuple(_named(t) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
@@ -75,14 +82,15 @@ class Simulation:
         recorded = Run("live", time, position, velocity, np.zeros_like(position), temperature=temperature)
         drive: Drive | None = None
         if self._servo is not None and command is not None:
+            command = earlier(command, self._late, recorded.step)
             drive = drive_of(self._servo, position, command, recorded.step)
             recorded = replace(recorded, drive=drive)
         states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature, drive=drive)
         said = predict_states(self.model, states)
-        if drive is None:
+        if drive is None or command is None:
             return Simulated(said.torque, said.power)
         torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (said.torque, drive.torque))
-        return Simulated(torque, said.power, law)
+        return Simulated(torque, said.power, (command, law))
 
 
 def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) -> Model:

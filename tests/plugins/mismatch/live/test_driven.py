@@ -40,18 +40,18 @@ def folder(tmp_path_factory):
     return folder
 
 
-def frames(log, quantities=QUANTITIES):
-    time, told, seen = log
+def frames(log, quantities=QUANTITIES, every=1):
+    time, told, seen = (values[::every] for values in log)
     known = {"position": seen, "target_position": told}
     channels = [FrameChannel(f"arm.joint_{j}.{q}", "rad", "continuous", "linear") for q in quantities for j in (1, 2)]
-    layout = Layout(tuple(channels), 1 / ROW)
+    layout = Layout(tuple(channels), 1 / ROW / every)
     values = np.column_stack([known[q] for q in quantities])
     times = START + layout.step * np.arange(len(time))
     return Frames(layout, 0, times, values, np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.int64))
 
 
-def watched(folder, log, **settings):
-    whole = frames(log)
+def watched(folder, log, every=1, **settings):
+    whole = frames(log, every=every)
     stage = made(folder, whole.layout, robot="arm.xml", **settings)
     return stage, run(stage, whole)
 
@@ -65,6 +65,12 @@ def test_an_arm_that_follows_its_file_is_left_alone(folder, logs):
     assert alarms(results) == set()
     assert stage.counts["intervals judged"] >= 5
     assert "arm.joint_2.torque" in next(r for r in results if isinstance(r, Prediction)).outputs
+
+
+def test_a_cell_that_samples_commands_less_often_is_told_their_rate(folder, logs):
+    assert alarms(watched(folder, logs["null"], every=2, command_rate=1 / ROW)[1]) == set()
+    assert alarms(watched(folder, logs["gain"], every=2, command_rate=1 / ROW)[1]) == {("simulation_differs", 2)}
+    assert alarms(watched(folder, logs["null"], every=2)[1]), "commands are taken to hold for two rows"
 
 
 @pytest.mark.parametrize(("plant", "joint"), [("gain", 2), ("rough", 1)])
