@@ -27,7 +27,7 @@ class OutletSettings(BaseModel):
         return ()
 
 
-def together(**settings: object) -> None:
+def both_or_neither(**settings: object) -> None:
     """Raise ``ValueError`` unless all of these settings are given, or none."""
     given = [value is not None for value in settings.values()]
     if any(given) and not all(given):

@@ -14,7 +14,7 @@ from cellwatt.door import validity
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
-from cellwatt.outlet import OutletSettings, refusal, together
+from cellwatt.outlet import OutletSettings, both_or_neither, refusal
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 _LAST_PORT: Final = 65535
@@ -51,7 +51,7 @@ class Listening(OutletSettings):
 
     @model_check(mode="after")
     def _closed(self) -> Listening:
-        together(certificate=self.certificate, key=self.key)
+        both_or_neither(certificate=self.certificate, key=self.key)
         if not self.open and (text := self.opening):
             advice = f"use 127.0.0.1, or give certificate, key and {self.login}, or set open: true"
             raise refusal(self, (("listen",), self.listen, f"{text}; {advice}"))

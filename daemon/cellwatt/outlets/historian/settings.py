@@ -12,7 +12,7 @@ from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
 from cellwatt.host import check_clear, in_the_clear, web_address
-from cellwatt.outlet import OutletSettings, together
+from cellwatt.outlet import OutletSettings, both_or_neither
 from cellwatt.outlets.forward import Flow
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Seconds
@@ -74,7 +74,7 @@ class InfluxSettings(Flow):
             raise ValueError("bucket needs org and token")
         if self.database is None and (self.policy is not None or self.user is not None):
             raise ValueError("policy and user go with database")
-        together(user=self.user, password=self.password)
+        both_or_neither(user=self.user, password=self.password)
         if self.user is not None and ":" in self.user:
             raise ValueError("user: a name has no ':'")
         check_clear(self.url, allowed=self.open)
@@ -116,7 +116,7 @@ class LakeSettings(Selection):
     def _whole(self) -> LakeSettings:
         if self.dead_band:
             raise ValueError("dead_band: a lake has every row; Parquet packs what does not change")
-        together(access_key=self.access_key, secret_key=self.secret_key)
+        both_or_neither(access_key=self.access_key, secret_key=self.secret_key)
         if not self.remote and (self.endpoint is not None or self.access_key is not None or self.region is not None):
             raise ValueError("endpoint, region and keys go with a folder s3://…")
         if self.remote and not re.fullmatch(r"s3://[a-z0-9][a-z0-9.-]{1,62}(/[^\s]*)?", self.folder):

@@ -11,7 +11,7 @@ from pydantic import Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.door.settings import Listening
-from cellwatt.outlet import together
+from cellwatt.outlet import both_or_neither
 from cellwatt.outlets.metrics.catalogue import LABELS
 
 LOCAL: Final = "127.0.0.1:9480"
@@ -63,7 +63,7 @@ class MetricsSettings(Listening):
 
     @model_check(mode="after")
     def _login(self) -> MetricsSettings:
-        together(user=self.user, password=self.password)
+        both_or_neither(user=self.user, password=self.password)
         if self.user is not None and ":" in self.user:
             raise ValueError("user: a name has no ':'")
         if any(secret is not None and not secret.get_secret_value() for secret in (self.token, self.password)):

@@ -11,7 +11,7 @@ from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
 from cellwatt.host import check_host, stays_here
-from cellwatt.outlet import OutletSettings, refusal, together
+from cellwatt.outlet import OutletSettings, both_or_neither, refusal
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz, Seconds
 
@@ -130,7 +130,7 @@ class MqttSettings(OutletSettings, Selection):
 
     @model_check(mode="after")
     def _accepted(self) -> Self:
-        together(certificate=self.certificate, key=self.key)
+        both_or_neither(certificate=self.certificate, key=self.key)
         if self.password is not None and self.user is None:
             raise ValueError("a password needs a user")
         if not self.encrypted and (self.ca or self.certificate):

@@ -13,7 +13,7 @@ from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
 from cellwatt.host import Host, check_clear, in_the_clear, stays_here, web_address
-from cellwatt.outlet import OutletSettings, together
+from cellwatt.outlet import OutletSettings, both_or_neither
 from cellwatt.outlets.notify.quiet import QuietSettings, check_zone
 from cellwatt.quantity import Seconds
 from cellwatt.results import Severity
@@ -73,7 +73,7 @@ class MailSettings(_Settings):
     def _closed(self) -> MailSettings:
         if self.tls == "none" and not stays_here(self.host):
             raise ValueError(f"tls: none is for a server on this PC alone, not for {self.host}: use starttls or tls")
-        together(user=self.user, password=self.password)
+        both_or_neither(user=self.user, password=self.password)
         return self
 
     @property
@@ -154,7 +154,7 @@ class HomeAssistantSettings(_Web):
         self._check(self.url)
         if (self.service is None) == (self.webhook is None):
             raise ValueError("expected one of service and webhook")
-        together(service=self.service, token=self.token)
+        both_or_neither(service=self.service, token=self.token)
         if self.webhook is not None and not re.fullmatch(r"[-_A-Za-z0-9]+", self.webhook.get_secret_value()):
             raise ValueError("webhook: expected letters, digits, '-' and '_'")
         return self

@@ -21,7 +21,7 @@ from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import check_host
-from cellwatt.outlet import OutletSettings, together
+from cellwatt.outlet import OutletSettings, both_or_neither
 
 if TYPE_CHECKING:
     import zenoh
@@ -87,7 +87,7 @@ class TlsSettings(BaseModel):
 
     @model_validator(mode="after")
     def _paired(self) -> TlsSettings:
-        together(certificate=self.certificate, key=self.key)
+        both_or_neither(certificate=self.certificate, key=self.key)
         return self
 
 
@@ -134,7 +134,7 @@ class LinkSettings(OutletSettings):
     def _accepted(self) -> LinkSettings:
         if self.mode == "client" and not self.connect and not self.scouting:
             raise ValueError("mode client needs an endpoint in connect, like tcp/plant-router:7447")
-        together(user=self.user, password=self.password)
+        both_or_neither(user=self.user, password=self.password)
         secure = [e for e in (*self.listen, *self.connect) if e.startswith(("tls/", "quic/"))]
         if secure and self.tls is None:
             raise ValueError(f"{secure[0]} needs tls: {{root_ca: FILE, …}}")

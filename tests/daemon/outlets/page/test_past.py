@@ -145,11 +145,11 @@ def test_an_alarm_of_two_packs_has_its_own_each_time(tmp_path):
     ]
     recording(tmp_path, [items])
     reader = Curves(tmp_path, CELL)
-    from cellwatt.outlets.page.levels.telling import read, together
+    from cellwatt.outlets.page.levels.telling import joined, read
 
     recordings = reader.store.recordings()
     sources, _ = read(reader.store, recordings, 0, at(1000), 1e18)
-    assert [(e.raised, e.pack) for e in together(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
+    assert [(e.raised, e.pack) for e in joined(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
 
 
 def test_a_cell_without_a_record_has_no_alarms(tmp_path):

@@ -135,7 +135,7 @@ def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, until:
             except ValueError as error:
                 store.spoiled(kept, str(error))
                 complete = False
-    alarms = [e for e in together(recordings, sources) if e.overlaps(start, end)]
+    alarms = [e for e in joined(recordings, sources) if e.overlaps(start, end)]
     complete = complete and len(rows) <= MOST and len(alarms) <= MOST
     longest = sorted(rows.values(), key=lambda row: row["end"] - row["start"])[-MOST:]
     return {
@@ -168,7 +168,7 @@ def read(
     return found[::-1], complete
 
 
-def together(recordings: Sequence[Kept], sources: Sequence[tuple[Kept, Source]]) -> list[Episode]:
+def joined(recordings: Sequence[Kept], sources: Sequence[tuple[Kept, Source]]) -> list[Episode]:
     """Alarms from raise to clear, out of all sources in order."""
     sessions = sorted({kept.name.session for kept in recordings})
     return episodes(((kept.name.session, source.said) for kept, source in sources), sessions)
@@ -206,7 +206,7 @@ def alarm_history(
         sources, complete = read(store, recordings, start, end, time.monotonic() + PATIENCE)
     except OSError as error:
         raise RecordingError(f"record.folder {folder} cannot be read: {why(error)}") from error
-    found = [episode for episode in together(recordings, sources) if episode.overlaps(start, end)][::-1]
+    found = [episode for episode in joined(recordings, sources) if episode.overlaps(start, end)][::-1]
     pages = {pack.path.name for pack in _packs(folder, cell) if packs.page_of(pack.path).exists()}
     return {
         "alarms": [_told(episode, cell, pages) for episode in found[:limit]],
