@@ -285,7 +285,8 @@ def torque_problem(
     rows: tuple[Thinned, ...] = thinned(runs)
     if drive is not None:
         rows = kept = filtered(runs)
-        variance = tuple(v + rattling(part, r, size) for v, part, r in zip(variance, target, kept, strict=True))
+        least = np.hypot(size, encoder_floor(states, fast=True))
+        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, kept, strict=True))
     return Problem(
         side="torque",
         states=tuple(states),
@@ -299,14 +300,14 @@ def torque_problem(
     )
 
 
-def rattling(target: Float, rows: Filtered, size: Float) -> Float:
+def rattling(target: Float, rows: Filtered, least: Float) -> Float:
     """Variance (N, n) Nm² of what a joint that rattles leaves in the slow part of a run's target (N, n) Nm.
 
-    ``size`` (n,) Nm is what counts as considerable; a reversal's friction is no more.
+    ``least`` (n,) Nm is what a reversal's friction and the encoders' noise are, which is no rattling.
     """
     fast = target - smooth(target, rows.sample_step, rows.bandwidth)
     power = uniform_filter1d(np.square(fast), max(1, round(EDGE / rows.sample_step)), axis=0)
-    return np.asarray(np.where(power > np.square(RATTLES * size), np.square(LEAK) * power, 0.0))
+    return np.asarray(np.where(power > np.square(RATTLES * least), np.square(LEAK) * power, 0.0))
 
 
 def _until(values: Float, rows: int) -> Float:
@@ -393,12 +394,12 @@ def filtered(runs: Sequence[Run]) -> tuple[Filtered, ...]:
     return tuple(out)
 
 
-def encoder_floor(states: Sequence[States]) -> Float:
-    """Noise (n,) Nm of the servos' law less the motion's torque, by the encoders alone."""
+def encoder_floor(states: Sequence[States], fast: bool = False) -> Float:
+    """Noise (n,) Nm of the servos' law less the motion's torque, by the encoders alone: of what is compared, or all."""
     drive, robot = states[0].servos, states[0].robot
     inertia = np.mean(np.concatenate([s.own_inertia for s in states]), axis=0) + robot.column("rotor_inertia")
     resolution = np.max([s.moved.resolution for s in states], axis=0)
-    return noise_of(drive.servo.stiffness, drive.servo.damping, inertia, resolution, drive.step)
+    return noise_of(drive.servo.stiffness, drive.servo.damping, inertia, resolution, drive.step, fast)
 
 
 def _between_ends(run: Run) -> NDArray[np.bool_]:

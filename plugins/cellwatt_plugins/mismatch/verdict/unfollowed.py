@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.noise import hum
-from cellwatt_plugins.mismatch.fit.problem import rattling
+from cellwatt_plugins.mismatch.fit.problem import encoder_floor, rattling
 from cellwatt_plugins.mismatch.fit.rows import Filtered
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
@@ -36,7 +36,7 @@ ELSEWHERE = 0.1
 """Of what these moments have beyond the noise, the most that all others may have."""
 SELDOM = 0.3
 """Share of the time that these moments may be: beyond, they are no moments."""
-RATTLES = 0.02
+RATTLES = 0.05
 """Share of the time from which it is told that a joint rattles."""
 
 
@@ -92,7 +92,8 @@ def rattling_findings(solution: Solution) -> list[Finding]:
     shares = np.zeros(len(problem.floor))
     for states, rows in zip(problem.states, problem.rows, strict=True):
         if isinstance(rows, Filtered):
-            lost = rattling(states.servos.torque - states.nominal, rows, problem.size)
+            least = np.hypot(problem.size, encoder_floor(problem.states, fast=True))
+            lost = rattling(states.servos.torque - states.nominal, rows, least)
             shares += np.mean(lost > 0, axis=0) / len(problem.states)
     told = {term.joint for term in solution.terms if term.effect.name == "backlash"}
     error = problem.rms(solution.residual)

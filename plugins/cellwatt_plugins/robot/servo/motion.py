@@ -101,8 +101,10 @@ def _answers(step: float) -> tuple[Float, Float, Float]:
     return kept, *derivatives(kept, step)
 
 
-def noise(stiffness: Float, damping: Float, inertia: Float, resolution: Float, step: float) -> Float:
-    """Noise (n,) Nm of the law less the motion's torque, by the encoders' (n,) rad, within ``compared``."""
-    parts = [smooth(part, step, compared(step))[:, 0] for part in _answers(step)]
+def noise(
+    stiffness: Float, damping: Float, inertia: Float, resolution: Float, step: float, fast: bool = False
+) -> Float:
+    """Noise (n,) Nm of the law less the motion's torque, by the encoders' (n,) rad: within ``compared``, or all."""
+    parts = [part[:, 0] if fast else smooth(part, step, compared(step))[:, 0] for part in _answers(step)]
     own = np.outer(stiffness, parts[0]) + np.outer(damping, parts[1]) + np.outer(inertia, parts[2])
     return np.asarray(resolution * np.sqrt(np.sum(own**2, axis=1)))
