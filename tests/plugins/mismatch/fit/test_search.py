@@ -32,7 +32,7 @@ def searched(arm, missing, names, seed=1, thresholds=None, thin=1):
     runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     return search(
-        lambda turning: thinner(torque_problem(runs, states, turning), thin),
+        lambda turning, late: thinner(torque_problem(runs, states, turning, late), thin),
         plant.JOINTS,
         thresholds or Thresholds(),
         [BY_NAME[name] for name in names],
@@ -190,7 +190,7 @@ def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
         states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
         problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
         effects = [BY_NAME["iron_loss"], BY_NAME["brake_power"]]
-        return {t.effect.name for t in search(lambda _: problem, 1, effects=effects).terms}
+        return {t.effect.name for t in search(lambda *_: problem, 1, effects=effects).terms}
 
     assert found(0.0) == {"iron_loss"}
     assert found(15.0) == {"iron_loss", "brake_power"}
@@ -207,7 +207,7 @@ def short_moves(arm, seconds, real, rest=0.0):
         there = States(f"run_0{i}", i, runs[i].time, exact(*motion), arm)
         states.append(there.with_torque(plant.motors(real, *motion)))
     problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
-    return lambda _: problem
+    return lambda *_: problem
 
 
 def test_a_few_short_moves_tell_standby_power_and_the_windings_heat(tmp_path):
