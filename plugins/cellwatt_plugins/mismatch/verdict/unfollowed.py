@@ -86,13 +86,14 @@ def rattling_findings(solution: Solution) -> list[Finding]:
 
     Drives that act late let joints swing, too: where they do, nothing is said.
     """
-    if any(term.effect.name == "time_delay" for term in solution.terms):
-        return []
     problem = solution.problem
+    late = any(term.effect.name == "time_delay" for term in solution.terms)
+    if late or problem.states[0].drive is None:
+        return []
     shares = np.zeros(len(problem.floor))
+    least = np.hypot(problem.size, encoder_floor(problem.states, fast=True))
     for states, rows in zip(problem.states, problem.rows, strict=True):
         if isinstance(rows, Filtered):
-            least = np.hypot(problem.size, encoder_floor(problem.states, fast=True))
             lost = rattling(states.servos.torque - states.nominal, rows, least)
             shares += np.mean(lost > 0, axis=0) / len(problem.states)
     told = {term.joint for term in solution.terms if term.effect.name == "backlash"}

@@ -58,13 +58,12 @@ def without(state: SearchState, now: Solution, term: Term) -> Solution:
 
 def reweigh(state: SearchState, now: Solution) -> Solution:
     """The same terms where friction that they add makes the samples near stops count less, as late as they are read."""
-    turning, late, terms = np.zeros_like(state.turning), 0.0, list[Term]()
+    turning, late, terms = np.zeros_like(state.turning), 0.0, now.terms
     for term in now.terms:
         if term.effect.form.reverses and term.joint is not None:
             turning[term.joint] += abs(float(now.coefficients(term)[0]))
         if term.effect.name == "time_delay" and term.effect.acts_on == "reading":
             late = term.shape[0] * float(now.coefficients(term)[0])
-        terms.append(term)
     step = now.problem.states[0].step
     if np.all(np.abs(turning - state.turning) < 0.1 * turning + 1e-12) and abs(late - state.late) < step:
         return now
