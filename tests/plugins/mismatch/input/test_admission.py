@@ -330,18 +330,6 @@ def test_what_a_robot_may_do_is_no_wrong_input(effect, described, arm, bare):
         assert all("otherwise than the simulation" in note for note in examine([kept], bare)[1])
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_nor_with_other_motions(effect, described, arm, bare):
-    for seed in range(5, 11):
-        for motion in MOTIONS.values():
-            run = recorded(described, motion(seed), effect=EFFECTS[effect], seed=seed)
-            for kept in (run, without_plan(run)):
-                assert examine([kept], arm)[1] == []
-                assert all("otherwise than the simulation" in note for note in examine([kept], bare)[1])
-
-
 def tracked(run, seconds, error):
     late = np.column_stack([np.interp(run.time - seconds, run.time, one) for one in run.position.T])
     return replace(run, position=late + error, velocity=None)
