@@ -52,7 +52,7 @@ async def test_loss_costs_the_slots_that_the_wait_took():
         lost = emulator.counts["loss"]
         assert counters(inlet) == {"timeouts": lost}
         assert inlet.account.missed["timeout"] == lost
-        assert inlet.account.missed["slow answers"] > 0
+        assert inlet.account.missed["slow answers"] + inlet.account.missed["host stalled"] > 0  # a busy test machine's
         assert inlet.account.counters["retries"] == 0
 
 
