@@ -30,16 +30,6 @@ PLAN = ("position", "velocity", "acceleration")
 
 
 @pytest.fixture(scope="module")
-def described(tmp_path_factory):
-    return write_robot(tmp_path_factory.mktemp("described"))
-
-
-@pytest.fixture(scope="module")
-def arm(described):
-    return load(described)
-
-
-@pytest.fixture(scope="module")
 def bare(tmp_path_factory):
     """A description that knows no friction and no rotors."""
     changes = {"coulomb_friction": 0.0, "viscous_friction": 0.0, "rotor_inertia": 0.0}
