@@ -85,7 +85,7 @@ async def test_a_demo_leaves_nothing_running_and_tells_what_it_saw(tmp_path: Pat
     assert set(summary["sources"]) == {"arm", "board", "positioner", "mains"}
 
 
-@EACH_WAY
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=lambda n: n.name)
 async def test_emulators_of_a_cell_end_with_it(number: signal.Signals, tmp_path: Path) -> None:
     async with running("emulate", "--cell", str(cell(tmp_path))) as emulating:
         await line_with("next, in another terminal: cellwatt run", emulating.stdout)
@@ -94,7 +94,7 @@ async def test_emulators_of_a_cell_end_with_it(number: signal.Signals, tmp_path:
         emulating.send_signal(number)
         code = await asyncio.wait_for(emulating.wait(), PATIENCE)
     assert await asyncio.to_thread(end_of_all, devices) == []
-    assert code == {signal.SIGTERM: 0, signal.SIGINT: 130, signal.SIGKILL: -9}[number]
+    assert code == {signal.SIGINT: 130, signal.SIGKILL: -9}[number]
 
 
 CHILD = """
