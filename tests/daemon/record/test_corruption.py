@@ -260,6 +260,10 @@ def test_a_copy_beside_the_closed_file_is_set_aside(whole, tmp_path):
     assert report is not None and "is there already" in str(report)
     assert (tmp_path / name_of()).read_bytes() == whole[1]
     assert (tmp_path / (name_of() + ".part.damaged")).read_bytes() == whole[0]
+    part.write_bytes(b"another")
+    assert "set aside as" in str(recover(part))
+    assert (tmp_path / (name_of() + ".part.damaged")).read_bytes() == whole[0], "nothing is written over"
+    assert (tmp_path / (name_of() + ".part.2.damaged")).read_bytes() == b"another"
 
 
 def test_a_duplicate_is_read_once_and_the_fuller_one_wins(whole, tmp_path):

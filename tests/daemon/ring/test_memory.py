@@ -62,6 +62,17 @@ def test_a_record_that_does_not_fit_is_refused(ring):
     assert len(read_all(ring, 0)[0]) == 1
 
 
+def test_the_end_the_note_and_what_is_declared_are_kept_apart(ring):
+    ring.declare(b"a line")
+    ring.put(KIND, CHANNEL, 0, 1, b"body", note=5)
+    assert (ring.ended, ring.awaited, ring.note, ring.declared()[0]) == (False, False, 5, [b"a line"])
+    ring.end()
+    ring.declare(b"another")
+    assert (ring.ended, ring.note, ring.declared()[0]) == (True, 5, [b"a line", b"another"])
+    ring.begin()
+    assert (ring.ended, ring.note, len(read_all(ring, 0)[0])) == (False, 5, 1)
+
+
 def test_no_more_is_written_over_than_must_be(ring):
     """Records of 128 bytes with their heads: 32 fill the ring to its end, and each one more costs one."""
     put(ring, 33, size=80)
