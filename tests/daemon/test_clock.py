@@ -224,7 +224,7 @@ def test_a_settings_mistake_is_refused():
         ClockModel(least_delay=(0.02, 0.01))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -270,7 +270,7 @@ facts = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(facts, facts, st.sampled_from([0.0, 1e-16]))
 def test_the_extreme_lines_are_those_of_a_brute_force_search(above, lower, wander):
     below = [(at, offset - 15e6) for at, offset in lower]

@@ -1,12 +1,13 @@
 """Streams, batches and files for the tests of recordings."""
 
-from collections.abc import Iterable
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import numpy as np
 
 from cellwatt import Batch, Channel, FrameChannel, Frames, Layout, Stream, Tick
-from cellwatt.record import Header
+from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt.record.decoder import numbered, tracks_of
 from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.header import FileName
@@ -119,3 +120,14 @@ def same_entry(a: Batch | Tick, b: Batch | Tick) -> bool:
     if isinstance(a, Batch) and isinstance(b, Batch):
         return same_batch(a, b)
     return a == b
+
+
+@asynccontextmanager
+async def started(settings: RecordSettings, header: Header = HEADER) -> AsyncIterator[Recorder]:
+    """A recorder that records until the end of the context."""
+    recorder = Recorder(settings, header)
+    recorder.start()
+    try:
+        yield recorder
+    finally:
+        await recorder.close()

@@ -312,7 +312,7 @@ def test_an_unreadable_file_beside_good_ones_is_damage_not_an_error(whole, tmp_p
         Recording.open(tmp_path / name_of(2))
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 @given(
     st.booleans(),
     st.lists(

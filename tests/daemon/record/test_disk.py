@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt.record import Recorder, Recording, RecordSettings, openfile, recover
+from cellwatt.record import Recording, RecordSettings, openfile, recover
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART, FileName
 from tests.patience import PATIENCE, eventually
 
-from .making import HEADER, SESSION, batch_of, name_of, write_chunks
+from .making import HEADER, SESSION, batch_of, name_of, started, write_chunks
 
 
 class Disk:
@@ -59,15 +59,13 @@ async def record(recorder, numbers):
 async def test_nothing_is_lost_while_memory_lasts(tmp_path, monkeypatch, code, state, room):
     disk = Disk(room, code)
     monkeypatch.setattr(openfile, "create", disk.open)
-    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
-    recorder.start()
-    await record(recorder, range(3))
-    assert all(recorder.put(batch_of(n * 10, 10)) for n in range(3, 20))
-    await eventually(lambda: recorder.stats()["state"] == state)
-    assert str(tmp_path) in recorder.stats()["problem"]
-    disk.room = 10**9
-    await eventually(lambda: recorder.stats()["state"] == "ok")
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path)) as recorder:
+        await record(recorder, range(3))
+        assert all(recorder.put(batch_of(n * 10, 10)) for n in range(3, 20))
+        await eventually(lambda: recorder.stats()["state"] == state)
+        assert str(tmp_path) in recorder.stats()["problem"]
+        disk.room = 10**9
+        await eventually(lambda: recorder.stats()["state"] == "ok")
     assert recorder.stats()["drops"] == {}
     for part in tmp_path.glob(f"*{PART}"):
         assert recover(part).problem == ""
@@ -79,15 +77,13 @@ async def test_nothing_is_lost_while_memory_lasts(tmp_path, monkeypatch, code, s
 async def test_what_finds_no_room_in_memory_is_refused_and_counted(tmp_path, monkeypatch):
     disk = Disk(0)
     monkeypatch.setattr(openfile, "create", disk.open)
-    recorder = Recorder(RecordSettings(folder=tmp_path, queue=20e3), HEADER)
-    recorder.start()
-    taken = [recorder.put(batch_of(n * 10, 10)) for n in range(40)]
-    assert 0 < taken.count(False) < 40
-    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 10 * taken.count(False)}
-    disk.room = 10**9
-    await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
-    assert recorder.put(batch_of(400, 10))
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, queue=20e3)) as recorder:
+        taken = [recorder.put(batch_of(n * 10, 10)) for n in range(40)]
+        assert 0 < taken.count(False) < 40
+        assert recorder.stats()["drops"] == {"/raw/arm/rtde": 10 * taken.count(False)}
+        disk.room = 10**9
+        await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
+        assert recorder.put(batch_of(400, 10))
     stored = Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist()
     assert stored == [10 * n + i for n, ok in enumerate([*taken, True]) if ok for i in range(10)]
 
@@ -95,10 +91,8 @@ async def test_what_finds_no_room_in_memory_is_refused_and_counted(tmp_path, mon
 async def test_closing_on_a_full_disk_ends_and_counts(tmp_path, monkeypatch):
     disk = Disk(0)
     monkeypatch.setattr(openfile, "create", disk.open)
-    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
-    recorder.start()
-    assert recorder.put(batch_of(0, 7))
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path)) as recorder:
+        assert recorder.put(batch_of(0, 7))
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 7}
     assert not list(tmp_path.iterdir())
 
@@ -120,25 +114,21 @@ async def test_the_oldest_recording_goes_to_make_room(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "unlink", freeing)
     monkeypatch.setattr(openfile, "create", disk.open)
-    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
-    recorder.start()
-    await record(recorder, range(3))
-    assert recorder.stats()["state"] == "ok"
-    assert not oldest.exists() and third.exists()
-    assert recorder.stats()["removed"]["files"] == (1 if second.exists() else 2)
-    disk.room = 10**9
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path)) as recorder:
+        await record(recorder, range(3))
+        assert recorder.stats()["state"] == "ok"
+        assert not oldest.exists() and third.exists()
+        assert recorder.stats()["removed"]["files"] == (1 if second.exists() else 2)
+        disk.room = 10**9
 
 
 async def test_recordings_are_not_given_for_nothing(tmp_path, monkeypatch):
     for number in range(1, 21):
         write_chunks(tmp_path, [[batch_of(0, 5)]], number=number)
     monkeypatch.setattr(openfile, "create", Disk(0).open)
-    recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12))
-    recorder.start()
-    assert recorder.put(batch_of(0, 10))
-    await eventually(lambda: "something else fills it" in recorder.stats()["upkeep_problem"])
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12)) as recorder:
+        assert recorder.put(batch_of(0, 10))
+        await eventually(lambda: "something else fills it" in recorder.stats()["upkeep_problem"])
     assert len(list(tmp_path.glob("*.mcap"))) == 12
 
 
@@ -152,18 +142,16 @@ async def test_a_sync_that_fails_moves_on_to_another_file(tmp_path, monkeypatch)
         fdatasync(descriptor)
 
     monkeypatch.setattr(os, "fdatasync", sync)
-    recorder = Recorder(RecordSettings(folder=tmp_path, sync=0.01, flush=0.01), HEADER)
-    recorder.start()
-    numbers = iter(range(10_000))
+    async with started(RecordSettings(folder=tmp_path, sync=0.01, flush=0.01)) as recorder:
+        numbers = iter(range(10_000))
 
-    def goes_on():
-        assert recorder.put(batch_of(next(numbers), 1))
-        return recorder.stats()["files"] == 2 and recorder.stats()["state"] == "ok"
+        def goes_on():
+            assert recorder.put(batch_of(next(numbers), 1))
+            return recorder.stats()["files"] == 2 and recorder.stats()["state"] == "ok"
 
-    await eventually(goes_on)
-    sent = next(numbers)
-    await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 1)
-    await recorder.close()
+        await eventually(goes_on)
+        sent = next(numbers)
+        await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 1)
     assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == list(range(sent))
     assert "nothing lost" in recorder.stats()["recovered"][0]
 
@@ -192,20 +180,18 @@ def small_disk(tmp_path):
 async def test_a_really_full_disk_is_survived(small_disk):
     filler = small_disk / "something else"
     filler.write_bytes(bytes(512 * 1024 - os.statvfs(small_disk).f_bsize * 20))
-    recorder = Recorder(RecordSettings(folder=small_disk, flush=0.002), HEADER)
-    recorder.start()
-    numbers = iter(range(10_000))
+    async with started(RecordSettings(folder=small_disk, flush=0.002)) as recorder:
+        numbers = iter(range(10_000))
 
-    def full():
-        assert recorder.put(batch_of(next(numbers) * 10, 10))
-        return recorder.stats()["state"] == "disk full"
+        def full():
+            assert recorder.put(batch_of(next(numbers) * 10, 10))
+            return recorder.stats()["state"] == "disk full"
 
-    await eventually(full)
-    for _ in range(20):
-        assert recorder.put(batch_of(next(numbers) * 10, 10))
-    filler.unlink()
-    await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
-    await recorder.close()
+        await eventually(full)
+        for _ in range(20):
+            assert recorder.put(batch_of(next(numbers) * 10, 10))
+        filler.unlink()
+        await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
     for part in small_disk.glob(f"*{PART}"):
         assert recover(part).problem == ""
     recording = Recording.open(small_disk)
@@ -215,12 +201,10 @@ async def test_a_really_full_disk_is_survived(small_disk):
 
 async def test_a_ring_on_a_small_disk_goes_on_for_ever(small_disk):
     settings = RecordSettings(folder=small_disk, file_size=50e3, keep=10e6)
-    recorder = Recorder(settings, HEADER)
-    recorder.start()
-    for n in range(60):
-        assert recorder.put(batch_of(n * 250, 250))
-        assert await asyncio.to_thread(recorder.flush, PATIENCE)
-    await recorder.close()
+    async with started(settings) as recorder:
+        for n in range(60):
+            assert recorder.put(batch_of(n * 250, 250))
+            assert await asyncio.to_thread(recorder.flush, PATIENCE)
     assert recorder.stats()["drops"] == {} and recorder.stats()["removed"]["files"] > 5
     for part in small_disk.glob(f"*{PART}"):
         recover(part)
@@ -248,28 +232,26 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
 async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(tmp_path, how):
     folder = tmp_path / "record"
     settings = RecordSettings(folder=folder, sync=0.02, flush=0.01)
-    recorder = Recorder(settings, HEADER)
-    recorder.start()
-    await record(recorder, range(3))
-    (part,) = folder.glob(f"*{PART}")
-    away = tmp_path / "away"
-    match how:
-        case "removed":
-            part.unlink()
-        case "moved":
-            part.rename(away)
-        case "folder removed":
-            shutil.rmtree(folder)
-        case "folder moved":
-            folder.rename(away)
+    async with started(settings) as recorder:
+        await record(recorder, range(3))
+        (part,) = folder.glob(f"*{PART}")
+        away = tmp_path / "away"
+        match how:
+            case "removed":
+                part.unlink()
+            case "moved":
+                part.rename(away)
+            case "folder removed":
+                shutil.rmtree(folder)
+            case "folder moved":
+                folder.rename(away)
 
-    async def noticed():
-        await record(recorder, [7])
-        return recorder.stats()["displaced"]["files"]
+        async def noticed():
+            await record(recorder, [7])
+            return recorder.stats()["displaced"]["files"]
 
-    await eventually(noticed)
-    await record(recorder, [8, 9])
-    await recorder.close()
+        await eventually(noticed)
+        await record(recorder, [8, 9])
     stats = recorder.stats()
     assert stats["state"] == "ok"
     assert ("removed while" if "removed" in how else "moved away") in stats["displaced"]["reason"]
@@ -288,12 +270,10 @@ async def test_recordings_that_had_to_go_before_their_time_are_told(tmp_path, mo
         write_chunks(tmp_path, [[batch_of(10 * n, 10)]], number=n + 1)
     disk = Disk(0)
     monkeypatch.setattr(openfile, "create", disk.open)
-    recorder = Recorder(RecordSettings(folder=tmp_path, keep=1e9), HEADER)
-    recorder.start()
-    recorder.put(batch_of(0, 10))
-    await eventually(lambda: recorder.stats()["short"].get("files", 0) >= 3)
-    disk.room = 1 << 20
-    await asyncio.to_thread(recorder.flush, PATIENCE)
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, keep=1e9)) as recorder:
+        recorder.put(batch_of(0, 10))
+        await eventually(lambda: recorder.stats()["short"].get("files", 0) >= 3)
+        disk.room = 1 << 20
+        await asyncio.to_thread(recorder.flush, PATIENCE)
     assert recorder.stats()["state"] == "ok"
     assert recorder.stats()["short"]["keep"] == 1e9

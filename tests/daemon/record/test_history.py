@@ -16,17 +16,15 @@ from cellwatt.results import Prediction, Task
 from tests.patience import PATIENCE, eventually
 
 from ..outlets.zenoh.fake_cell import alarm
-from .making import HEADER, SESSION, batch_of, bits, frames_of, name_of, same_batch, stream_of, write_chunks
+from .making import HEADER, SESSION, batch_of, bits, frames_of, name_of, same_batch, started, stream_of, write_chunks
 
 SUPPLY = stream_of(2, "meter")
 
 
 @pytest.fixture
 async def recorder(tmp_path):
-    recorder = Recorder(RecordSettings(folder=tmp_path, flush=3600.0, file_size=40e3), HEADER)
-    recorder.start()
-    yield recorder
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, flush=3600.0, file_size=40e3)) as recorder:
+        yield recorder
 
 
 @pytest.fixture

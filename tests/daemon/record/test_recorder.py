@@ -13,15 +13,13 @@ from cellwatt.record.header import PART
 from cellwatt.record.opening import survey
 from tests.patience import PATIENCE, eventually
 
-from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry, write_chunks
+from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry, started, write_chunks
 
 
 @pytest.fixture
 async def recorder(tmp_path):
-    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
-    recorder.start()
-    yield recorder
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path)) as recorder:
+        yield recorder
 
 
 async def test_items_are_written_in_order_and_counted(recorder, tmp_path):
@@ -52,15 +50,13 @@ def closing_size(folder):
 
 
 async def test_a_flush_brings_all_taken_so_far_to_the_file(tmp_path):
-    recorder = Recorder(RecordSettings(folder=tmp_path, flush=3600.0), HEADER)
-    recorder.start()
-    assert recorder.put(batch_of(0, 3))
-    assert not list(tmp_path.iterdir())
-    assert await asyncio.to_thread(recorder.flush, PATIENCE)
-    (back,) = Recording.open(tmp_path / (name_of() + PART)).entries()
-    assert same_batch(back, batch_of(0, 3))
-    assert await asyncio.to_thread(recorder.flush, PATIENCE)
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, flush=3600.0)) as recorder:
+        assert recorder.put(batch_of(0, 3))
+        assert not list(tmp_path.iterdir())
+        assert await asyncio.to_thread(recorder.flush, PATIENCE)
+        (back,) = Recording.open(tmp_path / (name_of() + PART)).entries()
+        assert same_batch(back, batch_of(0, 3))
+        assert await asyncio.to_thread(recorder.flush, PATIENCE)
 
 
 async def test_samples_reach_the_file_without_being_asked_for(recorder, tmp_path):
@@ -70,11 +66,9 @@ async def test_samples_reach_the_file_without_being_asked_for(recorder, tmp_path
 
 
 async def test_frames_are_left_out_on_request_and_empty_blocks_are_nothing(tmp_path):
-    recorder = Recorder(RecordSettings(folder=tmp_path, frames=False), HEADER)
-    recorder.start()
-    assert recorder.put(frames_of(0, 4)) and recorder.put(replace(batch_of(0, 1), time=np.empty(0, np.int64)))
-    assert recorder.put(batch_of(0, 1))
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, frames=False)) as recorder:
+        assert recorder.put(frames_of(0, 4)) and recorder.put(replace(batch_of(0, 1), time=np.empty(0, np.int64)))
+        assert recorder.put(batch_of(0, 1))
     assert Recording.open(tmp_path).counts == {"/raw/arm/rtde": 1}
 
 
@@ -87,14 +81,12 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
         write_chunk(file)
 
     monkeypatch.setattr(files_module.OpenFile, "write_chunk", slow)
-    recorder = Recorder(RecordSettings(folder=tmp_path, queue=100e3), HEADER)
-    recorder.start()
-    taken = [recorder.put(batch_of(n * 100, 100)) for n in range(20)]
-    assert taken[0] and not taken[-1]
-    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 100 * taken.count(False)}
-    assert recorder.stats()["queue"]["bytes"] <= 100e3
-    blocked.set()
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, queue=100e3)) as recorder:
+        taken = [recorder.put(batch_of(n * 100, 100)) for n in range(20)]
+        assert taken[0] and not taken[-1]
+        assert recorder.stats()["drops"] == {"/raw/arm/rtde": 100 * taken.count(False)}
+        assert recorder.stats()["queue"]["bytes"] <= 100e3
+        blocked.set()
     assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 100 * taken.count(True)
 
 
@@ -109,12 +101,10 @@ async def test_a_stopped_recorder_refuses(tmp_path):
 
 
 async def test_files_rotate_by_size(tmp_path):
-    recorder = Recorder(RecordSettings(folder=tmp_path, file_size=60e3, flush=0.001), HEADER)
-    recorder.start()
-    for n in range(30):
-        assert recorder.put(batch_of(n * 100, 100))
-        assert await asyncio.to_thread(recorder.flush, PATIENCE)
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, file_size=60e3, flush=0.001)) as recorder:
+        for n in range(30):
+            assert recorder.put(batch_of(n * 100, 100))
+            assert await asyncio.to_thread(recorder.flush, PATIENCE)
     files = sorted(tmp_path.iterdir())
     assert len(files) > 3 and all(f.suffix == ".mcap" for f in files)
     assert all(60e3 <= f.stat().st_size < 90e3 for f in files[:-1])
@@ -126,14 +116,12 @@ async def test_files_rotate_by_size(tmp_path):
 
 async def test_files_rotate_by_age(tmp_path, monkeypatch):
     monkeypatch.setattr("cellwatt.record.writer.IDLE", 0.01)
-    recorder = Recorder(RecordSettings(folder=tmp_path, file_age=0.05), HEADER)
-    recorder.start()
-    assert recorder.put(batch_of(0, 1))
-    await eventually(lambda: list(tmp_path.glob("*.mcap")))
-    assert recorder.stats()["file"] is None
-    assert recorder.put(batch_of(1, 1))
-    await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 2)
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path, file_age=0.05)) as recorder:
+        assert recorder.put(batch_of(0, 1))
+        await eventually(lambda: list(tmp_path.glob("*.mcap")))
+        assert recorder.stats()["file"] is None
+        assert recorder.put(batch_of(1, 1))
+        await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 2)
     assert [b.sequence for b in Recording.open(tmp_path).entries()] == [0, 1]
 
 
@@ -182,11 +170,9 @@ async def test_a_start_repairs_what_the_last_run_left(tmp_path):
     torn = tmp_path / (name_of(2) + PART)
     torn.write_bytes(torn.read_bytes()[:-30])
     (tmp_path / (name_of(3) + PART)).write_bytes(b"")
-    recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12))
-    recorder.start()
-    assert recorder.put(batch_of(0, 1))
-    reports = await recorder.recovered()
-    await recorder.close()
+    async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12)) as recorder:
+        assert recorder.put(batch_of(0, 1))
+        reports = await recorder.recovered()
     assert [r.part.name for r in reports] == [name_of(3) + PART, name_of(2) + PART]
     assert "was empty" in str(reports[0]) and "10 messages recovered, lost: " in str(reports[1])
     assert recorder.stats()["recovered"] == [str(r) for r in reports]
@@ -195,19 +181,15 @@ async def test_a_start_repairs_what_the_last_run_left(tmp_path):
 
 async def test_two_sessions_in_one_folder_follow_each_other(tmp_path):
     for session in (SESSION + 10**9, SESSION):
-        recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=session))
-        recorder.start()
-        assert recorder.put(replace(batch_of(0, 1), arrival=session))
-        await recorder.close()
+        async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=session)) as recorder:
+            assert recorder.put(replace(batch_of(0, 1), arrival=session))
     assert [b.arrival for b in Recording.open(tmp_path).entries()] == [SESSION, SESSION + 10**9]
 
 
 async def test_recordings_of_several_cells_are_not_mixed(tmp_path):
     for cell in ("weld-3", "weld-4"):
-        recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, cell=cell))
-        recorder.start()
-        assert recorder.put(batch_of(0, 1))
-        await recorder.close()
+        async with started(RecordSettings(folder=tmp_path), replace(HEADER, cell=cell)) as recorder:
+            assert recorder.put(batch_of(0, 1))
     with pytest.raises(RecordingError, match="several cells"):
         Recording.open(tmp_path)
 

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from cellwatt import Alarm, Batch, Channel, Energy, Event, Interval, Prediction, RecordingError, Stream, Task, Tick
-from cellwatt.record import Health, Recorder, Recording, RecordSettings
+from cellwatt.record import Health, Recording, RecordSettings
 from cellwatt.record.messages import decode, encode
 
 from .making import (
@@ -25,6 +25,7 @@ from .making import (
     name_of,
     same_batch,
     same_entry,
+    started,
     stream_of,
     write_chunks,
 )
@@ -65,7 +66,7 @@ def numbered(chunks):
     return [[continued(item) for item in chunk] for chunk in chunks]
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 @given(
     chunks=st.lists(
         st.lists(batches() | st.builds(Tick, st.integers(0, 2**63 - 1)), min_size=1, max_size=6), max_size=4
@@ -264,10 +265,8 @@ def test_the_header_and_declarations_come_back(tmp_path):
 
 
 async def _record(folder, header, batches):
-    recorder = Recorder(RecordSettings(folder=folder), header)
-    recorder.start()
-    assert all(recorder.put(b) for b in batches)
-    await recorder.close()
+    async with started(RecordSettings(folder=folder), header) as recorder:
+        assert all(recorder.put(b) for b in batches)
 
 
 def test_files_of_a_folder_are_read_in_order_of_number(tmp_path):

@@ -20,17 +20,15 @@ from cellwatt.record import History, Recorder, Recording, RecordSettings
 from cellwatt.record.seal import verify
 from tests.patience import PATIENCE
 
-from .making import HEADER, batch_of, write_chunks
+from .making import HEADER, batch_of, started, write_chunks
 
 
 async def record(settings: RecordSettings, blocks: int) -> None:
-    recorder = Recorder(settings, HEADER)
-    recorder.start()
-    for n in range(blocks):
-        assert recorder.put(batch_of(n * 10, 10))
-        if n % 10 == 0:
-            assert await asyncio.to_thread(recorder.flush, PATIENCE)
-    await recorder.close()
+    async with started(settings) as recorder:
+        for n in range(blocks):
+            assert recorder.put(batch_of(n * 10, 10))
+            if n % 10 == 0:
+                assert await asyncio.to_thread(recorder.flush, PATIENCE)
 
 
 @pytest.fixture
@@ -179,10 +177,8 @@ async def test_a_repaired_file_is_told_as_such(keys: Path) -> None:
     folder = keys / "recordings"
     folder.mkdir()
     write_chunks(folder, [[batch_of(0, 5)], [batch_of(5, 5)]], close=False)
-    recorder = Recorder(RecordSettings(folder=folder, sign=keys / "cell.key"), HEADER)
-    recorder.start()
-    await recorder.recovered()
-    await recorder.close()
+    async with started(RecordSettings(folder=folder, sign=keys / "cell.key")) as recorder:
+        await recorder.recovered()
     ((_, state, problem),) = verify([folder], keys / "cell.pub")
     assert (state, problem) == ("repaired", "")
 
@@ -216,9 +212,7 @@ def test_a_seal_goes_with_its_file(keys: Path) -> None:
 
 async def test_without_its_key_the_cell_records_and_says_so(keys: Path) -> None:
     (keys / "cell.key").unlink()
-    recorder = Recorder(RecordSettings(folder=keys / "recordings", sign=keys / "cell.key"), HEADER)
-    recorder.start()
-    assert recorder.put(batch_of(0, 10))
-    await recorder.close()
+    async with started(RecordSettings(folder=keys / "recordings", sign=keys / "cell.key")) as recorder:
+        assert recorder.put(batch_of(0, 10))
     assert "could not be signed: " in recorder.stats()["upkeep_problem"]
     assert len(Recording.open(keys / "recordings").paths) == 1

@@ -14,7 +14,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.tables import read_table
 
 
-@settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(min_size=40, max_size=160))
 def test_what_is_written_is_read(data: bytes) -> None:
     run(data)
