@@ -78,10 +78,6 @@ def _request(frame: wire.Frame) -> None:
         if all(names):
             assert wire.parse_ask_outputs(wire.ask_outputs(rate, names)[3:]) == (rate, names)
     with suppress(ProtocolError):
-        names = wire.parse_ask_inputs(frame.payload)
-        if all(names):
-            assert wire.parse_ask_inputs(wire.ask_inputs(names)[3:]) == names
-    with suppress(ProtocolError):
         wire.parse_protocol(frame.payload)
 
 
@@ -101,7 +97,7 @@ def seeds() -> Iterable[bytes]:
     yield b"\xff" + doubles * 2
     yield b"\x7f" + answers[2] + packages + package(3.0, 5) + answers[1]
     yield b"\0" + wire.ASK_PROTOCOL + wire.ASK_CONTROLLER + wire.ask_outputs(125.0, SELECTION.names)
-    yield b"\0" + wire.ask_inputs(["speed_slider_mask"]) + wire.START + wire.PAUSE
+    yield b"\0" + wire.START + wire.PAUSE
 
 
 def package(time: float, mode: int) -> bytes:

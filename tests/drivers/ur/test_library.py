@@ -12,7 +12,7 @@ import pytest
 
 from cellwatt.emulation import EmulatorProcess
 from cellwatt_drivers.ur import UrDriver
-from tests.patience import PATIENCE, eventually
+from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
 from .recordings import write
@@ -48,19 +48,6 @@ for name in ("RobotMode", "SafetyMode", "RuntimeState", "ActualRobotVoltage", "J
         answer[name] = None
 library.disconnect()
 print(json.dumps(answer))
-"""
-
-
-WRITE = """
-import sys
-from rtde_io import RTDEIOInterface
-library = RTDEIOInterface(sys.argv[1])
-assert library.setSpeedSlider(0.5)
-assert library.setStandardDigitalOut(3, True)
-assert library.setAnalogOutputVoltage(0, 0.5)
-assert library.setInputIntRegister(20, 7)
-assert library.setInputDoubleRegister(20, 7.5)
-library.disconnect()
 """
 
 
@@ -153,16 +140,3 @@ async def test_what_its_recorder_wrote_can_be_served(tmp_path):
         await asyncio.gather(task, return_exceptions=True)
     np.testing.assert_array_equal(inlet.values, written[:, 1:])
     np.testing.assert_array_equal(inlet.device_time, np.rint(written[:, 0] * 1e9))
-
-
-async def test_its_input_recipes_have_the_numbers_that_it_takes_for_granted():
-    async with EmulatorProcess("ur", "--listen", f"127.0.31.7:{PORT}") as emulator:
-        child = await asyncio.create_subprocess_exec(sys.executable, "-c", WRITE, "127.0.31.7")
-        async with asyncio.timeout(PATIENCE):
-            assert await child.wait() == 0
-
-        async def written() -> bool:
-            return (await emulator.counts()).get("inputs") == 5
-
-        await eventually(written, "five packages of inputs, each of its recipe's size")
-        assert "strange inputs" not in await emulator.counts()

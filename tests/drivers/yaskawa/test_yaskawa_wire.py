@@ -39,7 +39,7 @@ ascii_text = st.text(st.characters(min_codepoint=33, max_codepoint=126), max_siz
         (wire.Request(wire.POSITION), "7500 0100 00 01 0000"),
         (wire.Request(wire.POSITION, 101), "7500 6500 00 01 0000"),
         (wire.Request(wire.TORQUE), "7700 0100 00 01 0000"),
-        (wire.Request(0x7A, 5, 1, wire.GET_ONE), "7a00 0500 01 0e 0000"),
+        (wire.Request(0x7A, 5, 1, 0x0E), "7a00 0500 01 0e 0000"),
     ],
 )
 def test_requests_as_worked_out_by_hand(request_, tail):
