@@ -38,11 +38,12 @@ class TooMuchError(yaml.MarkedYAMLError):
     """A text is nested too deeply, or stands for too many values; its place and why in one line."""
 
     def __init__(self, event: yaml.Event, problem: str) -> None:
-        super().__init__(problem=problem, problem_mark=event.start_mark)
+        mark: Any = event.start_mark
+        super().__init__(problem=problem, problem_mark=mark)
+        self.args = (f"line {mark.line + 1} column {mark.column + 1}: {problem}",)
 
     def __str__(self) -> str:
-        mark = self.problem_mark
-        return f"line {mark.line + 1} column {mark.column + 1}: {self.problem}" if mark is not None else self.problem
+        return str(self.args[0])
 
 
 def check_bounds(text: str, values: int = MOST_VALUES, loader: Any = _Loader) -> None:
