@@ -16,6 +16,7 @@ from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.listening import BusPlace, Interface, Listening, open_listening
 from cellwatt_drivers.can_sensor.sensor_map import SensorMap, SensorName, load_decodings
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class CanSensorSettings(SourceSettings):
     """Tell an slcan adapter not even to acknowledge; then another node must do so."""
     settle: Seconds = Field(0.0, ge=0, le=10)
     """Wait this long after opening an slcan adapter; those that restart then need 2 s."""
-    read: tuple[str, ...] | None = None
+    read: Chosen[str] | None = None
     """Streams to read; left out: those of the map that are not optional."""
     rates: dict[str, Hertz] = Field(default_factory=dict)
     """Messages a second, by stream, where the sensor is set otherwise than the map says."""
@@ -71,8 +72,6 @@ class CanSensorSettings(SourceSettings):
             raise ValueError("'bitrate' and 'listen_only' are for slcan; SocketCAN's are set with ip link")
         if self.interface == "slcan" and not self.channel.startswith("/"):
             raise ValueError("'channel' of slcan is the path of a serial port, like '/dev/serial/by-id/usb-…'")
-        if self.read is not None and (not self.read or len(set(self.read)) != len(self.read)):
-            raise ValueError("'read' names at least one stream, each once")
         return self
 
 

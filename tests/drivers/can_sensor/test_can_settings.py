@@ -46,7 +46,7 @@ def test_streams_and_rates_are_chosen():
         (GOOD | {"listen_only": True}, "are for slcan"),
         (GOOD | {"interface": "slcan"}, "path of a serial port"),
         (GOOD | {"interface": "slcan", "channel": "/dev/ttyACM0", "bitrate": 123}, "expected one of 10000"),
-        (GOOD | {"read": []}, "at least one stream"),
+        (GOOD | {"read": []}, "at least one"),
         (GOOD | {"read": ["current", "current"]}, "each once"),
         (GOOD | {"silence": "2"}, "number with its unit"),
         (GOOD | {"rates": {"current": 100}}, "number with its unit"),
