@@ -58,11 +58,11 @@ def test_wrong_settings_say_what_is_wrong(found, why):
         CanSensorSettings.model_validate(found)
 
 
-@pytest.mark.parametrize("package", ["can", "cantools", "msgpack"])
+@pytest.mark.parametrize("package", ["can", "cantools"])
 def test_a_missing_extra_is_named(monkeypatch, package):
     def nothing(name: str) -> object:
         return None if name == package else PathFinder.find_spec(name)
 
     monkeypatch.setattr(requirements, "find_spec", nothing)
     with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[can\]'"):
-        make(interface="udp_multicast", channel="239.74.163.2")
+        make()
