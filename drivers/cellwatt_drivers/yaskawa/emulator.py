@@ -38,8 +38,7 @@ class YaskawaEmulator(Emulator):
     (1: a status bit nobody documents is set), ``alarm`` (``CODE:NAME``), ``torque`` (``int32``, or ``float``, as
     Yaskawa's own dissector shows it).
 
-    Beside what the driver asks for it has alarm history, job, times, and ``memory`` (I/O, registers, variables), whose
-    plural reads it answers. Services that write are refused: remote is not set.
+    Services that write are refused: remote is not set.
 
     Faults on answers: ``loss`` (not sent), ``half_frame`` (cut), ``delay`` (late by ``seconds``), ``reorder``
     (held until the next one has left), ``duplicate``, ``garbage`` (random bytes ahead of it). At the next
@@ -149,9 +148,9 @@ class YaskawaEmulator(Emulator):
 
     def _position(self, instance: int) -> bytes | None:
         if instance == 1:
-            return payload.encode_position(payload.Position(payload.PULSE, self.robot.pulses(self._now())))
+            return payload.encode_position(payload.PULSE, self.robot.pulses(self._now()))
         if instance == 101:
-            return payload.encode_position(payload.Position(payload.BASE, self.robot.pose(self._now())))
+            return payload.encode_position(payload.BASE, self.robot.pose(self._now()))
         return None
 
     def _now(self) -> float:
