@@ -7,6 +7,7 @@ import numpy as np
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.samples import interpolated
 
 POINTS = 200
 """Points of a repetition between which straight lines are taken: encoder noise adds nothing to such long ones."""
@@ -15,7 +16,7 @@ POINTS = 200
 def path_speed(arm: Arm, motion: Motion, repetition: Repetition) -> float:
     """Mean Cartesian speed of the last joint's frame over one repetition, mm/s."""
     times = np.linspace(repetition.start, repetition.end, POINTS)
-    q = np.stack([np.interp(times, motion.time, column) for column in motion.position.T], axis=1)
+    q = interpolated(times, motion.time, motion.position)
     places = arm.forward(q)[:, -1, :3, 3]
     length = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
     return 1000.0 * length / repetition.seconds

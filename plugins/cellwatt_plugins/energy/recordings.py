@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ def read_motion(path: Path, joints: int) -> Motion:
         raise RecordingError(f"{path}: no samples for {steps.max():.2f} s after t = {at:.2f} s: record this run again")
     even = np.arange(time[0], time[-1], float(np.median(steps)))
     if len(even) != len(time) or np.abs(even - time).max() > 0.2 * np.median(steps):
-        position, velocity, torque = (_on_grid(even, time, v) for v in (position, velocity, torque))
+        position, velocity, torque = (interpolated(even, time, v) for v in (position, velocity, torque))
         time = even
     return Motion(str(path), time, position, velocity, torque)
 
@@ -137,10 +138,6 @@ def _pair(path: Path, joints: int) -> _Pair:
 def _read(pair: _Pair) -> Recorded:
     motion, reading = read_motion(pair.robot, pair.joints), read_reading(pair.analyzer)
     return Recorded(pair.name, pair.speed, pair.payload, motion, reading)
-
-
-def _on_grid(even: Float, time: Float, values: Float) -> Float:
-    return np.stack([np.interp(even, time, column) for column in values.T], axis=1)
 
 
 def _check(table: Table, columns: Mapping[str, Float]) -> Float:
