@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.cycles.loops import Loop, find_loops
+from cellwatt_plugins.faults.cycles.loops import find_loops
 from cellwatt_plugins.faults.cycles.metering import power_through
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, timing, warp_of
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
+from cellwatt_plugins.faults.learn import by_speed
 from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
@@ -35,25 +36,16 @@ def learn_patterns(recording: Recording) -> list[Pattern]:
     patterns: list[Pattern] = []
     for number, loop in enumerate(find_loops(runs), start=1):
         first = len(patterns)
-        for group in _by_speed(loop, runs):
+        cycles = [runs[start : start + len(loop.moves)] for start in loop.starts]
+        for group in by_speed(cycles, _seconds, SAME_SPEED):
+            if len(group) < FEWEST:
+                continue
             pattern = _pattern(recording, group, f"task_{number}")
             fastest = patterns[first] if len(patterns) > first else pattern
             patterns.append(replace(pattern, speed=_speed(recording, group[0], fastest)))
     if not patterns:
         raise ModelError("no task was seen three times or more: record more healthy cycles")
     return patterns
-
-
-def _by_speed(loop: Loop, runs: Sequence[Run]) -> list[list[Sequence[Run]]]:
-    """The cycles of a task in groups of one speed, fastest first."""
-    cycles = [runs[start : start + len(loop.moves)] for start in loop.starts]
-    groups: list[list[Sequence[Run]]] = []
-    for cycle in sorted(cycles, key=_seconds):
-        if groups and _seconds(cycle) <= SAME_SPEED * _seconds(groups[-1][0]):
-            groups[-1].append(cycle)
-        else:
-            groups.append([cycle])
-    return [group for group in groups if len(group) >= FEWEST]
 
 
 def _seconds(cycle: Sequence[Run]) -> float:
