@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from math import comb
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.polynomial.legendre import leg2poly
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.export import joint_inputs, write_model
@@ -180,16 +180,8 @@ def _energy(model: Identified, pair: tuple[int, int]) -> Float:
     return out
 
 
-def _legendre_coefficients() -> Float:
-    """(BENT + 1, BENT + 1): each polynomial's coefficients, lowest power first."""
-    out = np.zeros((BENT + 1, BENT + 1))
-    for degree in range(BENT + 1):
-        for k in range(degree // 2 + 1):
-            out[degree, degree - 2 * k] = (-1) ** k * comb(degree, k) * comb(2 * degree - 2 * k, degree) / 2**degree
-    return out
-
-
-_LEGENDRE: Final = _legendre_coefficients()
+_LEGENDRE: Final = np.stack([np.pad(leg2poly(unit), (0, BENT - k)) for k, unit in enumerate(np.eye(BENT + 1))])
+"""(BENT + 1, BENT + 1): each polynomial's coefficients, lowest power first."""
 
 
 def _ranges(poses: Poses) -> list[tuple[float, float]]:
