@@ -48,9 +48,14 @@ OFF_SCALE = 0.35
 
 
 def required_gain(term: Term, robot: RobotDescription, thresholds: Thresholds) -> float:
-    """nats that a term must add; half of it for no rare thing, as a plain parameter that is described as 0."""
-    unset = bool(term.effect.nominal) and term.effect.described(robot, term.joint) == 0
-    return 0.5 * thresholds.gain if term.effect.acceptance.common or unset else thresholds.gain
+    """nats that a term must add; half of it for no rare thing."""
+    likely = term.effect.acceptance.common or unset(term, robot)
+    return 0.5 * thresholds.gain if likely else thresholds.gain
+
+
+def unset(term: Term, robot: RobotDescription) -> bool:
+    """True of a plain parameter that is described as 0: most arms have it."""
+    return bool(term.effect.nominal) and term.effect.described(robot, term.joint) == 0
 
 
 def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: float) -> str | None:
