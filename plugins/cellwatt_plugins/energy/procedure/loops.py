@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.rests import rests
@@ -110,7 +109,7 @@ def _loop(arm: Arm, motion: Motion, before: tuple[int, int], after: tuple[int, i
     part = slice(max(first - 1, 0), last + 2)
     there = replace(motion, time=motion.time[part], position=motion.position[part])
     start, end = float(motion.time[first]), float(motion.time[last])
-    return Loop(first, last, start, end, path_speed(arm, there, Repetition(start, end, 0.0)))
+    return Loop(first, last, start, end, Repetition(start, end, 0.0).path_speed(arm, there))
 
 
 def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:

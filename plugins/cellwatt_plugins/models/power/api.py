@@ -12,9 +12,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cellwatt.files import Place, Places, paths_of
-from cellwatt_plugins.models.export import joint_inputs, write_model
+from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain
-from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
+from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
 from cellwatt_plugins.models.power.fitting import Fitted
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.nls import Nls

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.polynomial.legendre import leg2poly
 from numpy.typing import NDArray
 
-from cellwatt_plugins.models.export import joint_inputs, write_model
+from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, gravity_torque
-from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
+from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
 from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
 from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
 from cellwatt_plugins.models.static.identify import HeldArm, Identified

@@ -8,8 +8,7 @@ from cellwatt.report import Axis, Bars, Figure, Notes, Panel, Provenance, Report
 from cellwatt.report.drawing import band, dots, line
 from cellwatt.report.numbers import measured, number
 from cellwatt.report.theme import GOOD, MEASURED, MODEL, NOISE, SIMULATION
-from cellwatt_plugins.models.static.conformal import COVERAGE
-from cellwatt_plugins.models.static.training import Trained
+from cellwatt_plugins.models.static.training import COVERAGE, Trained
 from cellwatt_plugins.models.static.wording import TITLES, rivals
 
 ACROSS = 3

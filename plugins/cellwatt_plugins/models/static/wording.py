@@ -10,8 +10,7 @@ import numpy as np
 
 from cellwatt.report.blocks import Table
 from cellwatt.report.numbers import fixed
-from cellwatt_plugins.models.static.conformal import COVERAGE
-from cellwatt_plugins.models.static.training import PUBLISHED, Method, Trained
+from cellwatt_plugins.models.static.training import COVERAGE, PUBLISHED, Method, Trained
 
 TITLES: Final = {
     "gravity": "gravity of the CAD model",
