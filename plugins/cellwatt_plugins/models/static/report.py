@@ -26,6 +26,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
     bars = [(TITLES[m.name], roles.get(m.name, "measured"), m.scores.rmse) for m in trained.methods]
     seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.told)
     noise = trained.checked.model.posterior.noise
+    told = [*(finding.statement for finding in trained.findings), *trained.left_out]
     facts = "Standard deviations after ±; evidence: natural log of how much more probable it makes the measurements."
     return Report(
         name=robot,
@@ -45,7 +46,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
             ),
             Section("Learning curve", [_learning(trained), curve.in_words()]),
             Section("Rivals", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
-            Section("What the arm has and its CAD model lacks", [_figures(trained), _findings(trained)], facts),
+            Section("What the arm has and its CAD model lacks", [_figures(trained), Notes(told)], facts),
             Section("Notes", [Notes(trained.poses.notes)]),
         ],
         provenance=provenance,
@@ -118,9 +119,3 @@ def _figures(trained: Trained) -> Table:
         for figure in finding.figures
     ]
     return Table("Figures of the arm", ("effect", "joint", "figure", "value", "unit", "evidence"), rows)
-
-
-def _findings(trained: Trained) -> Notes:
-    odd = np.unique(np.argwhere(trained.checked.model.odd)[:, 0]) + 1
-    left_out = [f"Not used, as they fit nothing else: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
-    return Notes([*(finding.statement for finding in trained.findings), *left_out])

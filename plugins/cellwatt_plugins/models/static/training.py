@@ -104,6 +104,12 @@ class Trained:
     networks: tuple[Perceptron, Perceptron]
     """The paper's plain network, and that of its hybrid."""
 
+    @property
+    def left_out(self) -> list[str]:
+        """A sentence on the poses with torques that were not used, where there are any."""
+        odd = np.unique(np.argwhere(self.checked.model.odd)[:, 0]) + 1
+        return [f"Not used, as they fit nothing else: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
+
     def as_json(self) -> dict[str, Any]:
         """For ``--json``."""
         return {
@@ -132,13 +138,9 @@ class Trained:
         }
 
 
+@stage("", sum(SHARES))
 def train(poses: Poses, arm: HeldArm) -> Trained:
     """Trains all methods."""
-    with stage("", sum(SHARES)):
-        return _train(poses, arm)
-
-
-def _train(poses: Poses, arm: HeldArm) -> Trained:
     basis, effects = arm.basis(poses), arm.effects(poses)
     with stage("networks as published", 2, share=SHARES[0]):
         methods, networks = _published(poses, basis, effects)
