@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound
 from cellwatt_plugins.mismatch.fit.leave_out import Held, LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.description import RobotDescription
