@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from cellwatt.errors import OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
-from cellwatt.outlets.historian.pieces import Piece, Place, Position, merged, next_frames, next_results, parquet, root
+from cellwatt.outlets.historian.pieces import Piece, Place, Position, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
 from cellwatt.outlets.past import ARCHIVED
@@ -33,25 +33,13 @@ class Intent(BaseModel):
     result: Place | None = None
 
 
-class Join(BaseModel):
-    """Files in ``folder`` that are about to be joined ``into`` one."""
-
-    folder: str
-    names: list[str]
-    into: str
-
-
 class Progress(BaseModel):
-    """Position of each table in the lake ``lake``; ``days`` are folders that may have small files."""
-
-    model_config = ConfigDict(extra="forbid")
+    """Position of each table in the lake ``lake``."""
 
     lake: str
     frames: Position | None = None
     results: dict[str, Place] = {}
     intent: Intent | None = None
-    join: Join | None = None
-    days: list[str] = []
 
     def save(self, folder: Path) -> None:
         """Bring it to disk, whole or not at all. Raises ``OutletError``."""
@@ -94,15 +82,11 @@ class Export:
 
     def run(self) -> Iterator[Done]:
         """Write all that is new; give each file when it is done. Raises ``OutletError``."""
-        if self._progress.join is not None:
-            self._join(self._progress.join)
         if self._progress.intent is not None:
             yield from self._again(self._progress.intent)
         yield from self._all("frames", self._frames)
         for table in ARCHIVED if self._settings.results else ():
             yield from self._all(table, partial(self._results, table))
-        if self._settings.compact:
-            self._compact()
 
     def _all(self, table: str, following: Callable[[], Piece | None]) -> Iterator[Done]:
         while (piece := following()) is not None:
@@ -126,9 +110,6 @@ class Export:
             )
             progress.save(self._record)
             self._store.put(piece.path, parquet(piece.table, self._about(table)))
-            if self._settings.compact:
-                day = piece.path.rpartition("/")[0]
-                progress.days = [*(d for d in progress.days if d != day), day]
         self._reach(table, end)
         return Done(table, piece.rows, piece.lost)
 
@@ -171,45 +152,6 @@ class Export:
             elif found := [Place(n[0], n[1], n[3]) for n in numbers if len(n) == 4]:
                 progress.results[table] = max(found, key=_at)
         return progress
-
-    # files of a day -------------------------------------------------------------------------------
-
-    def _compact(self) -> None:
-        """Join the files of the days that are over."""
-        newest = {folder.split("/", 1)[0]: folder for folder in sorted(self._progress.days)}
-        for folder in [folder for folder in self._progress.days if folder not in newest.values()]:
-            for names, into in self._joinable(folder):
-                self._progress.join = Join(folder=folder, names=names, into=into)
-                self._progress.save(self._record)
-                self._join(self._progress.join)
-            self._progress.days.remove(folder)
-            self._progress.save(self._record)
-
-    def _joinable(self, folder: str) -> Iterator[tuple[list[str], str]]:
-        """Files of a day by session, with the name of what they become."""
-        sessions: dict[int, list[str]] = {}
-        for name in self._store.names(folder):
-            sessions.setdefault(_numbers(name)[0], []).append(name)
-        for names in sessions.values():
-            contents = [self._store.get(f"{folder}/{name}") for name in names]
-            for numbers, _ in merged(contents):
-                group = sorted((names[n] for n in numbers), key=_numbers)
-                # Files of frames are joined; results of several files of the record keep their own names.
-                if len(group) > 1 and len(_numbers(group[0])) == 3:
-                    first, last = _numbers(group[0]), _numbers(group[-1])
-                    yield group, f"{first[0]}_{first[1]}_{last[2]}.parquet"
-
-    def _join(self, join: Join) -> None:
-        """Write the joined file, then remove the others; where it is there already, only the latter."""
-        if join.into not in self._store.names(join.folder):
-            contents = [self._store.get(f"{join.folder}/{name}") for name in join.names]
-            ((_, table),) = merged(contents)
-            table_name = join.folder.split("/", 1)[0]
-            self._store.put(f"{join.folder}/{join.into}", parquet(table, self._about(table_name)))
-        for name in join.names:
-            self._store.remove(f"{join.folder}/{name}")
-        self._progress.join = None
-        self._progress.save(self._record)
 
 
 def _at(end: Position | Place) -> tuple[int, ...]:

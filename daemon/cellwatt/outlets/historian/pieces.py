@@ -263,25 +263,6 @@ def parquet(table: pa.Table, about: Mapping[str, Any]) -> bytes:
     return content
 
 
-def merged(files: Sequence[bytes]) -> list[tuple[list[int], pa.Table]]:
-    """Tables of the same columns and units joined, each with the numbers of its files; the first names the metadata."""
-    groups: list[tuple[list[int], list[pa.Table]]] = []
-    for number, content in enumerate(files):
-        table = pq.read_table(pa.BufferReader(content))
-        for numbers, tables in groups:
-            if tables[0].schema.equals(table.schema, check_metadata=False) and _units(tables[0]) == _units(table):
-                numbers.append(number)
-                tables.append(table)
-                break
-        else:
-            groups.append(([number], [table]))
-    return [(numbers, pa.concat_tables([t.replace_schema_metadata(None) for t in ts])) for numbers, ts in groups]
-
-
-def _units(table: pa.Table) -> list[Any]:
-    return [(field.metadata or {}).get(b"unit") for field in table.schema]
-
-
 def _worst(row: Row) -> int:
     there = (quality for name, quality in row.quality.items() if name in row.values)
     return max(there, default=int(Quality.MISSING))

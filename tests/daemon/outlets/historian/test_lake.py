@@ -217,11 +217,6 @@ class Doomed(FolderStore):
         super().put(path, content)
         self.step()
 
-    def remove(self, path: str) -> None:
-        self.step()
-        super().remove(path)
-        self.step()
-
 
 @pytest.fixture
 def saves(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Doomed]]:
@@ -240,10 +235,7 @@ def saves(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Doomed]]:
     yield doomed
 
 
-@pytest.mark.parametrize("compact", [False, True])
-def test_killed_at_any_step_each_row_is_there_once(
-    record: Path, lake: Path, saves: list[Doomed], compact: bool
-) -> None:
+def test_killed_at_any_step_each_row_is_there_once(record: Path, lake: Path, saves: list[Doomed]) -> None:
     """The n-th run is killed at its n-th step, while the record grows over midnight; then one that is not."""
     session = START + DAY - 20 * S
     growing = Recorded(record, session)
@@ -253,21 +245,18 @@ def test_killed_at_any_step_each_row_is_there_once(
         store = Doomed(lake, steps=runs % 37)
         saves[:] = [store]
         try:
-            export(record, lake, store, compact=compact)
+            export(record, lake, store)
         except Killed:
             killed += 1
         runs += 1
         if growing.second % 13 == 0:
             growing.rotate()
     saves.clear()
-    export(record, lake, compact=compact)
+    export(record, lake)
     growing.close()
     assert killed > 20
     check(lake, range(45), session)
     check_results(lake, range(45))
-    if compact:
-        over = list(lake.glob("frames/**/day=2026-11-21/*.parquet"))
-        assert len(over) == 1
 
 
 def test_a_lost_file_of_positions_does_no_harm(record: Path, lake: Path) -> None:
