@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting, span_of
-from cellwatt.outlets.page.levels.following import Source
+from cellwatt.outlets.page.levels.following import Growing, Source
 from cellwatt.outlets.page.levels.moments import Moments, Reader, Samples
-from cellwatt.outlets.page.levels.store import Growing, Store, near
+from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
 from cellwatt.record.retention import Kept

@@ -87,11 +87,13 @@ class Reader:
                 continue
             # One that was removed meanwhile, or of which nothing can be read, has nothing to give.
             with suppress(FileNotFoundError, RecordingError):
-                places, tracks = self._chunks(kept, start, end, until)
+                places, tracks = self._chunks(kept, until)
                 wanted = frozenset(number for number, track in tracks.items() if track.topic in CURVES)
                 _, file = open_recording(kept.path)
                 with file:
-                    for offset, length in places.tolist():
+                    for offset, length, first, last in places:
+                        if first >= end or last < start:
+                            continue
                         with suppress(ValueError):  # a chunk that is damaged has nothing to give
                             for item in items_at(file, offset, length, tracks, wanted):
                                 found.add(item)
@@ -104,21 +106,22 @@ class Reader:
         source = self._store.known(kept) if kept.closed else None
         return source is not None and (source.end < start or source.start >= end)
 
-    def _chunks(self, kept: Kept, start: int, end: int, until: float) -> tuple[NDArray[np.int64], Mapping[int, Track]]:
-        """Offset and length (n, 2) of the chunks that overlap, and the readers of their channels."""
+    def _chunks(self, kept: Kept, until: float) -> tuple[Places, Mapping[int, Track]]:
+        """The chunks, and the readers of their channels."""
         if not kept.closed:
             growing = self._store.growing(kept)
             with growing.lock:
                 if not growing.grow(until):
                     raise TimeoutError
-                return growing.follower.places.within(start, end), growing.follower.tracks
+                return list(growing.places), growing.tracks
         with self._lock:
             size, places, tracks = self._listed.get(kept.path, (0, None, {}))
             if places is None or size != kept.size:
                 contents = survey(kept.path).contents
-                places, tracks = Places(contents.chunks), tracks_of(contents.channels)[0]
+                places = [(c.offset, c.length, c.start, c.end) for c in contents.chunks]
+                tracks = tracks_of(contents.channels)[0]
                 self._listed[kept.path] = (kept.size, places, tracks)
                 while len(self._listed) > LISTED:
                     self._listed.popitem(last=False)
             self._listed.move_to_end(kept.path)
-            return places.within(start, end), tracks
+            return places, tracks

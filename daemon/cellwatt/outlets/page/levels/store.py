@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page.levels import level_file
-from cellwatt.outlets.page.levels.following import EVERYTHING, Follower, Held, Pace, Source, gather
+from cellwatt.outlets.page.levels.following import EVERYTHING, Growing, Held, Pace, Source, gather
 from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
 from cellwatt.outlets.page.levels.level_file import Budget, LevelFile
 from cellwatt.record.header import FileName
@@ -27,10 +27,10 @@ from cellwatt.record.retention import Kept, listing
 
 log = logging.getLogger(__name__)
 
-RESERVE: Final = 256e6
-"""Bytes of the disk that level files leave free: what is left belongs to the record."""
 HELD: Final = 32e6
 """Bytes of memory for recordings whose level file could not be written."""
+RESERVE: Final = 256e6
+"""Bytes of the disk that level files leave free: what is left belongs to the record."""
 LATE: Final = 3600.0
 """s by which the clocks of a cell and of its disk may differ."""
 TICK: Final = 1.0
@@ -39,27 +39,6 @@ LISTED: Final = 60.0
 """s for which a listing of the folder holds while the folder is not changed."""
 RETRY: Final = 60.0
 """Pause, s, before what failed is tried again."""
-
-
-class Growing:
-    """A recording that is open, or was when it was first seen; all of it is used under ``lock``."""
-
-    def __init__(self, path: Path, topics: frozenset[str]) -> None:
-        self.follower = Follower(path, topics)
-        self.gathered = Gathering()
-        self.lock = threading.Lock()
-
-    def grow(self, until: float) -> bool:
-        """Take what came since, as far as that goes before monotonic time ``until``; true if all was taken.
-
-        Raises ``OSError``.
-        """
-        for items in self.follower.new():
-            for item in items:
-                self.gathered.add(item)
-            if time.monotonic() > until:
-                return False
-        return True
 
 
 class Store:
@@ -77,9 +56,9 @@ class Store:
         self._building = threading.Lock()
         self._sources: dict[Path, tuple[int, Source]] = {}
         self._growing: dict[Path, Growing] = {}
-        self._held: OrderedDict[Path, Held] = OrderedDict()
         self._listing: tuple[float, float, list[Kept]] = (0.0, 0.0, [])
         """UTC s at which the folder was listed, its last change then, and what was in it."""
+        self._held: OrderedDict[Path, Held] = OrderedDict()
         self._again: dict[Path, float] = {}
         """Monotonic time, s, before which a recording that could not be read, or the disk, is not tried again."""
 
@@ -185,9 +164,9 @@ class Store:
                 if self.known(kept) is not None:
                     return
                 growing.grow(math.inf)
-                follower, status = growing.follower, kept.path.stat()
-                same = (status.st_dev, status.st_ino) == follower.identity and status.st_size == kept.size
-                if follower.ended and not follower.damaged and same:
+                status = kept.path.stat()
+                same = (status.st_dev, status.st_ino) == growing.identity and status.st_size == kept.size
+                if growing.ended and not growing.damaged and same:
                     self._keep(kept, growing.gathered)
         except OSError as error:
             log.debug("%s is read again: %s", kept.path, error)
