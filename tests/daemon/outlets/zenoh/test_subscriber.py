@@ -268,23 +268,6 @@ async def test_a_consumer_that_is_slow_gets_all_of_it(cell: Cell) -> None:
                     break
 
 
-async def test_what_others_put_on_the_cells_keys_is_counted_and_ignored(
-    cell: Cell, caplog: pytest.LogCaptureFixture
-) -> None:
-    with await asyncio.to_thread(open_session, cell.link) as stranger:
-        async with cell.subscriber(want=("raw", "alarm")) as subscriber:
-            await joined(subscriber)
-            stranger.put(f"cellwatt/{SITE}/{CELL}/{RAW}", b"hello")
-            stranger.put(f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault", b"{}", attachment=bytes([1]) + bytes(31))
-            stranger.put(f"cellwatt/{SITE}/{CELL}/health", b'{"positions": 3}')
-            stranger.put(f"cellwatt/{SITE}/{CELL}/raw/arm/samples/deeper", b"")
-            await eventually(lambda: subscriber.counts.get("unreadable") == 4, "four strangers")
-            cell.give(0, 5)
-            (message,) = await read(subscriber, 1)
-    assert message.sequence == 0
-    assert len([r for r in caplog.records if r.name == "cellwatt.subscriber"]) == 1, "a line in the log for each"
-
-
 async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Cell) -> None:
     payload = encode(batch(0, 5))
     damaged = payload[:-40] + bytes(b ^ 0x5A for b in payload[-40:])
