@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from cellwatt.outlets.historian.outlet import REFUSED, HistorianOutlet
 from tests.daemon.outlets.historian.made import CELL, SESSION, SITE, Recorded, S, alarm, energy, frames, row_truth, task
 from tests.daemon.outlets.historian.server import Fake, fake, influxd, real
 from tests.daemon.outlets.zenoh.fake_cell import FakeView
+from tests.doing import doing
 from tests.patience import eventually
 
 
@@ -48,14 +49,9 @@ def outlet_of(url: str, record: Path | None, **settings: Any) -> HistorianOutlet
 
 @asynccontextmanager
 async def running(outlet: HistorianOutlet) -> AsyncIterator[HistorianOutlet]:
-    task = asyncio.create_task(outlet.run())
-    try:
+    async with doing(outlet.run()) as task:
         yield outlet
         assert not task.done(), task
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
 
 
 class Cell:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from tests.daemon.outlets.page.recorded import Written
+from tests.doing import doing
 
 SITE, CELL = "plant-1", "weld-3"
 ROOT = f"cellwatt/{SITE}/{CELL}"
@@ -142,12 +143,5 @@ async def serving(outlet: MqttOutlet, cell: Cell, pause: float = 0.05) -> AsyncI
             outlet.health(cell.status())
             await asyncio.sleep(0.02)
 
-    tasks = [asyncio.create_task(beat()), asyncio.create_task(run())]
-    try:
+    async with doing(beat(), run()):
         yield ends
-    finally:
-        for task in tasks:
-            task.cancel()
-        for task in tasks:
-            with suppress(asyncio.CancelledError):
-                await task

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -15,6 +13,7 @@ from cellwatt.outlets.notify.outlet import NotifyOutlet
 from cellwatt.outlets.notify.settings import NotifySettings
 from cellwatt.outlets.notify.texts import About
 from cellwatt.results import Event, Result
+from tests.doing import doing
 
 SITE, CELL = "plant-1", "weld-3"
 EPOCH = 1_800_000_000_000_000_000
@@ -77,10 +76,5 @@ def outlet(view: View, to: Mapping[str, Any], **more: Any) -> NotifyOutlet:
 
 @asynccontextmanager
 async def running(made: NotifyOutlet) -> AsyncIterator[NotifyOutlet]:
-    task = asyncio.create_task(made.run())
-    try:
+    async with doing(made.run()):
         yield made
-    finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task

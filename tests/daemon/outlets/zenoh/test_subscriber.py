@@ -6,7 +6,6 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +22,7 @@ from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
 from cellwatt.subscriber.inbox import Schemas
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
+from tests.daemon.outlets.zenoh.serving import serving
 from tests.patience import PATIENCE, eventually
 
 RAW = "raw/arm/samples"
@@ -53,19 +53,8 @@ class Cell:
 @pytest.fixture
 async def cell() -> AsyncIterator[Cell]:
     found = Cell()
-    serving = asyncio.create_task(found.outlet.run())
-
-    async def beat() -> None:
-        while True:
-            found.outlet.health({"state": "green"})
-            await asyncio.sleep(0.1)
-
-    beating = asyncio.create_task(beat())
-    yield found
-    for task in (beating, serving):
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
+    async with serving(found.outlet):
+        yield found
 
 
 async def joined(subscriber: Subscriber) -> None:
