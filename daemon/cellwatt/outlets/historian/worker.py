@@ -13,11 +13,12 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.errors import CellwattError, OutletError
-from cellwatt.outlets.historian.exporting import Export, as_line
+from cellwatt.outlets.historian.exporting import Export
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import BucketStore, FolderStore, Store, s3_options
 
@@ -42,7 +43,7 @@ def work(told: dict[str, Any]) -> None:
     store = store_of(settings, Path(told["folder"]))
     with _alone(record / LOCK):
         for done in Export(record, told["site"], told["cell"], settings, store).run():
-            print(as_line(done), flush=True)
+            print(json.dumps(asdict(done)), flush=True)
 
 
 @contextmanager
