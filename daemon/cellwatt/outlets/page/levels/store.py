@@ -12,7 +12,8 @@ import shutil
 import threading
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -134,19 +135,11 @@ class Store:
         if self._waits(kept.path) or not self._building.acquire(timeout=patience):
             return None
         try:
-            if (source := self.known(kept)) is not None:
-                return source
-            gathered = gather(kept.path, self._topics, pace)
-            return self._keep(kept, gathered)
-        except TimeoutError:
-            raise
-        except FileNotFoundError:
-            return None  # removed to make room
-        except (OSError, RecordingError) as error:
-            self._unreadable(kept, error)
-            return None
+            with self._readable(kept):
+                return self.known(kept) or self._keep(kept, gather(kept.path, self._topics, pace))
         finally:
             self._building.release()
+        return None
 
     def growing(self, kept: Kept) -> Growing:
         """The recording that is open under this name."""
@@ -177,7 +170,7 @@ class Store:
         None where nothing in it can be read. Raises ``TimeoutError`` where that takes beyond monotonic time ``until``.
         """
         pace = ends_at(until)
-        try:
+        with self._readable(kept):
             if not kept.closed:
                 growing = self.growing(kept)
                 with growing.lock:
@@ -189,13 +182,7 @@ class Store:
                 return source
             pace()
             return None if curves else Held(gather(kept.path, TELLING, pace), curves=False)
-        except TimeoutError:
-            raise
-        except FileNotFoundError:
-            return None
-        except (OSError, RecordingError) as error:
-            self._unreadable(kept, error)
-            return None
+        return None
 
     def room(self) -> bool:
         """True where the disk has room for level files, and takes them."""
@@ -274,13 +261,19 @@ class Store:
                 self._held.popitem(last=False)
         return held
 
-    def _unreadable(self, kept: Kept, error: Exception) -> None:
-        if isinstance(error.__cause__, FileNotFoundError):
-            return  # removed to make room
-        self.counts["unreadable"] += 1
-        self.problem = str(error)
-        self._again[kept.path] = time.monotonic() + RETRY
-        log.warning("%s has no curves: %s", kept.path, error)
+    @contextmanager
+    def _readable(self, kept: Kept) -> Iterator[None]:
+        """Count and tell a recording that cannot be read, but for one that was removed to make room."""
+        try:
+            yield
+        except TimeoutError:
+            raise
+        except (OSError, RecordingError) as error:
+            if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
+                self.counts["unreadable"] += 1
+                self.problem = str(error)
+                self._again[kept.path] = time.monotonic() + RETRY
+                log.warning("%s has no curves: %s", kept.path, error)
 
 
 def near(recordings: Iterable[Kept], start: int, end: int) -> list[Kept]:
