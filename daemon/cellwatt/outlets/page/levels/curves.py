@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting, span_of
 from cellwatt.outlets.page.levels.following import Growing, Source
-from cellwatt.outlets.page.levels.moments import Moments, Reader, Samples
+from cellwatt.outlets.page.levels.moments import Moments, Samples, read
 from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
@@ -63,7 +63,6 @@ class Curves:
     def __init__(self, folder: Path | None, cell: str, most: float = math.inf) -> None:
         self._recorded = folder is not None
         self.store = Store(folder or Path(), cell, most=most)
-        self._reader = Reader(self.store)
         self._keeper = Keeper(self.store)
 
     def start(self) -> None:
@@ -113,7 +112,7 @@ class Curves:
         beside = (end - start) // (points - 1) + BESIDE  # the first and the last step reach beyond the span
         first, last = start - beside, end + beside
         try:
-            found = self._reader.read(near(asked.recordings, first, last), first, last, names, asked.until)
+            found = read(self.store, near(asked.recordings, first, last), first, last, names, asked.until)
         except TimeoutError:
             return None
         found.step = found.step or asked.memory[0]

@@ -12,18 +12,19 @@ import shutil
 import threading
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page.levels import level_file
-from cellwatt.outlets.page.levels.following import EVERYTHING, Growing, Held, Pace, Source, gather
+from cellwatt.outlets.page.levels.following import EVERYTHING, Growing, Held, Pace, Places, Source, gather
 from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
 from cellwatt.outlets.page.levels.level_file import Budget, LevelFile
+from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.header import FileName
-from cellwatt.record.opening import ATTEMPTS
+from cellwatt.record.opening import ATTEMPTS, survey
 from cellwatt.record.retention import Kept, listing
 
 log = logging.getLogger(__name__)
@@ -36,6 +37,8 @@ LATE: Final = 3600.0
 """s by which the clocks of a cell and of its disk may differ."""
 TICK: Final = 1.0
 """s within which two changes of a folder may have the same time."""
+CHUNKS: Final = 3
+"""Closed recordings whose list of chunks is kept in memory."""
 LISTED: Final = 60.0
 """s for which a listing of the folder holds while the folder is not changed."""
 RETRY: Final = 60.0
@@ -54,12 +57,13 @@ class Store:
         self._cell = cell
         self._topics = topics
         self._lock = threading.Lock()
-        self._building = threading.Lock()
+        self._building, self._surveying = threading.Lock(), threading.Lock()
         self._sources: dict[Path, tuple[int, Source]] = {}
         self._growing: dict[Path, Growing] = {}
         self._listing: tuple[float, float, list[Kept]] = (0.0, 0.0, [])
         """UTC s at which the folder was listed, its last change then, and what was in it."""
         self._held: OrderedDict[Path, Held] = OrderedDict()
+        self._chunks: OrderedDict[Path, tuple[int, Places, Mapping[int, Track]]] = OrderedDict()
         self._again: dict[Path, float] = {}
         """Monotonic time, s, before which a recording that could not be read, or the disk, is not tried again."""
 
@@ -183,6 +187,29 @@ class Store:
             pace()
             return None if curves else Held(gather(kept.path, TELLING, pace), curves=False)
         return None
+
+    def chunks(self, kept: Kept, until: float) -> tuple[Places, Mapping[int, Track]]:
+        """The chunks of a recording, and the readers of their channels.
+
+        Raises ``TimeoutError`` at monotonic time ``until``, ``OSError`` and ``RecordingError``.
+        """
+        if not kept.closed:
+            growing = self.growing(kept)
+            with growing.lock:
+                if not growing.grow(until):
+                    raise TimeoutError
+                return list(growing.places), growing.tracks
+        with self._surveying:
+            size, places, tracks = self._chunks.get(kept.path, (0, (), {}))
+            if size != kept.size:
+                contents = survey(kept.path).contents
+                places = [(c.offset, c.length, c.start, c.end) for c in contents.chunks]
+                tracks = tracks_of(contents.channels)[0]
+                self._chunks[kept.path] = (kept.size, places, tracks)
+                while len(self._chunks) > CHUNKS:
+                    self._chunks.popitem(last=False)
+            self._chunks.move_to_end(kept.path)
+            return places, tracks
 
     def room(self) -> bool:
         """True where the disk has room for level files, and takes them."""
