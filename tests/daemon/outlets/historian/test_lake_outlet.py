@@ -69,27 +69,22 @@ async def test_a_process_that_is_killed_is_told_and_begun_again(record: Path, tm
     check(tmp_path / "lake", range(5))
 
 
-async def test_the_process_ends_with_a_daemon_that_is_killed_though_it_ignores_to_be_told(
-    record: Path, tmp_path: Path
-) -> None:
-    """As the daemon's processes do, which their supervisor ends."""
+async def test_the_process_ends_with_a_daemon_that_is_killed(record: Path, tmp_path: Path) -> None:
     told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL}
+    (tmp_path / "sleeper.py").write_text("import os, sys, time\nprint(os.getpid(), file=sys.stderr)\ntime.sleep(600)\n")
     program = f"""
-import asyncio, signal, sys
+import asyncio
 from cellwatt.account import Account
 from cellwatt.outlets.historian import outlet as lake
 from cellwatt.outlets.historian.settings import LakeSettings
-signal.signal(signal.SIGTERM, signal.SIG_IGN)
-lake.MODULE = "asyncio"  # waits for what it never hears
-outlet = lake.Lake(LakeSettings(folder={str(tmp_path / "lake")!r}), {told!r}, Account())
-async def main():
-    process = await outlet._begin()
-    async with lake.ending(process):
-        print(process.pid, flush=True)
-        await process.wait()
-asyncio.run(main())
+lake.MODULE = "sleeper"
+outlet = lake.Lake(LakeSettings(folder="lake"), {told!r}, Account())
+outlet._heard = lambda pid: print(pid, flush=True)
+asyncio.run(outlet.once())
 """
-    parent = await asyncio.create_subprocess_exec(sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE)
+    parent = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE, cwd=tmp_path
+    )
     assert parent.stdout is not None
     child = psutil.Process(int(await parent.stdout.readline()))
     parent.kill()
