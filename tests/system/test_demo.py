@@ -90,10 +90,10 @@ def test_a_driver_whose_library_is_absent_is_left_out_and_told(tmp_path, monkeyp
 )
 def test_summary_of_every_driver_sees_what_is_wrong(changed: dict[str, object], exit_code: int, problem: str) -> None:
     devices = ("arm", "board", "positioner", "mains")
-    assert summary_of_every_driver(seen(), devices, {"franka": "no library"}, {}, 0)["ok"]
-    found = summary_of_every_driver(seen(**changed), devices, {}, {}, exit_code)
+    assert summary_of_every_driver(seen(), {}, devices, {"franka": "no library"}, {}, 0)["ok"]
+    found = summary_of_every_driver(seen(**changed), {}, devices, {}, {}, exit_code)
     assert problem in "; ".join(found["problems"])
-    assert "sources seen" in "; ".join(summary_of_every_driver(seen(), ("ur",), {}, {}, 0)["problems"])
+    assert "sources seen" in "; ".join(summary_of_every_driver(seen(), {}, ("ur",), {}, {}, 0)["problems"])
 
 
 def status(**changed: object) -> dict[str, object]:
@@ -119,7 +119,7 @@ def alarm(joint: int, at: float) -> dict[str, object]:
 def test_summary_is_content_with_a_perfect_run() -> None:
     told = seen()
     told.add(alarm(3, 10.4))
-    assert summary(told, 10.0, 0, POWER)["problems"] == []
+    assert summary(told, {}, 10.0, 0, POWER)["problems"] == []
 
 
 @pytest.mark.parametrize(
@@ -138,19 +138,19 @@ def test_summary_sees_what_is_wrong(
 ) -> None:
     told = seen(**changed)
     told.add(alarm(joint, at))
-    assert problem in "; ".join(summary(told, 10.0, exit_code, POWER)["problems"])
+    assert problem in "; ".join(summary(told, {}, 10.0, exit_code, POWER)["problems"])
 
 
 def test_summary_misses_samples_and_alarms_that_did_not_come() -> None:
     told = seen()
     told.samples["raw/arm/s"] -= 1
-    problems = "; ".join(summary(told, 10.0, 0, POWER)["problems"])
+    problems = "; ".join(summary(told, {}, 10.0, 0, POWER)["problems"])
     assert "99 at the subscriber" in problems
     assert "no alarm" in problems
 
 
 def test_summary_misses_the_model() -> None:
-    assert "the model predicted nothing" in summary(seen(), 10.0, 0, None)["problems"]
+    assert "the model predicted nothing" in summary(seen(), {}, 10.0, 0, None)["problems"]
 
 
 def test_spring_comes_when_the_elbow_starts() -> None:

@@ -18,6 +18,7 @@ from cellwatt.emulation.cell import emulator_of
 from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import Mishap, addressed, mishap
 from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.kept import Kept
 
 _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loop", "options": "--option"}
 
@@ -133,9 +134,10 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
         await serving
         return
     say({"ready": ready.result()})
+    kept = Kept()
 
     async def answer(message: dict[str, Any]) -> dict[str, Any]:
-        return _answer(emulator, message)
+        return _answer(emulator, message, kept)
 
     obeying = asyncio.create_task(answers(answer))
     await asyncio.wait((serving, obeying), return_when=asyncio.FIRST_COMPLETED)
@@ -151,7 +153,7 @@ def _begin_later(planned: Mishap, emulator: Emulator) -> None:
     asyncio.get_running_loop().call_later(max(delay, 0.0), begin, planned, emulator)
 
 
-def _answer(emulator: Emulator, message: dict[str, Any]) -> dict[str, Any]:
+def _answer(emulator: Emulator, message: dict[str, Any], kept: Kept) -> dict[str, Any]:
     match message:
         case {"fault": str(text)}:
             _begin_later(mishap(text, type(emulator)), emulator)
@@ -161,6 +163,8 @@ def _answer(emulator: Emulator, message: dict[str, Any]) -> dict[str, Any]:
             emulator.disturb(change)
         case {"counts": _}:
             return {"counts": dict(emulator.counts)}
+        case {"kept": _}:
+            return {"kept": kept.look() * 1e-9}
         case _:
-            raise ValueError("expected one of fault, disturb, counts")
+            raise ValueError("expected one of fault, disturb, counts, kept")
     return {"ok": True}

@@ -69,7 +69,8 @@ class Demonstration:
                 hooked = await self._hook(emulators, page)
 
             code = await self._follow(processes.daemon(file, self.folder, told), endpoint, play)
-        return self._with_end(summary(self.seen, hooked, code, power_of(self.folder, self.epoch, hooked)))
+            kept = await _kept(emulators)
+        return self._with_end(summary(self.seen, kept, hooked, code, power_of(self.folder, self.epoch, hooked)))
 
     async def every_driver(self) -> dict[str, Any]:
         """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.
@@ -91,7 +92,8 @@ class Demonstration:
                 processes.daemon(cells.write(self.folder, sources, endpoint), self.folder), endpoint, play
             )
             sent = {name: dict(await emulator.counts()) for name, emulator in emulators.items()}
-        return self._with_end(summary_of_every_driver(self.seen, sources, lacking, sent, code))
+            kept = await _kept(emulators)
+        return self._with_end(summary_of_every_driver(self.seen, kept, sources, lacking, sent, code))
 
     def _with_end(self, found: dict[str, Any]) -> dict[str, Any]:
         if not self._stopped:
@@ -174,7 +176,7 @@ class Demonstration:
         """Wait for messages still on their way to the subscriber; the summary reports those that never arrive."""
         end = time.monotonic() + STOP
         while time.monotonic() < end:
-            if not delivery_problems(self.seen, sources_of(self.seen)):
+            if not delivery_problems(self.seen, sources_of(self.seen, {})):
                 return
             await asyncio.sleep(0.05)
 
@@ -188,6 +190,11 @@ class Demonstration:
             message = json.loads(line)
             self.seen.add(message)
             self.show(message)
+
+
+async def _kept(emulators: Mapping[str, EmulatorProcess]) -> dict[str, float]:
+    """Time, s, for which each emulator was kept from running by this PC."""
+    return {name: await emulator.kept() for name, emulator in emulators.items()}
 
 
 async def _ended(tasks: Sequence[asyncio.Task[None]]) -> None:

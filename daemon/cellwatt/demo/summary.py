@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -14,9 +15,18 @@ RATE_TOLERANCE = 0.02
 """By how much a measured rate may differ from the nominal one, as a share of it."""
 
 
-def summary(seen: Seen, hooked: float | None, exit_code: int | None, power: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Summarise the small cell: sources, the fault hooked on at ``hooked``, UTC s, and the result of ``power_of``."""
-    sources = sources_of(seen)
+def summary(
+    seen: Seen,
+    kept: Mapping[str, float],
+    hooked: float | None,
+    exit_code: int | None,
+    power: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Summarise the small cell: sources, the fault hooked on at ``hooked``, UTC s, and the result of ``power_of``.
+
+    ``kept`` is as in ``sources_of``.
+    """
+    sources = sources_of(seen, kept)
     told = None if hooked is None else fault.told(seen, hooked)
     problems = problems_of(seen, sources, SMALL, exit_code)
     if told is not None:
@@ -45,13 +55,14 @@ def _meter(seen: Seen) -> dict[str, Any] | None:
 
 def summary_of_every_driver(
     seen: Seen,
+    kept: Mapping[str, float],
     devices: Collection[str],
     lacking: Mapping[str, str],
     emulated: Mapping[str, Mapping[str, int]],
     exit_code: int | None,
 ) -> dict[str, Any]:
     """Summarise the cell of all drivers: sources, their emulators' counts, and drivers left out with the reason."""
-    sources = sources_of(seen)
+    sources = sources_of(seen, kept)
     problems = problems_of(seen, sources, devices, exit_code)
     for name, source in sources.items():
         source["emulated"] = dict(emulated.get(name, {}))
@@ -64,12 +75,14 @@ def summary_of_every_driver(
     }
 
 
-def sources_of(seen: Seen) -> dict[str, dict[str, Any]]:
+def sources_of(seen: Seen, kept: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """Account, losses, polls that fell due while this PC stood still, and streams, by source.
 
-    Each stream has samples, rate, jitter and the number delivered.
+    ``kept`` is the time, s, for which this PC kept the source's emulator from answering: polls missed in it are the
+    PC's, too. Each stream has samples, rate, jitter and the number delivered.
     """
-    return {name: _source(name, status, seen) for name, status in seen.status.get("sources", {}).items()}
+    sources = seen.status.get("sources", {})
+    return {name: _source(name, status, seen, kept.get(name, 0.0)) for name, status in sources.items()}
 
 
 def problems_of(
@@ -100,7 +113,7 @@ def delivery_problems(seen: Seen, sources: Mapping[str, Mapping[str, Any]]) -> l
     return problems
 
 
-def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
+def _source(name: str, status: Mapping[str, Any], seen: Seen, kept: float) -> dict[str, Any]:
     streams = {
         stream: {k: figures[k] for k in ("nominal_hz", "rate_hz", "jitter_p50_ms", "jitter_p99_ms")}
         | {"samples": figures["samples"], "delivered": seen.samples[f"raw/{name}/{stream}"]}
@@ -108,12 +121,12 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
         | {"clock_bound_ms": _bound(status, stream)}
         for stream, figures in status["streams"].items()
     }
-    stalled, missed = status["missed"].get(HOST, 0), sum(status["missed"].values())
-    if 4 * stalled > missed:  # the emulator that answered late is a process of this PC, too
-        stalled = missed
+    missed = sum(status["missed"].values())
+    while_kept = math.ceil(kept * sum(stream["nominal_hz"] or 0.0 for stream in streams.values()))
+    stalled = min(status["missed"].get(HOST, 0) + while_kept, missed)
     lost = missed + sum(status["dropped"].values()) - stalled
-    kept = ("expected", "received", "missed", "dropped", "residue")
-    return {k: status[k] for k in kept} | {"lost": lost, "host_stalled": stalled, "streams": streams}
+    counts = ("expected", "received", "missed", "dropped", "residue")
+    return {k: status[k] for k in counts} | {"lost": lost, "host_stalled": stalled, "streams": streams}
 
 
 def _bound(status: Mapping[str, Any], stream: str) -> float | None:

@@ -1,9 +1,9 @@
 """An emulator in a process of its own, spoken to in JSON lines.
 
 To the emulator: ``{"fault": {...}}`` or ``{"fault": "loss:probability=1%"}``, ``{"disturb": {...}}``,
-``{"counts": true}``; end of input ends it.
-From it: ``{"ready": address}`` once, then one answer a line: ``{"ok": true}``, ``{"counts": {...}}`` or
-``{"error": text}``.
+``{"counts": true}``, ``{"kept": true}``; end of input ends it.
+From it: ``{"ready": address}`` once, then one answer a line: ``{"ok": true}``, ``{"counts": {...}}``,
+``{"kept": s}`` or ``{"error": text}``.
 """
 
 from __future__ import annotations
@@ -87,6 +87,10 @@ class EmulatorProcess:
         answer = await self.ask({"counts": True})
         counts: Mapping[str, int] = answer["counts"]
         return counts
+
+    async def kept(self) -> float:
+        """Time, s, for which other programs of this PC have kept it from running since the last call, or its start."""
+        return float((await self.ask({"kept": True}))["kept"])
 
     async def ended(self) -> int:
         """Wait for the child's end; return its exit code."""

@@ -1,1 +1,1 @@
-"""Consumers of a cell's data beside Zenoh, each a folder of its own."""
+"""The ways out of a cell: one folder each."""

@@ -20,8 +20,9 @@ from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
 from cellwatt_plugins.mismatch.fit.sides import Torques
-from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds, by_law
+from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
+from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, Thresholds, by_law
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model

@@ -26,11 +26,15 @@ def test_polls_that_fell_due_while_this_pc_stood_still_are_no_fault_of_the_rate(
     assert (problems_of(seen, {"arm": source(rate, stalled)}, ["arm"], 0) == []) is well
 
 
-@pytest.mark.parametrize(("stalled", "late", "lost"), [(0, 2, 2), (1, 5, 5), (30, 2, 0)])
-def test_an_emulator_is_late_where_this_pc_stood_still(stalled: int, late: int, lost: int) -> None:
+@pytest.mark.parametrize(("stalled", "late", "kept", "lost"), [(0, 2, 0.0, 2), (1, 5, 0.04, 3), (30, 8, 0.3, 0)])
+def test_an_answer_is_late_where_this_pc_kept_the_emulator_from_running(
+    stalled: int, late: int, kept: float, lost: int
+) -> None:
     missed = {"host stalled": stalled, "slow answers": late}
-    status = {"expected": 1000, "received": 900, "missed": missed, "dropped": {}, "residue": 0, "streams": {}}
-    assert sources_of(Seen(status={"sources": {"arm": status}}))["arm"]["lost"] == lost
+    figures = {"nominal_hz": 50.0, "rate_hz": 50.0, "jitter_p50_ms": 0.0, "jitter_p99_ms": 0.0, "samples": 900}
+    counts = {"expected": 1000, "received": 900, "missed": missed, "dropped": {}, "residue": 0}
+    seen = Seen(status={"sources": {"arm": counts | {"streams": {"position": figures}}}})
+    assert sources_of(seen, {"arm": kept})["arm"]["lost"] == lost
 
 
 @pytest.mark.parametrize(("delay", "busy", "well"), [(0.5, False, True), (3.0, False, False), (3.0, True, True)])

@@ -15,7 +15,8 @@ from cellwatt_plugins.mismatch.experiments.library import Experiment, arm_experi
 from cellwatt_plugins.mismatch.experiments.limits import Limits
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.findings import Finding
 from cellwatt_plugins.robot.effects import EFFECTS

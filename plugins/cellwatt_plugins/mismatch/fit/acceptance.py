@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound
 from cellwatt_plugins.mismatch.fit.leave_out import Held, LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.description import RobotDescription
@@ -48,9 +49,14 @@ OFF_SCALE = 0.35
 
 
 def required_gain(term: Term, robot: RobotDescription, thresholds: Thresholds) -> float:
-    """nats that a term must add; half of it for no rare thing, as a plain parameter that is described as 0."""
-    unset = bool(term.effect.nominal) and term.effect.described(robot, term.joint) == 0
-    return 0.5 * thresholds.gain if term.effect.acceptance.common or unset else thresholds.gain
+    """nats that a term must add; half of it for no rare thing."""
+    likely = term.effect.acceptance.common or unset(term, robot)
+    return 0.5 * thresholds.gain if likely else thresholds.gain
+
+
+def unset(term: Term, robot: RobotDescription) -> bool:
+    """True of a plain parameter that is described as 0: most arms have it."""
+    return bool(term.effect.nominal) and term.effect.described(robot, term.joint) == 0
 
 
 def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: float) -> str | None:

@@ -5,7 +5,8 @@ import pytest
 
 from cellwatt_plugins.mismatch.fit.acceptance import unconfirmed
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
-from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.possible import impossible

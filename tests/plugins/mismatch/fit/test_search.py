@@ -8,7 +8,8 @@ from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.rows import Thinned
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States

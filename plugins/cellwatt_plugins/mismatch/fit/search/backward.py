@@ -14,6 +14,7 @@ from cellwatt_plugins.mismatch.fit.acceptance import (
     stands_out,
     tension,
     unconfirmed,
+    unset,
 )
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
 from cellwatt_plugins.mismatch.fit.problem import Term
@@ -168,8 +169,8 @@ def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> boo
         return False
     if now.problem.chi2(now.residual)[term.joint] < asked.much_left or relieves_tension(rest, now, asked):
         return False
-    found = held(rest, now, term)
-    return found.share < asked.murky or found.sure < asked.sure
+    found, sure = held(rest, now, term), asked.steady if unset(term, state.robot) else asked.sure
+    return found.share < asked.murky or found.sure < sure
 
 
 def shares_channel(term: Term, other: Term | None) -> bool:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.fit.problem import MOVES, Problem, Term
 from cellwatt_plugins.mismatch.fit.retuning import loose
 from cellwatt_plugins.mismatch.fit.search.budget import now
-from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Thresholds, Trial
+from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Trial
+from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect

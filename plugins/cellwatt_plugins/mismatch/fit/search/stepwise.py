@@ -29,7 +29,8 @@ from cellwatt_plugins.mismatch.fit.search.plain import plain_terms
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve
 from cellwatt_plugins.mismatch.fit.search.state import Make, Place, SearchState, start
-from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Candidate, Solution, Thresholds, Trial
+from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Trial
+from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, Thresholds
 from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.effect import Effect
 
