@@ -165,9 +165,9 @@ def _line(text: str, status: int, headers: dict[str, str] | None = None) -> web.
     return web.Response(text=f"{' '.join(text.split())[:_LONGEST]}\n", status=status, headers=headers)
 
 
-async def serve(daemon: Daemon, settings: Mapping[str, Any]) -> None:
+async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     """Serve what the daemon answers, until it goes. Raises ``OutletError`` if that cannot be."""
-    read = MetricsSettings.model_validate(settings)
+    read = MetricsSettings.model_validate(hello["settings"])
     endpoint = Endpoint(read, daemon.order)
     url = await endpoint.door.start(await asyncio.to_thread(tls_context, read))
     try:
