@@ -19,8 +19,7 @@ from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
 from cellwatt.door.tries import Guard
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.apart.daemon import Daemon, main
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.metrics.settings import MetricsSettings
 
 STALE: Final = 10.0
@@ -171,13 +170,9 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     endpoint = Endpoint(read, daemon.order)
     url = await endpoint.door.start(await asyncio.to_thread(tls_context, read))
     try:
-        await daemon.serve(url, lambda: endpoint.door.counts, _ignore)
+        await daemon.serve(url, lambda: endpoint.door.counts, Shown())
     finally:
         await endpoint.door.stop()
-
-
-async def _ignore(kind: Kind, _: bytes) -> None:
-    raise CellwattError(f"the daemon does not say {kind.name}")
 
 
 if __name__ == "__main__":

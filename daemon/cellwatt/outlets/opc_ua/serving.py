@@ -20,17 +20,15 @@ from cryptography import x509
 
 from cellwatt.channel import Quality
 from cellwatt.errors import CellwattError, OutletError
-from cellwatt.frames import Frames, Layout
-from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.daemon import Daemon, main
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.frames import Frames
+from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.bounds import BoundedServer
 from cellwatt.outlets.opc_ua.conditions import Conditions, Order
 from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED, OpcUaOutletSettings
 from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
 from cellwatt.outlets.selection import Picker
-from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.version import __version__
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -97,24 +95,12 @@ class CellServer:
 
     # what the cell says ---------------------------------------------------------------------------
 
-    async def layout(self, columns: Layout) -> None:
-        """Have a variable for each channel, and the arms; those that were there before are made anew."""
-        for nodes in self._channels.values():
-            for node in nodes:
-                await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
-        self._picker = Picker(self._settings, columns)
-        units = {name: unit for name, unit in self._picker.units.items() if name not in self._channels}
-        arms = await self._arms.build(units) if not self._channels else {}
-        for name, unit in units.items():
-            plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
-            await plain.add_property(0, "EngineeringUnits", unit_of(unit))
-            self._channels[name] = [plain, *([arms[name]] if name in arms else [])]
-            for node in self._channels[name]:
-                await self._set(node, ua.Variant(None), ua.StatusCodes.BadWaitingForInitialData, None)
-
     async def frames(self, frames: Frames) -> None:
         """Give channels their values, at the rate that clients are to see."""
-        for row in self._picker.rows(frames) if self._picker is not None else ():
+        if self._picker is None or self._picker.layout is not frames.layout:
+            self._picker = Picker(self._settings, frames.layout)
+            await self._lay_out(self._picker.units)
+        for row in self._picker.rows(frames):
             for name, quality in row.quality.items():
                 value = row.values.get(name, math.nan)
                 known = math.isfinite(value)
@@ -123,9 +109,8 @@ class CellServer:
                 for node in self._channels.get(name, ()):
                     await self._set(node, variant, status, row.time)
 
-    async def item(self, told: Mapping[str, Any]) -> None:
+    async def item(self, kind: str, body: Mapping[str, Any]) -> None:
         """Tell an alarm as a condition, who acknowledged one, or the energy of a task."""
-        kind, body = told["kind"], told["body"]
         if kind == "alarm":
             await self._conditions.tell(body)
         elif kind == "energy":
@@ -143,11 +128,26 @@ class CellServer:
         value = ua.Variant(float(told["total"]), ua.VariantType.Double)
         await self._set(self._tasks[name], value, ua.StatusCodes.Good, told["end"])
 
-    async def health(self, told: str) -> None:
-        """Give the cell's health, which is JSON."""
-        await self._set(self._health, ua.Variant(told, ua.VariantType.String), ua.StatusCodes.Good, None)
+    async def health(self, told: Mapping[str, Any]) -> None:
+        """Give the cell's health, as JSON."""
+        text = encode_json(told).decode()
+        await self._set(self._health, ua.Variant(text, ua.VariantType.String), ua.StatusCodes.Good, None)
 
     # inside ---------------------------------------------------------------------------------------
+
+    async def _lay_out(self, units: Mapping[str, str]) -> None:
+        """Have a variable for each channel, and the arms; those that were there before are made anew."""
+        for nodes in self._channels.values():
+            for node in nodes:
+                await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
+        units = {name: unit for name, unit in units.items() if name not in self._channels}
+        arms = await self._arms.build(units) if not self._channels else {}
+        for name, unit in units.items():
+            plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
+            await plain.add_property(0, "EngineeringUnits", unit_of(unit))
+            self._channels[name] = [plain, *([arms[name]] if name in arms else [])]
+            for node in self._channels[name]:
+                await self._set(node, ua.Variant(None), ua.StatusCodes.BadWaitingForInitialData, None)
 
     async def _set(self, node: Node, value: ua.Variant, status: int, time: int | None) -> None:
         moment = datetime.now(UTC) if time is None else _EPOCH + timedelta(microseconds=time // 1000)
@@ -228,28 +228,13 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
 
     settings = OpcUaOutletSettings.model_validate(hello["settings"])
     server = CellServer(settings, hello["site"], hello["cell"], order)
-    layout = Layout((), 1.0)
-
-    async def take(kind: Kind, body: bytes) -> None:
-        nonlocal layout
-        match kind:
-            case Kind.LAYOUT:
-                layout = wire.read_layout(body)
-                await server.layout(layout)
-            case Kind.FRAMES:
-                await server.frames(wire.read_frames(body, layout))
-            case Kind.ITEM:
-                await server.item(parse_json(body))
-            case Kind.HEALTH:
-                await server.health(body.decode())
-
     try:
         url = await server.open()
     except (OSError, ValueError) as error:
         told = getattr(error, "strerror", None) or str(error)
         raise OutletError(f"the OPC UA server cannot listen or be made: {told}") from error
     try:
-        await daemon.serve(url, lambda: server.counts, take)
+        await daemon.serve(url, lambda: server.counts, Shown(server.frames, server.item, server.health))
     finally:
         await server.close()
 
