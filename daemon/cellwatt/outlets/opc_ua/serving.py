@@ -19,7 +19,7 @@ from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
 from cellwatt.channel import Quality
-from cellwatt.errors import CellwattError, OutletError
+from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
@@ -217,17 +217,8 @@ def _free(host: str, port: int) -> int:
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     """Serve what the daemon tells, until it goes. Raises ``OutletError`` if that cannot be."""
-
-    async def order(alarm: str, name: str, note: str) -> str | None:
-        """Have an alarm acknowledged by the daemon; return why not."""
-        try:
-            await daemon.order({"what": "acknowledge", "alarm": alarm, "name": name, "note": note})
-        except CellwattError as error:
-            return str(error)
-        return None
-
     settings = OpcUaOutletSettings.model_validate(hello["settings"])
-    server = CellServer(settings, hello["site"], hello["cell"], order)
+    server = CellServer(settings, hello["site"], hello["cell"], daemon.order)
     try:
         url = await server.open()
     except (OSError, ValueError) as error:
