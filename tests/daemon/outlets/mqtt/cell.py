@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, AlarmBook, FrameChannel, Frames, Layout
+from cellwatt import Alarm, FrameChannel, Frames, Layout
 from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from tests.daemon.outlets.page.recorded import Written
+from tests.daemon.outlets.zenoh.fake_cell import FakeView
 from tests.doing import doing
 
 SITE, CELL = "plant-1", "weld-3"
@@ -31,18 +32,15 @@ LAYOUT = Layout(
 STEP = LAYOUT.step
 
 
-class Cell:
+class Cell(FakeView):
     """A running cell: ``frames`` makes the next ones, and writes them to the record if there is one."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        self.site, self.cell = SITE, CELL
+        super().__init__(time.time_ns() - STEP)
         self.folder = folder or Path("/nonexistent")
-        self.session = time.time_ns() - STEP
         self.start = -(-time.time_ns() // STEP) * STEP
-        self.journal = None
         self.next = 0
         self.state = "green"
-        self.alarms = AlarmBook()
         self.may_connect = asyncio.Event()
         """Cleared, the outlet is not run again: so somebody can listen before it speaks."""
         self.may_connect.set()
@@ -69,7 +67,7 @@ class Cell:
         self.alarms.take(alarm)
         return alarm
 
-    def record(self, *items: Any) -> None:
+    def tell(self, *items: Any) -> None:
         """Write results to the record alone."""
         assert self._record is not None
         self._record.chunk(*items)
@@ -87,23 +85,6 @@ class Cell:
 
     def config(self) -> Mapping[str, Any]:
         return {"record": None if self._record is None else {"folder": str(self.folder), "frames": True}}
-
-    def schema(self) -> Mapping[str, Any]:
-        return {}
-
-    def recordings(self) -> list[Mapping[str, Any]]:
-        return []
-
-    def history(self, *_: Any) -> list[Any]:
-        return []
-
-    frame_history = result_history = history
-
-    def acknowledge(self, *_: Any) -> None: ...
-
-    def shelve(self, *_: Any) -> None: ...
-
-    def unshelve(self, *_: Any) -> None: ...
 
 
 def alarm(number: int, active: bool = True, severity: Any = "error") -> Alarm:
