@@ -62,7 +62,7 @@ class Curves:
 
     def __init__(self, folder: Path | None, cell: str, most: float = math.inf) -> None:
         self._recorded = folder is not None
-        self.store = Store(folder or Path(), cell, most=most)
+        self.store = Store(folder or Path(), cell, most)
         self._keeper = Keeper(self.store)
 
     def start(self) -> None:

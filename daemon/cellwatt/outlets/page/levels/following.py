@@ -27,6 +27,7 @@ from cellwatt.record.openfile import DEFINITIONS
 from cellwatt.record.opening import open_recording, survey
 from cellwatt.record.scan import read_at
 
+EVERYTHING: Final = CURVES | TELLING
 WINDOW: Final = 1 << 20
 """Bytes read at once."""
 _INDEX: Final = struct.Struct("<H")
@@ -47,11 +48,11 @@ def items_at(file: FileIO, offset: int, length: int, tracks: Mapping[int, Track]
 class Growing:
     """A recording that is open, or was when it was first seen, and what was gathered of it; used under ``lock``.
 
-    Only chunks that have a channel of ``topics`` are opened. One that cannot be read is passed over and counted in
+    Only chunks that have something to show are opened. One that cannot be read is passed over and counted in
     ``damaged``; what is not whole yet waits for the next look.
     """
 
-    def __init__(self, path: Path, topics: frozenset[str]) -> None:
+    def __init__(self, path: Path) -> None:
         self.lock = threading.Lock()
         self.gathered = Gathering()
         self.places: list[tuple[int, int, int, int]] = []
@@ -62,7 +63,7 @@ class Growing:
         self.ended = False
         """True where the recording was closed and all of it was read."""
         self.identity: tuple[int, int] | None = None
-        self._path, self._topics = path, topics
+        self._path = path
         self._at = len(MAGIC)
         self._contents = Contents()
         self._wanted: frozenset[int] = frozenset()
@@ -142,10 +143,9 @@ class Growing:
                 self._contents.define(definitions(attachment.data))
                 self._defined = attachment.data
                 self.tracks = tracks_of(self._contents.channels)[0]
-                self._wanted = frozenset(n for n, track in self.tracks.items() if track.topic in self._topics)
+                self._wanted = frozenset(n for n, track in self.tracks.items() if track.topic in EVERYTHING)
 
 
-EVERYTHING: Final = CURVES | TELLING
 Pace = Callable[[], None]
 """Called after each chunk: may sleep, or raise to stop."""
 

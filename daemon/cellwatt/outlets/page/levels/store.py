@@ -46,16 +46,15 @@ RETRY: Final = 60.0
 
 
 class Store:
-    """Sources of a cell's recordings in ``folder``. Any thread may ask; ``topics`` are those read of recordings."""
+    """Sources of a cell's recordings in ``folder``, with level files up to ``most`` bytes. Any thread may ask."""
 
-    def __init__(self, folder: Path, cell: str, topics: frozenset[str] = EVERYTHING, most: float = math.inf) -> None:
+    def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
         self.folder = folder
         self.budget = Budget(folder, cell, most)
         self.counts: Counter[str] = Counter()
         """Level files made, unwritten, damaged, removed and over the budget; recordings that could not be read."""
         self.problem = ""
         self._cell = cell
-        self._topics = topics
         self._lock = threading.Lock()
         self._building, self._surveying = threading.Lock(), threading.Lock()
         self._sources: dict[Path, tuple[int, Source]] = {}
@@ -140,7 +139,7 @@ class Store:
             return None
         try:
             with self._readable(kept):
-                return self.known(kept) or self._keep(kept, gather(kept.path, self._topics, pace))
+                return self.known(kept) or self._keep(kept, gather(kept.path, EVERYTHING, pace))
         finally:
             self._building.release()
         return None
@@ -148,7 +147,7 @@ class Store:
     def growing(self, kept: Kept) -> Growing:
         """The recording that is open under this name."""
         with self._lock:
-            return self._growing.setdefault(_closed_name(kept.path), Growing(kept.path, self._topics))
+            return self._growing.setdefault(_closed_name(kept.path), Growing(kept.path))
 
     def finish(self, kept: Kept) -> None:
         """Make the level file of a recording that was followed and is closed now, without reading it again."""
@@ -262,7 +261,7 @@ class Store:
     def _keep(self, kept: Kept, gathered: Gathering) -> Source:
         """Write a level file, or hold in memory what it would have."""
         allowed = self.budget.allows(kept.name)
-        if allowed and self._topics == EVERYTHING and self.room():
+        if allowed and self.room():
             try:
                 level_file.write(kept.path, kept.size, gathered)
                 written = LevelFile(kept.path, kept.size)
