@@ -307,29 +307,6 @@ def test_a_damaged_chunk_leaves_a_gap(tmp_path):
         assert same(found["v"]["arm.power"]["min"], low)
 
 
-def test_the_thread_makes_levels_of_what_it_followed_without_reading_it_again(tmp_path, monkeypatch):
-    def no_reading(*_):
-        raise AssertionError("read again")
-
-    monkeypatch.setattr(store, "gather", no_reading)
-    monkeypatch.setattr("cellwatt.outlets.page.levels.curves.PERIOD", 0.01)
-    time = SESSION + np.arange(100) * S
-    written, reader = Written(tmp_path), Curves(tmp_path, CELL)
-    written.chunk(frames(time[:50], np.arange(50), rate=1.0))
-    reader.start()
-    try:
-        wait_until(lambda: reader_count(reader) == 50)
-        written.chunk(frames(time[50:], np.arange(50, 100), rate=1.0), interval(1, SESSION, SESSION + S))
-        path = level_file.path_of(written.close())
-        wait_until(path.exists, "a level file")
-        found = reader.curves(["arm.power"], START, START + 100_000, 10)
-        assert found["v"]["arm.power"]["max"] == [*range(9, 100, 10)]
-        assert len(found["intervals"]) == 1
-    finally:
-        reader.close()
-    assert not any(thread.name == "levels" for thread in threading.enumerate())
-
-
 def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path, monkeypatch):
     """The product's own recorder, in files of some 200 frames, of which retention keeps the last few."""
     monkeypatch.setattr("cellwatt.outlets.page.levels.curves.PERIOD", 0.02)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting, span_of
-from cellwatt.outlets.page.levels.following import Growing, Source
+from cellwatt.outlets.page.levels.following import Source
 from cellwatt.outlets.page.levels.moments import Moments, Samples, read
 from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.levels.telling import marks
@@ -234,32 +234,14 @@ class Keeper:
             self._thread = None
 
     def look(self) -> None:
-        """Look at the folder once: take what is new, make what is missing, newest first, remove what is over."""
+        """Look at the folder once: make what is missing of closed recordings, newest first, remove what is over."""
         store = self._store
-        recordings = store.recordings()
-        for kept in recordings:
-            if kept.closed:
-                store.finish(kept)
-            else:
-                self._follow(store.growing(kept))
         if store.room():
             store.let_go()
-            for kept in reversed(recordings):
+            for kept in reversed(store.recordings()):
                 if kept.closed and store.budget.allows(kept.name):
                     store.made(kept, math.inf, self._pace)
         store.tidy()
-
-    def _follow(self, growing: Growing) -> None:
-        """Take what is new, a little at a time, so that nobody waits long for the lock."""
-        whole = False
-        while not whole:
-            with growing.lock:
-                try:
-                    whole = growing.grow(time.monotonic() + WORK)
-                except FileNotFoundError:
-                    return  # repaired, or removed
-            if self._over.wait(0 if whole else REST):
-                raise _Over
 
     def _run(self) -> None:
         while not self._over.is_set():

@@ -48,8 +48,8 @@ def items_at(file: FileIO, offset: int, length: int, tracks: Mapping[int, Track]
 class Growing:
     """A recording that is open, or was when it was first seen, and what was gathered of it; used under ``lock``.
 
-    Only chunks that have something to show are opened. One that cannot be read is passed over and counted in
-    ``damaged``; what is not whole yet waits for the next look.
+    Only chunks that have something to show are opened. One that cannot be read is passed over; what is not
+    whole yet waits for the next look.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,10 +59,8 @@ class Growing:
         """See ``Places``."""
         self.tracks: dict[int, Track] = {}
         """Readers of the channels that are defined so far."""
-        self.damaged = 0
-        self.ended = False
-        """True where the recording was closed and all of it was read."""
-        self.identity: tuple[int, int] | None = None
+        self._ended = False
+        self._identity: tuple[int, int] | None = None
         self._path = path
         self._at = len(MAGIC)
         self._contents = Contents()
@@ -76,14 +74,14 @@ class Growing:
 
         Raises ``OSError``.
         """
-        if self.ended:
+        if self._ended:
             return True
         self._path, file = open_recording(self._path)
         with file:
             status = os.fstat(file.fileno())
-            if self.identity not in (None, (status.st_dev, status.st_ino)):
+            if self._identity not in (None, (status.st_dev, status.st_ino)):
                 raise FileNotFoundError(f"{self._path} is another file")
-            self.identity = (status.st_dev, status.st_ino)
+            self._identity = (status.st_dev, status.st_ino)
             if read_at(file, len(MAGIC), 0) != MAGIC:
                 return True
             for items in self._records(file, status.st_size):
@@ -95,7 +93,7 @@ class Growing:
 
     def _records(self, file: FileIO, size: int) -> Iterator[list[Item]]:
         window, base = b"", self._at
-        while not self.ended:
+        while not self._ended:
             if self._at + _FRONT > base + len(window) < size:
                 window, base = read_at(file, WINDOW, self._at), self._at
             front = window[self._at - base :][:_FRONT]
@@ -110,7 +108,8 @@ class Growing:
             self._note(file, opcode, length, front)
             self._at += RECORD.size + length
             if wanted is not None:
-                yield self._opened(file, *wanted)  # at last, so that a caller may go on later
+                with suppress(ValueError):
+                    yield items_at(file, *wanted, self.tracks, self._wanted)  # at last: a caller may go on later
 
     def _note(self, file: FileIO, opcode: int, length: int, front: bytes) -> None:
         """Note a record; of a chunk the place alone, until the message indexes behind it tell what is in it."""
@@ -120,20 +119,13 @@ class Growing:
             self.places.append((*self._chunk, start, end))
         elif opcode == Opcode.ATTACHMENT:
             self._define(read_at(file, length, self._at + RECORD.size))
-        self.ended = opcode == Opcode.DATA_END
+        self._ended = opcode == Opcode.DATA_END
 
     def _tells_of_wanted(self, opcode: int, length: int, front: bytes) -> bool:
         """True for the index of a channel that is wanted."""
         if opcode != Opcode.MESSAGE_INDEX or length < _INDEX.size:
             return False
         return _INDEX.unpack_from(front, RECORD.size)[0] in self._wanted
-
-    def _opened(self, file: FileIO, offset: int, length: int) -> list[Item]:
-        try:
-            return items_at(file, offset, length, self.tracks, self._wanted)
-        except ValueError:
-            self.damaged += 1
-            return []
 
     def _define(self, body: bytes) -> None:
         """Take over the definitions of channels, which stand before the chunk that needs them."""

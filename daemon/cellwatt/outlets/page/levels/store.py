@@ -1,4 +1,4 @@
-"""Level files of one cell's recordings, made for closed ones, and the open recording as it grows.
+"""Level files of one cell's recordings, made for closed ones, and the open recording as far as anybody asks for it.
 
 Recordings are only read. Where the disk has no room for a level file, what it would hold stays in memory as far as that
 goes, and the rest is read from the recordings again.
@@ -149,24 +149,6 @@ class Store:
         with self._lock:
             return self._growing.setdefault(_closed_name(kept.path), Growing(kept.path))
 
-    def finish(self, kept: Kept) -> None:
-        """Make the level file of a recording that was followed and is closed now, without reading it again."""
-        with self._lock:
-            growing = self._growing.pop(kept.path, None)
-        if growing is None or self.known(kept) is not None:
-            return
-        try:
-            with self._building, growing.lock:
-                if self.known(kept) is not None:
-                    return
-                growing.grow(math.inf)
-                status = kept.path.stat()
-                same = (status.st_dev, status.st_ino) == growing.identity and status.st_size == kept.size
-                if growing.ended and not growing.damaged and same:
-                    self._keep(kept, growing.gathered)
-        except OSError as error:
-            log.debug("%s is read again: %s", kept.path, error)
-
     def source(self, kept: Kept, until: float, *, curves: bool = True) -> Source | None:
         """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
 
@@ -228,10 +210,17 @@ class Store:
 
     def tidy(self) -> None:
         """Forget recordings that are gone, and remove their level files."""
-        there = {_closed_name(kept.path) for kept in self.recordings()}
+        recordings = self.recordings()
+        there = {_closed_name(known.path) for known in recordings}
+        growing = {_closed_name(known.path) for known in recordings if not known.closed}
         with self._lock:
-            for known in (self._sources, self._growing, self._held, self._again):
-                for path in [path for path in known if path not in there and path != self.folder]:
+            for known, kept in (
+                (self._sources, there),
+                (self._held, there),
+                (self._again, {*there, self.folder}),
+                (self._growing, growing),
+            ):
+                for path in known.keys() - kept:
                     del known[path]
         for _, entry in self.budget.files():
             if self.folder / f"{entry.name.removesuffix(level_file.SUFFIX)}.mcap" not in there:
