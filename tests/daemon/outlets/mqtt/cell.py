@@ -16,10 +16,10 @@ from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from tests.daemon.outlets.page.recorded import Written
-from tests.daemon.outlets.zenoh.fake_cell import FakeView
+from tests.daemon.outlets.zenoh import fake_cell
+from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, FakeView
 from tests.doing import doing
 
-SITE, CELL = "plant-1", "weld-3"
 ROOT = f"cellwatt/{SITE}/{CELL}"
 LAYOUT = Layout(
     (
@@ -87,17 +87,9 @@ class Cell(FakeView):
         return {"record": None if self._record is None else {"folder": str(self.folder), "frames": True}}
 
 
-def alarm(number: int, active: bool = True, severity: Any = "error") -> Alarm:
-    return Alarm(
-        id=f"faults.arm.{number}",
-        kind="joint_fault",
-        severity=severity,
-        active=active,
-        since=time.time_ns(),
-        time=time.time_ns(),
-        statement=f"Joint {number} needs more power than it should.",
-        joint=number,
-    )
+def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
+    now = time.time_ns()
+    return fake_cell.alarm(number, active, id=f"faults.arm.{number}", since=now, time=now, **more)
 
 
 def outlet_of(cell: Cell, broker: str, **settings: Any) -> MqttOutlet:
