@@ -8,8 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from cellwatt import registry
-from cellwatt.runtime import cell
-from tests.daemon.runtime import fakes
+from tests.daemon.runtime import fakes, one_process
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +26,7 @@ def _fake_parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _quick_health(monkeypatch: pytest.MonkeyPatch) -> None:
     """Health is looked at every 2 ms instead of every second."""
-    monkeypatch.setattr(cell, "HEALTH_RATE", 500.0)
+    monkeypatch.setattr(one_process, "HEALTH_RATE", 500.0)
 
 
 @pytest.fixture

@@ -230,7 +230,7 @@ async def test_latency_timer_is_noted(line: VirtualPort, tmp_path: Path, monkeyp
         ({"port": "/dev/ttyUSB0", "baud": 300}, "baud"),
         ({"port": "/dev/ttyUSB0", "mode": "AP1"}, "'api', 'api_escaped' or 'transparent'"),
         ({"port": "/dev/ttyUSB0", "boards": 256}, "boards"),
-        ({"port": "/dev/ttyUSB0", "boards": []}, "one or more board numbers"),
+        ({"port": "/dev/ttyUSB0", "boards": []}, "at least one"),
         ({"port": "/dev/ttyUSB0", "boards": [7, 7]}, "each once"),
         ({"port": "/dev/ttyUSB0", "boards": "seven"}, "boards"),
         ({"port": "/dev/ttyUSB0", "phases": 4}, "phases"),

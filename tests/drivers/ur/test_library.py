@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cellwatt.emulation import EmulatorProcess
-from tests.patience import PATIENCE, eventually
+from tests.patience import PATIENCE
 
 from .recordings import write
 
@@ -46,19 +46,6 @@ for name in ("RobotMode", "SafetyMode", "RuntimeState", "ActualRobotVoltage", "J
         answer[name] = None
 library.disconnect()
 print(json.dumps(answer))
-"""
-
-
-WRITE = """
-import sys
-from rtde_io import RTDEIOInterface
-library = RTDEIOInterface(sys.argv[1])
-assert library.setSpeedSlider(0.5)
-assert library.setStandardDigitalOut(3, True)
-assert library.setAnalogOutputVoltage(0, 0.5)
-assert library.setInputIntRegister(20, 7)
-assert library.setInputDoubleRegister(20, 7.5)
-library.disconnect()
 """
 
 
@@ -127,16 +114,3 @@ async def test_chosen_variables_and_its_recorder(tmp_path):
         whole += matches[0]
         assert row["robot_mode"] == "7" and row["joint_mode_0"] == "253"
     assert whole > 0.9 * len(written)
-
-
-async def test_its_input_recipes_have_the_numbers_that_it_takes_for_granted():
-    async with EmulatorProcess("ur", "--listen", f"127.0.31.7:{PORT}") as emulator:
-        child = await asyncio.create_subprocess_exec(sys.executable, "-c", WRITE, "127.0.31.7")
-        async with asyncio.timeout(PATIENCE):
-            assert await child.wait() == 0
-
-        async def written() -> bool:
-            return (await emulator.counts()).get("inputs") == 5
-
-        await eventually(written, "five packages of inputs, each of its recipe's size")
-        assert "strange inputs" not in await emulator.counts()
