@@ -77,7 +77,7 @@ def explained(arm):
     return of
 
 
-@pytest.mark.parametrize("seed", [1, 11, 21])
+@pytest.mark.parametrize("seed", [1, 11])
 def test_a_simulation_that_is_only_mistuned_lacks_nothing(explained, seed):
     found = explained(plant.NOTHING, seed).findings
     assert found.verdict == "no_mismatch"

@@ -48,7 +48,7 @@ OFFSETS = plant.Missing(read=lambda torque: torque + np.array([1.5, 0, -1.0]))
 CHEAP = ("torque_offset", "stribeck_friction", "spring_load", "position_periodic_torque", "rotor_inertia")
 
 
-@pytest.mark.parametrize("seed", [1, 11, 21])
+@pytest.mark.parametrize("seed", [1, 11])
 def test_nothing_enters_where_there_is_noise_alone(arm, seed):
     solution = searched(arm, plant.NOTHING, CHEAP, seed)
     assert solution.terms == []
