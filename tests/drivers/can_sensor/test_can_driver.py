@@ -252,7 +252,6 @@ async def test_the_bus_is_released_on_cancellation():
 @pytest.mark.parametrize(
     ("address", "options", "why"),
     [
-        ("pty", {"speed": "1"}, "unknown options"),
         ("pty", {"cycles": "amps=1"}, "has no amps"),
     ],
 )

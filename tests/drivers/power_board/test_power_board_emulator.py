@@ -68,7 +68,6 @@ async def test_digi_library_opens_it_and_receives_our_payloads(mode: str) -> Non
         ({"batch": "11"}, "do not fit 255 bytes"),
         ({"board": "300"}, "out of range"),
         ({"rate": "0"}, "rate 0 is not within"),
-        ({"colour": "red"}, "unknown options: colour"),
     ],
 )
 def test_options_mistakes_are_refused(options: dict[str, str], words: str) -> None:

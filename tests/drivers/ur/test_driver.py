@@ -488,7 +488,6 @@ async def test_cancelling_releases_the_connection():
             "a controller takes 2048",
         ),
         ({"gaps": "yes"}, "auto"),
-        ({"hots": "x"}, "hots"),
     ],
 )
 def test_wrong_settings_are_named(settings, message):

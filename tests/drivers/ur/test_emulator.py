@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 
-from cellwatt.emulation import ArmSignals, Fault, RecordedSignals
+from cellwatt.emulation import ArmSignals, RecordedSignals
 from cellwatt_drivers.ur.emulator import UrEmulator
 from tests.patience import PATIENCE, eventually
 
@@ -258,14 +258,8 @@ async def test_a_client_that_does_not_read_is_thrown_out():
         ("", {"polyscope": "2.1"}, "like 5.12.0"),
         ("", {"at_end": "stop"}, "at_end"),
         ("", {"start": "now"}, "start"),
-        ("", {"colour": "red"}, "unknown options: colour"),
     ],
 )
 def test_wrong_options_are_named(address, options, message):
     with pytest.raises(ValueError, match=message):
         UrEmulator(ArmSignals(), address, options=options)
-
-
-def test_faults_it_cannot_have_are_named():
-    with pytest.raises(ValueError, match="cannot inject reorder"):
-        UrEmulator(ArmSignals(), "").inject(Fault("reorder"))

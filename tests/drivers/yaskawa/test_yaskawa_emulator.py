@@ -7,7 +7,6 @@ import socket
 
 import pytest
 
-from cellwatt.emulation import Fault
 from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 from tests.patience import PATIENCE
 
@@ -89,7 +88,6 @@ async def test_what_is_no_request_gets_no_answer():
         ({"model": "XRC"}, "model is one of FS100, DX200, YRC1000"),
         ({"answer_axes": "5"}, "6, 7 or 8"),
         ({"pulses_per_degree": "1,2"}, "same number of values"),
-        ({"speed": "1"}, "unknown options: speed"),
         ({"answer_ms": "soon"}, "answer_ms is a number"),
         ({"torque": "double"}, "torque is one of int32, float"),
     ],
@@ -97,11 +95,6 @@ async def test_what_is_no_request_gets_no_answer():
 def test_wrong_options_are_refused(options, why):
     with pytest.raises(ValueError, match=why):
         YaskawaEmulator(STILL, "", options=options)
-
-
-def test_faults_it_cannot_have_are_refused():
-    with pytest.raises(ValueError, match="cannot inject clock_jump"):
-        YaskawaEmulator(STILL, "").inject(Fault("clock_jump"))
 
 
 def test_it_listens_on_the_protocols_own_port():

@@ -87,7 +87,6 @@ def test_quantities_are_written_with_units():
         ({"port": 0}, "greater than or equal to 1"),
         ({"axes": 9}, "less than or equal to 8"),
         ({"control_group": 0}, "greater than or equal to 1"),
-        ({"hots": "192.0.2.1"}, "Extra inputs"),
     ],
 )
 def test_wrong_settings_say_what_is_wrong(changes, why):
