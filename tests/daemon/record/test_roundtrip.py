@@ -14,10 +14,12 @@ from mcap_protobuf.decoder import DecoderFactory
 from cellwatt import Alarm, Batch, Channel, Energy, Event, Interval, Prediction, RecordingError, Stream, Task, Tick
 from cellwatt.record import Health, Recording, RecordSettings
 from cellwatt.record.messages import decode, encode
+from cellwatt.record.rows import SampleRows
 
 from .making import (
     ARM,
     HEADER,
+    PERIOD,
     SESSION,
     batch_of,
     bits,
@@ -305,6 +307,19 @@ def test_a_file_sorted_and_rechunked_by_other_tools_is_still_read(tmp_path):
     assert bits(after.frames_table().values) == bits(before.frames_table().values)
     assert list(after.results()) == RESULTS[:1]
     assert not after.damage
+
+
+def test_a_block_of_which_another_tool_left_samples_out_ends_there():
+    """What follows is of other blocks, that arrived at other times, though all of it looks alike."""
+    rows = SampleRows("arm", ARM)
+    first, second = (rows.encode(batch, 3) for batch in (batch_of(0, 3), batch_of(3, 2)))
+    data = np.concatenate([np.delete(first, 1), second]).tobytes()
+    found, at = [], 0
+    while at < len(data):
+        batch, at = rows.decode(data, at, first.itemsize - 9, len(found))
+        found.append(batch)
+    assert [len(batch) for batch in found] == [1, 1, 2]
+    assert [int(batch.time[0]) for batch in found] == [SESSION + n * PERIOD for n in (0, 2, 3)]
 
 
 def test_what_cannot_be_opened_is_said_in_one_line(tmp_path):
