@@ -126,6 +126,13 @@ def test_bounds_widen_with_the_time_since_they_were_seen():
     assert slowing.made_after(0, NOW)
     assert slowing.made_after(100_000 * MS, NOW + 99_930 * MS)  # a newer bound, though below the older one
     assert not slowing.arrived(100_050 * MS, NOW + 99_940 * MS)
+    asked = TimeBase()
+    assert asked.made_after(0, NOW)
+    assert asked.arrived(100_000 * MS, NOW + 99_930 * MS)
+    heard = TimeBase()
+    assert heard.arrived(0, NOW)
+    assert heard.arrived(100_000 * MS, NOW + 100_010 * MS)  # a newer bound, though above the older one
+    assert not heard.made_after(100_000 * MS, NOW + 100_065 * MS)
 
 
 def test_forgotten_bounds_no_longer_hold():
