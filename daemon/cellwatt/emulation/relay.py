@@ -1,0 +1,73 @@
+"""TCP connections that are passed on, so that somebody sees, holds up or cuts off what is said."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Final
+
+Talk = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+See = Callable[[bytes], Awaitable[object]]
+
+MOST: Final = 1 << 16
+"""Bytes that are passed on at once."""
+
+
+async def _at_once(_: bytes) -> None:
+    return
+
+
+@asynccontextmanager
+async def clients(talk: Talk) -> AsyncIterator[tuple[str, set[asyncio.Task[None]]]]:
+    """Take TCP clients at a free port of this host: its address, and the conversations, which may be cancelled."""
+    talking: set[asyncio.Task[None]] = set()
+
+    async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        talking.add(task)
+        try:
+            await talk(reader, writer)
+        except (OSError, asyncio.CancelledError):
+            pass  # one end is gone, or it is over: nobody awaits this task
+        finally:
+            talking.discard(task)
+            writer.close()
+
+    server = await asyncio.start_server(accept, "127.0.0.1", 0)
+    try:
+        yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}", talking
+    finally:
+        server.close()
+        for task in talking:
+            task.cancel()
+        await asyncio.gather(*talking, return_exceptions=True)
+        await asyncio.sleep(0)
+
+
+async def pass_on(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, address: str, up: See = _at_once, down: See = _at_once
+) -> None:
+    """Pass on what a client and the server at ``address`` say until one of them leaves.
+
+    ``up`` and ``down`` are awaited before what a client and what the server says goes on. Raises ``OSError`` where
+    nobody is at the address.
+    """
+    host, _, port = address.rpartition(":")
+    there, onward = await asyncio.open_connection(host, int(port))
+    pumps = [asyncio.create_task(pump) for pump in (_pump(reader, onward, up), _pump(there, writer, down))]
+    try:
+        await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        onward.close()
+        for pump in pumps:
+            pump.cancel()
+        await asyncio.gather(*pumps, return_exceptions=True)
+
+
+async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, see: See) -> None:
+    while data := await reader.read(MOST):
+        await see(data)
+        writer.write(data)
+        await writer.drain()
