@@ -1,8 +1,9 @@
-"""TCP connections that are passed on, so that somebody sees, holds up or cuts off what is said."""
+"""TCP clients that are served and hung up on, or passed on to a server so that somebody sees what is said."""
 
 from __future__ import annotations
 
 import asyncio
+import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Final
@@ -19,8 +20,13 @@ async def _at_once(_: bytes) -> None:
 
 
 @asynccontextmanager
-async def clients(talk: Talk) -> AsyncIterator[tuple[str, set[asyncio.Task[None]]]]:
-    """Take TCP clients at a free port of this host: its address, and the conversations, which may be cancelled."""
+async def clients(
+    talk: Talk, host: str = "127.0.0.1", port: int = 0, tls: ssl.SSLContext | None = None
+) -> AsyncIterator[tuple[str, set[asyncio.Task[None]]]]:
+    """Take TCP clients at a port (0: any free one): its address, and the conversations, which may be cancelled.
+
+    All of them are hung up on at the end. Raises ``OSError`` where the port cannot be opened.
+    """
     talking: set[asyncio.Task[None]] = set()
 
     async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -29,21 +35,22 @@ async def clients(talk: Talk) -> AsyncIterator[tuple[str, set[asyncio.Task[None]
         talking.add(task)
         try:
             await talk(reader, writer)
-        except (OSError, asyncio.CancelledError):
-            pass  # one end is gone, or it is over: nobody awaits this task
+        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError):
+            pass  # one end is gone, sends what is no message, or is hung up on: nobody awaits this task
         finally:
             talking.discard(task)
             writer.close()
 
-    server = await asyncio.start_server(accept, "127.0.0.1", 0)
+    server = await asyncio.start_server(accept, host, port, ssl=tls)
     try:
-        yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}", talking
+        host, port = server.sockets[0].getsockname()[:2]
+        yield f"{host}:{port}", talking
     finally:
         server.close()
         for task in talking:
             task.cancel()
         await asyncio.gather(*talking, return_exceptions=True)
-        await asyncio.sleep(0)
+        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
 
 
 async def pass_on(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import os
-import pty
-import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
 from cellwatt.emulation.relay import MOST, clients, pass_on
+from cellwatt.emulation.terminal import raw_terminal
 from cellwatt.testing.rig import Transport
 
 
@@ -82,8 +81,6 @@ async def _pty(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
     loop = asyncio.get_running_loop()
     kept = bytearray()
     sent.append(kept)
-    master, slave = pty.openpty()
-    tty.setraw(slave)
     device = os.open(address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
     def move(source: int, target: int, see: Callable[[bytes], None]) -> None:
@@ -92,12 +89,12 @@ async def _pty(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
             see(data)
             os.write(target, data)
 
-    loop.add_reader(master, move, master, device, kept.extend)
-    loop.add_reader(device, move, device, master, lambda _: None)
-    try:
-        yield os.ttyname(slave)
-    finally:
-        for fd in (master, device):
-            loop.remove_reader(fd)
-        for fd in (master, device, slave):
-            os.close(fd)
+    with raw_terminal() as (near, place):
+        loop.add_reader(near, move, near, device, kept.extend)
+        loop.add_reader(device, move, device, near, lambda _: None)
+        try:
+            yield place
+        finally:
+            loop.remove_reader(near)
+            loop.remove_reader(device)
+            os.close(device)
