@@ -22,7 +22,6 @@ from cellwatt_drivers.opc_ua.nodes import Search, Source
 from cellwatt_drivers.opc_ua.session import Access, SecurityMode, Session, open_session
 from cellwatt_drivers.opc_ua.subscribing import Subscribed, subscribe
 from cellwatt_drivers.opc_ua.tag_map import (
-    ChannelName,
     ModelName,
     Prefix,
     Tag,
@@ -32,6 +31,7 @@ from cellwatt_drivers.opc_ua.tag_map import (
     packaged_map,
 )
 from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.shared.maps import ChannelName
 from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
