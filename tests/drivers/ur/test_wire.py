@@ -104,6 +104,25 @@ def test_impossible_headers_are_refused_before_the_rest_has_come(header):
         frames(bytes.fromhex(header))
 
 
+SIZES = {
+    "controller": {"V": (4, 4), "v": (19, 19), "M": (6, 516), "O": (4, 16388), "I": (4, 16388), "S": (4, 4)},
+    "client": {"V": (5, 5), "v": (3, 3), "M": (6, 516), "O": (11, 2059), "I": (3, 2051), "S": (3, 3), "P": (3, 3)},
+}
+"""Smallest and largest frame of each kind: a head of 3 bytes and what RTDE has in it, texts of 255, lists of names."""
+
+
+@pytest.mark.parametrize(("sender", "kind"), [(sender, kind) for sender, sizes in SIZES.items() for kind in sizes])
+def test_frames_of_a_kind_are_as_long_as_they_may_be(sender, kind):
+    limits = wire.FROM_CLIENT if sender == "client" else wire.FROM_CONTROLLER
+    shortest, longest = SIZES[sender][kind]
+    for size in {shortest, longest}:
+        [(found, used)] = frames(struct.pack(">HB", size, ord(kind)) + bytes(size - 3), limits)
+        assert (chr(found.kind), used) == (kind, size)
+    for size in (shortest - 1, longest + 1):
+        with pytest.raises(ProtocolError):
+            frames(struct.pack(">HB", size, ord(kind)) + bytes(max(size - 3, 0)), limits)
+
+
 def test_names_and_frames_have_their_limits():
     assert len(wire.ask_outputs(1.0, ["a" * wire.NAMES_LIMIT])) == 11 + wire.NAMES_LIMIT
     with pytest.raises(ValueError, match="2048"):

@@ -49,7 +49,7 @@ async def test_status_is_the_worked_frame():
 async def test_what_it_refuses(tail, added):
     async with emulated() as (_, port):
         answer = await ask(port, tail)
-    assert answer[25] == 0x1F
+    assert (answer[25], answer[26]) == (0x1F, 2), "an error, with an added status of two words"
     assert int.from_bytes(answer[28:30], "little") == added
     assert len(answer) == 32
 
