@@ -105,8 +105,8 @@ def test_impossible_headers_are_refused_before_the_rest_has_come(header):
 
 
 SIZES = {
-    "controller": {"V": (4, 4), "v": (19, 19), "M": (6, 516), "O": (4, 16388), "I": (4, 16388), "S": (4, 4)},
-    "client": {"V": (5, 5), "v": (3, 3), "M": (6, 516), "O": (11, 2059), "I": (3, 2051), "S": (3, 3), "P": (3, 3)},
+    "controller": {"V": (4, 4), "v": (19, 19), "M": (6, 516), "O": (4, 16388), "S": (4, 4), "P": (4, 4)},
+    "client": {"V": (5, 5), "v": (3, 3), "M": (6, 516), "O": (11, 2059), "S": (3, 3), "P": (3, 3)},
 }
 """Smallest and largest frame of each kind: a head of 3 bytes and what RTDE has in it, texts of 255, lists of names."""
 
