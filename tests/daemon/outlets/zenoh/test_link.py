@@ -202,6 +202,7 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cell = issue(authority, "cell", ("localhost",), now)
     for name, content in {"ca": authority.certificate, "cell": cell.certificate, "cell.key": cell.key}.items():
         (folder / name).write_bytes(content)
+        (folder / name).chmod(0o600)
     return folder
 
 
