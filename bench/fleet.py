@@ -77,23 +77,15 @@ def scored(found: Fleet, truth: dict[str, Arm]) -> dict[str, Any]:
     told = {(f.cell, f.joint): f for f in found.findings if f.what == "wears"}
     hits = {place: told[place] for place in worn if place in told}
     gears = {(n, j) for n, arm in truth.items() for j, (w, _) in arm.replaced.items() if _dropped(found, n, j, w)}
-    loads = {arm.name for arm in truth.values() if arm.payload_from is not None}
-    new_load = {f.cell for f in found.findings if f.quantity == "load" and _explained(f, truth[f.cell])}
     return {
         "worn": len(worn),
         "hits": len(hits),
         "false": [f.statement for f in found.findings if not _explained(f, truth[f.cell])],
         "sizes": [[100 * worn[place], f.percent, f.low, f.high] for place, f in hits.items()],
-        "weeks_until_sure": [_weeks(f.sure_since) for f in hits.values()],
         "new_gears": [len(gears), sum(len(arm.replaced) for arm in truth.values())],
-        "new_loads": [len(new_load), len(loads)],
         "smallest": dict(found.smallest),
         "courses": found.tests,
     }
-
-
-def _weeks(monday: str | None) -> int | None:
-    return None if monday is None else (date.fromisoformat(monday) - START.date()).days // 7 + 1
 
 
 def _in_week(finding: Finding, week: int) -> bool:
@@ -106,7 +98,7 @@ def _dropped(found: Fleet, cell: str, joint: int, week: int) -> bool:
 
 
 def _explained(finding: Finding, arm: Arm) -> bool:
-    """True where the arm really changed so; energy follows friction and load."""
+    """True where the arm really changed so; energy follows friction and payload."""
     joint = finding.joint or 0
     if finding.quantity == "friction" and joint in arm.wear:
         return finding.what == "wears"
@@ -129,10 +121,7 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
             "false": sum(len(each["false"]) for each in own),
             "mean_error_percent": sum(abs(s[1] - s[0]) for s in sizes) / len(sizes) if sizes else None,
             "within_interval": f"{sum(s[2] <= s[0] <= s[3] for s in sizes)} of {len(sizes)}",
-            "weeks_until_sure": sorted(week for each in own for week in each["weeks_until_sure"]),
             "new_gears": [sum(each["new_gears"][i] for each in own) for i in (0, 1)],
-            "new_loads": [sum(each["new_loads"][i] for each in own) for i in (0, 1)],
-            "press_joint_3_found": sum(each["press_joint_3_percent"][1] is not None for each in own),
         }
     return out
 

@@ -26,7 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 from faults.cases import make_case  # noqa: E402
 from faults.scoring import Count, count  # noqa: E402
-from models.svg import drawn  # noqa: E402
+from real.browser import drawn  # noqa: E402
 from tests.plugins.mismatch import plant  # noqa: E402
 from tests.plugins.models.power.emulated_arm import write_case  # noqa: E402
 from tests.plugins.robot.slow_meter import shown  # noqa: E402
@@ -90,7 +90,7 @@ def main() -> None:
     if given.json:
         print(json.dumps([asdict(one) for one in every]))
         return
-    PICTURE.write_text(drawn(picture(every)))
+    PICTURE.write_text(drawn({"meters": picture(every)})["meters"])
     print(table(every))
 
 

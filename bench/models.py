@@ -1,7 +1,7 @@
 """Every model of the papers beside the best one: the tables and plots of docs/models.md.
 
     python bench/models.py --json [--only static ur3e …]     # the figures
-    python bench/models.py [--only …]                        # writes the page and its pictures
+    python bench/models.py [--only …]                        # writes the page and its pictures, which takes a browser
 
 The parts ``ur3e`` and ``ur10e`` need recordings, looked for in ../shared/data beside the checkout or where --data says;
 without them they are skipped, with the reason. All of it takes some twenty minutes of one core.
@@ -14,88 +14,78 @@ import json
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from models import epochs, page, power, static, ur3e, ur10e
-from models.svg import drawn
 from real import ur10e as recorded
+from real.browser import drawn
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
 DOCS = ROOT / "docs"
 
 
-@dataclass(frozen=True)
-class Told:
-    """What a part gives: figures, the text of the page, and pictures by name."""
-
-    figures: Any
-    text: str
-    pictures: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Part:
-    """``make`` is given the folders of the recordings and for scratch; ``needs`` is a folder of the recordings."""
-
-    make: Callable[[Path, Path], Told]
-    needs: str | None = None
+Told = tuple[Any, str, Mapping[str, Mapping[str, Any]]]
+"""What a part gives: figures, the text of the page, and pictures by name."""
 
 
 def _static(_: Path, __: Path) -> Told:
     tables, first = static.run()
-    return Told(tables, page.static(tables), static.pictures(tables, first))
+    return tables, page.static(tables), static.pictures(tables, first)
 
 
 def _epochs(_: Path, __: Path) -> Told:
     tables = epochs.run()
-    return Told(tables, page.epochs(tables), {"static-epochs": epochs.picture(tables)})
+    return tables, page.epochs(tables), {"static-epochs": epochs.picture(tables)}
 
 
 def _power(_: Path, work: Path) -> Told:
     errors = power.emulated(work)
-    return Told(errors, page.power(errors))
+    return errors, page.power(errors), {}
 
 
 def _curve(_: Path, work: Path) -> Told:
     sizes = power.learning_curve(work)
-    return Told(sizes, page.curve(sizes), {"power-learning": power.learning_picture(sizes)})
+    return sizes, page.curve(sizes), {"power-learning": power.learning_picture(sizes)}
 
 
 def _ur3e(data: Path, work: Path) -> Told:
     trained, moves = power.trained_ur3e(data, work)
     errors = power.errors_ur3e(trained, moves)
-    return Told(errors, page.ur3e(errors), {"ur3e-power": power.measured_and_predicted(trained, moves)})
+    return errors, page.ur3e(errors), {"ur3e-power": power.measured_and_predicted(trained, moves)}
 
 
 def _ur10e(data: Path, work: Path) -> Told:
     currents = ur10e.currents(data, work)
-    return Told(currents, page.ur10e(currents))
+    return currents, page.ur10e(currents), {}
 
 
 def _speed(_: Path, work: Path) -> Told:
     found = power.speed(work)
-    return Told(found, page.speed(found))
+    return found, page.speed(found), {}
 
 
-PARTS: Mapping[str, Part] = {
-    "static": Part(_static),
-    "epochs": Part(_epochs),
-    "power": Part(_power),
-    "curve": Part(_curve),
-    "ur3e": Part(_ur3e, ur3e.FOLDER),
-    "ur10e": Part(_ur10e, recorded.FOLDER),
-    "speed": Part(_speed),
+PARTS: Mapping[str, Callable[[Path, Path], Told]] = {
+    "static": _static,
+    "epochs": _epochs,
+    "power": _power,
+    "curve": _curve,
+    "ur3e": _ur3e,
+    "ur10e": _ur10e,
+    "speed": _speed,
 }
+"""Each is given the folders of the recordings and for scratch."""
+NEEDS = {"ur3e": ur3e.FOLDER, "ur10e": recorded.FOLDER}
+"""Folders of the recordings without which a part is skipped."""
 
 
-def write(name: str, told: Told) -> None:
+def write(name: str, text: str, pictures: Mapping[str, Mapping[str, Any]]) -> None:
     """The part's place on the page, and its pictures."""
-    page.replace(DOCS / "models.md", name, told.text)
-    for picture, figure in told.pictures.items():
-        (DOCS / "pictures" / f"models-{picture}.svg").write_text(drawn(figure))
+    page.replace(DOCS / "models.md", name, text)
+    for picture, svg in (drawn(pictures) if pictures else {}).items():
+        (DOCS / "pictures" / f"models-{picture}.svg").write_text(svg)
 
 
 def plain(figures: Any) -> Any:
@@ -113,15 +103,14 @@ def main() -> None:
     given = parser.parse_args()
     figures = {}
     for name in given.only:
-        part = PARTS[name]
-        if part.needs and not (given.data / part.needs).exists():
-            figures[name] = {"skipped": f"no recordings in {given.data / part.needs}"}
+        if name in NEEDS and not (given.data / NEEDS[name]).exists():
+            figures[name] = {"skipped": f"no recordings in {given.data / NEEDS[name]}"}
             continue
         with tempfile.TemporaryDirectory() as work:
-            told = part.make(given.data, Path(work))
-        figures[name] = plain(told.figures)
+            found, text, pictures = PARTS[name](given.data, Path(work))
+        figures[name] = plain(found)
         if not given.json:
-            write(name, told)
+            write(name, text, pictures)
         print(f"{name}: done", file=sys.stderr, flush=True)
     if given.json:
         print(json.dumps(figures))

@@ -17,6 +17,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "bench")]
 
+from real.browser import drawn  # noqa: E402
 from tests.plugins.faults.paper import irb1200  # noqa: E402
 from tests.plugins.faults.paper.patterns import pattern_of  # noqa: E402
 
@@ -31,8 +32,7 @@ from faults.tables import PICK_AND_PLACE, POLISHING  # noqa: E402
 
 Pattern = tuple[np.ndarray, np.ndarray]
 MEASURED, FITTED, OTHER = "#9aa3ad", "#2f6fb1", "#e07b39"
-DECADES = np.array([0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5, 7, 10, 20])
-WIDTH, HEIGHT, LEFT, BOTTOM = 760, 300, 60, 40
+SIZE = {"width": 760, "height": 300}
 
 
 def patterns(recording: Path | None) -> dict[str, Pattern]:
@@ -81,45 +81,14 @@ def table_iii() -> dict[str, list[list[float]]]:
     }
 
 
-def chart(curves: list[tuple[str, str, np.ndarray, np.ndarray]], x_name: str, y_name: str, *, log: bool = False) -> str:
-    """An SVG with one line for each name, colour, x and y."""
-    scale = np.log10 if log else np.asarray
-    xs, ys = (np.concatenate([np.asarray(curve[k]) for curve in curves]) for k in (2, 3))
-    x0, x1, y0, y1 = xs.min(), xs.max(), scale(ys).min(), scale(ys).max()
-
-    def place(x: float, y: float) -> str:
-        across = LEFT + (WIDTH - LEFT - 20) * (x - x0) / (x1 - x0)
-        return f"{across:.1f},{HEIGHT - BOTTOM - (HEIGHT - BOTTOM - 40) * (scale(y) - y0) / (y1 - y0):.1f}"
-
-    out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
-        'font-family="Helvetica,Arial,sans-serif" font-size="12" fill="#263238">',
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>',
+def chart(curves: list[tuple[str, str, np.ndarray, np.ndarray]], x_name: str, y_name: str, **y_axis: object) -> dict:
+    """A figure with one line for each name, colour, x and y."""
+    traces = [
+        {"x": list(x), "y": list(y), "mode": "lines", "name": name, "line": {"color": colour, "width": 1.6}}
+        for name, colour, x, y in curves
     ]
-    for value in ticks(x0, x1):
-        across = place(value, ys.max()).split(",")[0]
-        out.append(f'<text x="{across}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{value:.3g}</text>')
-    for value in DECADES[np.clip(DECADES, ys.min(), ys.max()) == DECADES] if log else ticks(y0, y1):
-        down = place(x0, value).split(",")[1]
-        out.append(f'<path d="M{LEFT},{down}H{WIDTH - 20}" stroke="#e3e7ea"/>')
-        out.append(f'<text x="{LEFT - 6}" y="{float(down) + 4:.1f}" text-anchor="end">{value:.3g}</text>')
-    for number, (name, colour, x, y) in enumerate(curves):
-        line = " ".join(place(a, b) for a, b in zip(x, y, strict=True))
-        out.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
-        out.append(f'<text x="{LEFT + 8 + 170 * number}" y="24" fill="{colour}" font-weight="bold">{name}</text>')
-    out.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 6}" text-anchor="middle">{x_name}</text>')
-    out.append(
-        f'<text x="14" y="{HEIGHT / 2}" transform="rotate(-90 14 {HEIGHT / 2})" text-anchor="middle">{y_name}</text>'
-    )
-    return "\n".join([*out, "</svg>\n"])
-
-
-def ticks(low: float, high: float) -> np.ndarray:
-    """Round values between two, six at most."""
-    rough = (high - low) / 6
-    power = 10 ** np.floor(np.log10(rough))
-    step = next(k * power for k in (1, 2, 5, 10) if k * power >= rough)
-    return np.arange(np.ceil(low / step) * step, high + 1e-9, step)
+    titles = ({"title": {"text": text}} for text in (x_name, y_name))
+    return {"data": traces, "layout": {**SIZE, "xaxis": next(titles), "yaxis": next(titles) | y_axis}}
 
 
 def draw(folder: Path, pattern: Pattern, found: dict[str, object], best: PowerEquation) -> None:
@@ -127,14 +96,15 @@ def draw(folder: Path, pattern: Pattern, found: dict[str, object], best: PowerEq
     t, power = pattern
     curves = [("mean of cycles", MEASURED, t, power), ("Gaussian 8", OTHER, t, rivals.gaussian(t, power))]
     curves.append(("BEVF, N = 44", FITTED, t, best.power(t)))
-    (folder / "faults-paper-pattern.svg").write_text(chart(curves, "s", "W"))
     iterations = found["iterations_W"]
     assert isinstance(iterations, dict)
     falling = [
         (f"N = {order}", colour, np.arange(1, len(values) + 1), np.asarray(values))
         for (order, values), colour in zip(iterations.items(), (MEASURED, OTHER, FITTED), strict=True)
     ]
-    (folder / "faults-paper-rms.svg").write_text(chart(falling, "iteration", "rms, W", log=True))
+    figures = {"pattern": chart(curves, "s", "W"), "rms": chart(falling, "iteration", "rms, W", type="log")}
+    for name, svg in drawn(figures).items():
+        (folder / f"faults-paper-{name}.svg").write_text(svg)
 
 
 def main() -> None:

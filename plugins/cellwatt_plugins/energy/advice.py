@@ -16,37 +16,14 @@ from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import direction, rates
 
+Float = NDArray[np.float64]
+
 STEP: Final = 0.01
 """s."""
 SHORTEST: Final = 0.5
 """s."""
 PEAK: Final = 1.875
 """Greatest velocity of a minimum-jerk move, in distance by time."""
-
-
-def way_seconds(start: Float, end: Float, fastest: float) -> float:
-    """Time of a minimum-jerk move between two poses (n,) rad whose fastest joint reaches ``fastest`` rad/s."""
-    return max(PEAK * float(np.abs(end - start).max()) / fastest, SHORTEST)
-
-
-def way_energy(arm: Arm, known: Known, start: Float, end: Float, seconds: float) -> float:
-    """Energy J beyond fixed power of a minimum-jerk move between two poses (n,) rad, without payload.
-
-    Torque is that of the rigid bodies, rotors and friction (Flash, Hogan, 1985, for the move).
-    """
-    s = ((np.arange(max(2, round(seconds / STEP))) + 0.5) * STEP / seconds)[:, None]
-    way = end - start
-    q = start + way * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    qd = way * (30 * s**2 - 60 * s**3 + 30 * s**4) / seconds
-    qdd = way * (60 * s - 180 * s**2 + 120 * s**3) / seconds**2
-    torque = arm.body.inverse_dynamics(q, qd, qdd) + arm.column("rotor_inertia") * qdd
-    torque = torque + np.array(known.viscous) * qd + np.array(known.coulomb) * direction(qd)
-    bus = bus_power(known.drive, features(arm, torque / known.drive.torque, qd))
-    return float((supply_power(known.drive, bus) - known.drive.fixed).sum()) * STEP
-
-
-Float = NDArray[np.float64]
-
 SCALES = np.round(np.geomspace(0.5, 3.0, 37), 3)
 """Lengths of the motion that are tried, against its present length."""
 CHANGE = 0.1
@@ -136,8 +113,7 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
     motion = cycle.motion
     seconds = motion.step * len(motion.power)
     rest = known.drive.fixed + resting_power(arm, known, cycle.holding)
-    bound = max(arm.column("velocity_limit")) if _limited(arm) else np.inf
-    fastest = max(float(np.abs(motion.velocity).max()) / bound, float(SCALES[0]))
+    fastest = max(float(np.abs(motion.velocity).max() / arm.velocity_limits.max()), float(SCALES[0]))
     slowest = 1 + cycle.waiting / seconds if cycle.waiting > 0 else float(SCALES[-1])
     allowed = [float(s) for s in SCALES if fastest <= s <= slowest]
     if not allowed:
@@ -207,6 +183,27 @@ def pose_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
     return max(found, key=lambda advice: advice.saving, default=None)
 
 
+def way_seconds(start: Float, end: Float, fastest: float) -> float:
+    """Time of a minimum-jerk move between two poses (n,) rad whose fastest joint reaches ``fastest`` rad/s."""
+    return max(PEAK * float(np.abs(end - start).max()) / fastest, SHORTEST)
+
+
+def way_energy(arm: Arm, known: Known, start: Float, end: Float, seconds: float) -> float:
+    """Energy J beyond fixed power of a minimum-jerk move between two poses (n,) rad, without payload.
+
+    Torque is that of the rigid bodies, rotors and friction (Flash, Hogan, 1985, for the move).
+    """
+    s = ((np.arange(max(2, round(seconds / STEP))) + 0.5) * STEP / seconds)[:, None]
+    way = end - start
+    q = start + way * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    qd = way * (30 * s**2 - 60 * s**3 + 30 * s**4) / seconds
+    qdd = way * (60 * s - 180 * s**2 + 120 * s**3) / seconds**2
+    torque = arm.body.inverse_dynamics(q, qd, qdd) + arm.column("rotor_inertia") * qdd
+    torque = torque + np.array(known.viscous) * qd + np.array(known.coulomb) * direction(qd)
+    bus = bus_power(known.drive, features(arm, torque / known.drive.torque, qd))
+    return float((supply_power(known.drive, bus) - known.drive.fixed).sum()) * STEP
+
+
 def _holding(arm: Arm, known: Known, pose: Float) -> Float:
     """Torque (n,) Nm as the robot would give it, that holds the arm's own weight at ``pose`` (n,) rad."""
     return np.asarray(arm.gravity(pose[None, :])[0] / known.drive.torque)
@@ -225,7 +222,3 @@ def least_gravity(arm: Arm, near: Float) -> Float:
         minimize(square, start, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True))) for start in starts
     ]
     return np.asarray(min(found, key=lambda one: float(one.fun)).x)
-
-
-def _limited(arm: Arm) -> bool:
-    return all(joint.velocity_limit for joint in arm.description.joints)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -19,12 +19,13 @@ from cellwatt.commands.units import with_units
 from cellwatt.errors import CellwattError
 from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
+from cellwatt.report.blocks import Table
 from cellwatt.units import Units
 from cellwatt_plugins.energy.findings import Findings, RunEnergy
 from cellwatt_plugins.energy.wording import amount
 
-if TYPE_CHECKING:
-    from cellwatt_plugins.energy.campaign import Outcome
+SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
+"""Groups as the terminal calls them."""
 
 
 class _Disaggregate(click.Command):
@@ -64,19 +65,15 @@ def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bo
     """
     from cellwatt_plugins.energy import api
 
-    outcome = api.disaggregate(**asked)
-    _write(outcome, out)
-    if not no_report:
-        with stage("writing the report"):
-            outcome.report(out / "report.html", Units().but(units))
-    found = outcome.findings
-    click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out, Units().but(units)))
-
-
-def _write(outcome: Outcome, out: Path) -> None:
+    outcome, shown = api.disaggregate(**asked), Units().but(units)
     found = outcome.findings
     write_file(out / "energy.json", json.dumps(found.as_json(), indent=1))
     write_table(found, out / "energy.csv")
+    if not no_report:
+        with stage("writing the report"):
+            outcome.report(out / "report.html", shown)
+    written = f"written to {out}: energy.json, energy.csv{'' if no_report else ', report.html'}"
+    click.echo(json.dumps(found.as_json()) if as_json else f"{in_words(found, shown)}\n{written}")
 
 
 def write_table(found: Findings, path: Path) -> None:
@@ -90,30 +87,24 @@ def write_table(found: Findings, path: Path) -> None:
     write_csv(path, rows)
 
 
-def in_words(found: Findings, out: Path, units: Units) -> str:
+def in_words(found: Findings, units: Units) -> str:
     """The findings as a person reads them at the terminal, energies and powers in ``units``."""
-    energy, power = units.of("J"), units.of("W")
-    fixed = found.fixed
-    total = f"total {energy.name}"
-    lines = [
+    power, fixed = units.of("W"), found.fixed
+    heads = ("run", f"total {units.of('J').name}", *(f"{group} %" for group in SHOWN))
+    head = (
         f"{found.robot}: controller {amount(fixed.controller, power, 2)} {power.name}, "
         f"robot electronics {amount(fixed.robot_electronics, power, 2)} {power.name}, brakes "
-        f"{amount(fixed.brakes, power, 2)} ± {amount(fixed.brakes_uncertainty, power, 2)} {power.name}",
-        f"            run {total:>11s}  electronics %  brakes %  mechanical %  electrical %  chopper %",
-    ]
-    for run in found.runs:
-        share = [100 * part / run.total for part in (run.electronics, run.brakes, run.mechanical_losses)]
-        split = [run.electrical_losses, run.regeneration]
-        told = [
-            f"{100 * part / run.total:.1f}" if part is not None else "with the other" if i else f"{left:.1f}"
-            for i, (part, left) in enumerate(
-                (part, 100 * run.electrical_losses_with_regeneration / run.total) for part in split
-            )
-        ]
-        lines.append(
-            f"{run.run:>15s} {amount(run.total, energy):>11s} {share[0]:14.1f} {share[1]:9.1f} {share[2]:13.1f} "
-            f"{told[0]:>13s} {told[1]:>10s}"
-        )
+        f"{amount(fixed.brakes, power, 2)} ± {amount(fixed.brakes_uncertainty, power, 2)} {power.name}"
+    )
+    runs = Table(head, heads, [[run.run, amount(run.total, units.of("J")), *_shares(run)] for run in found.runs])
     said = [*fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in found.runs for note in run.notes)]
-    written = ", ".join(n for n in ("energy.json", "energy.csv", "report.html") if (out / n).exists())
-    return "\n".join([*lines, *(f"  note: {note}" for note in said), f"written to {out}: {written}"])
+    return "\n".join([runs.text(), *(f"  note: {note}" for note in said)])
+
+
+def _shares(run: RunEnergy) -> list[str]:
+    """Per cent of the total of each group; electrical losses with the chopper where they cannot be told apart."""
+    split = [run.electrical_losses, run.regeneration]
+    if None in split:
+        split = [run.electrical_losses_with_regeneration, None]
+    parts = (run.electronics, run.brakes, run.mechanical_losses, *split)
+    return ["with the other" if part is None else f"{100 * part / run.total:.1f}" for part in parts]

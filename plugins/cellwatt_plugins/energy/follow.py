@@ -31,7 +31,7 @@ class Level:
 
 def at_campaign(known: Known) -> Level:
     """The level before any rest was seen: what the campaign read."""
-    return Level(0.0, 0.0, _unit(known, 0))
+    return Level(0.0, 0.0, np.eye(len(known.covariance))[0])
 
 
 def followed(level: Level, arm: Arm, known: Known, torque: Float, power: float) -> Level:
@@ -53,9 +53,7 @@ def followed(level: Level, arm: Arm, known: Known, torque: Float, power: float) 
 
 def brake_slope(known: Known) -> Float:
     """(3 + 5 n,) how the brakes' power, fixed power less the electronics', changes with the parameters."""
-    none = np.zeros(len(known.covariance))
-    return _unit(known, 1) - _unit(known, 0) if known.brakes_uncertainty else none
-
-
-def _unit(known: Known, place: int) -> Float:
-    return np.asarray(np.eye(len(known.covariance))[place])
+    slope = np.zeros(len(known.covariance))
+    if known.brakes_uncertainty:
+        slope[:2] = -1.0, 1.0
+    return slope

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ def read_motion(path: Path, joints: int) -> Motion:
         raise RecordingError(f"{path}: no samples for {steps.max():.2f} s after t = {at:.2f} s: record this run again")
     even = np.arange(time[0], time[-1], float(np.median(steps)))
     if len(even) != len(time) or np.abs(even - time).max() > 0.2 * np.median(steps):
-        position, velocity, torque = (_on_grid(even, time, v) for v in (position, velocity, torque))
+        position, velocity, torque = (interpolated(even, time, v) for v in (position, velocity, torque))
         time = even
     return Motion(str(path), time, position, velocity, torque)
 
@@ -103,27 +104,18 @@ def read_motion(path: Path, joints: int) -> Motion:
 def read_runs(folder: Path, joints: int) -> list[Recorded]:
     """All runs of a folder, by payload and speed. Raises ``RecordingError`` where a file of a pair is missing."""
     files = sorted(p for p in folder.iterdir() if p.suffix in _ENDINGS) if folder.is_dir() else []
-    pairs = [_pair(p, joints) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
+    pairs = [_pair(p) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
     if not pairs:
         raise RecordingError(f"{folder}: no runs there; expected files like 100_5kg.robot.parquet")
-    runs = spread(_read, pairs, "reading runs")
+    runs = spread(_read, pairs, "reading runs", shared=joints)
     return sorted(runs, key=lambda run: (run.payload, run.speed))
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """Files of one run of an arm with so many joints."""
-
-    name: str
-    speed: float
-    payload: float
-    robot: Path
-    analyzer: Path
-    joints: int
+_Pair = tuple[str, float, float, Path, Path]
+"""Name, speed and payload of a run, the robot's file and the analyzer's."""
 
 
-def _pair(path: Path, joints: int) -> _Pair:
-    """The robot's file and the analyzer's beside it."""
+def _pair(path: Path) -> _Pair:
     name = path.name.removesuffix(path.suffix).removesuffix(".robot")
     match = _RUN.fullmatch(name)
     if match is None:
@@ -131,16 +123,12 @@ def _pair(path: Path, joints: int) -> _Pair:
     other = next((p for e in _ENDINGS if (p := path.with_name(f"{name}.analyzer{e}")).exists()), None)
     if other is None:
         raise RecordingError(f"{path}: the analyzer's file {name}.analyzer{path.suffix} is not beside it")
-    return _Pair(name, float(match["speed"]), float(match["payload"]), path, other, joints)
+    return name, float(match["speed"]), float(match["payload"]), path, other
 
 
-def _read(pair: _Pair) -> Recorded:
-    motion, reading = read_motion(pair.robot, pair.joints), read_reading(pair.analyzer)
-    return Recorded(pair.name, pair.speed, pair.payload, motion, reading)
-
-
-def _on_grid(even: Float, time: Float, values: Float) -> Float:
-    return np.stack([np.interp(even, time, column) for column in values.T], axis=1)
+def _read(pair: _Pair, joints: int) -> Recorded:
+    name, speed, payload, robot, analyzer = pair
+    return Recorded(name, speed, payload, read_motion(robot, joints), read_reading(analyzer))
 
 
 def _check(table: Table, columns: Mapping[str, Float]) -> Float:

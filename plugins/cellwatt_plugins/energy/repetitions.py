@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.rests import rests, signal_noise
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.samples import interpolated
 from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]
 
+POINTS = 200
+"""Points of a repetition between which its path is straight: encoder noise adds nothing to such long lines."""
 SHORTEST_REST = 0.3
 """s: staying at the start pose for so long is a rest between repetitions."""
 MOST = 20
@@ -46,6 +50,12 @@ class Repetition:
     def seconds(self) -> float:
         """Its length."""
         return self.end - self.start
+
+    def path_speed(self, arm: Arm, motion: Motion) -> float:
+        """Mean Cartesian speed of the last joint's frame, by the encoders, mm/s."""
+        q = interpolated(np.linspace(self.start, self.end, POINTS), motion.time, motion.position)
+        places = arm.forward(q)[:, -1, :3, 3]
+        return 1000.0 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / self.seconds
 
 
 def find_repetitions(motion: Motion) -> tuple[list[Repetition], list[str]]:

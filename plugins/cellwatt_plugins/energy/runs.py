@@ -18,7 +18,6 @@ from cellwatt_plugins.energy.consumers import (
 from cellwatt_plugins.energy.drive import Drive, bus_power, supply_power
 from cellwatt_plugins.energy.findings import Fixed, RunEnergy
 from cellwatt_plugins.energy.identify import Observed, residual
-from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.split import edges, mechanical, total_energy
 from cellwatt_plugins.robot import Arm
@@ -78,7 +77,7 @@ def run_energy(run: Whole, learnt: Learnt) -> RunEnergy:
         electrical_losses=None if reason else best.pop("electrical_losses"),
         regeneration=None if reason else best.pop("regeneration"),
         analyzer_offset_s=one.offset.seconds,
-        path_speed_mm_s=path_speed(learnt.arm, one.run.motion, repetitions[0]),
+        path_speed_mm_s=repetitions[0].path_speed(learnt.arm, one.run.motion),
         uncertainty={**spread, "analyzer_offset_s": one.offset.uncertainty},
         notes=tuple(said),
         **{name: value for name, value in best.items() if name not in ("electrical_losses", "regeneration")},

@@ -52,15 +52,12 @@ def group_covariance(known: Known, level: Level, feature: Float, step: float, ca
     slope = group_slopes(known, level, feature, step)
     covariance = slope @ known.covariance @ slope.T + _sampled(known.drive, feature, step)
     seconds = step * len(feature)
-    columns = np.column_stack(
-        [
-            _column((ELECTRONICS, level.scatter * seconds)),
-            _column((ELECTRICAL, causes.model)),
-            _column((STORED, causes.stored), (MECHANICAL, -causes.stored)),
-            _column((TOTAL, causes.total)),
-            causes.meter,
-        ]
-    )
+    columns = np.zeros((len(GROUPS), 5))
+    columns[ELECTRONICS, 0] = level.scatter * seconds
+    columns[ELECTRICAL, 1] = causes.model
+    columns[[STORED, MECHANICAL], 2] = causes.stored, -causes.stored
+    columns[TOTAL, 3] = causes.total
+    columns[:, 4] = causes.meter
     covariance = covariance + columns @ columns.T
     return np.asarray(_LEFT @ covariance @ _LEFT.T)
 
@@ -94,24 +91,12 @@ def _sampled(drive: Drive, feature: Float, step: float) -> Float:
     return out
 
 
-def _column(*entries: tuple[int, float]) -> Float:
-    out = np.zeros(len(GROUPS))
-    for place, energy in entries:
-        out[place] = energy
-    return out
-
-
 def deviations(covariance: Float) -> dict[str, float]:
     """One standard deviation of each group, J, by name."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return {name: float(value) for name, value in zip(GROUPS, spread, strict=True)}
 
 
-def _left() -> Float:
-    """Matrix from groups and total to groups and the part that is in none of them."""
-    turned = np.eye(len(GROUPS))
-    turned[UNEXPLAINED, :UNEXPLAINED] = -1.0
-    return turned
-
-
-_LEFT = _left()
+_LEFT = np.eye(len(GROUPS))
+"""Matrix from groups and total to groups and the part that is in none of them."""
+_LEFT[UNEXPLAINED, :UNEXPLAINED] = -1.0

@@ -130,25 +130,13 @@ def faults(
     recording = recording_of(list(frames_of_files(paths_of(recordings), paths_of(meter))), arm, power or learnt.power)
     if recording.joints != learnt.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
-    evidence: list[Evidence] = []
-    found = _judged(recording, learnt, file, Path(robot), false_alarms, evidence)
-    inputs = (*paths_of(recordings), *paths_of(meter), file, Path(robot))
-    return Judged(tuple(found), recording, tuple(evidence), inputs)
-
-
-def _judged(
-    recording: Recording,
-    reference: Reference,
-    file: Path,
-    robot: Path,
-    false_alarms: float,
-    evidence: list[Evidence],
-) -> list[CycleFinding]:
-    """Findings by the physics of the arm, with what they rest on in ``evidence``. Raises ``CellwattError``."""
     from cellwatt_plugins.faults.cycles.findings import judge_recording
     from cellwatt_plugins.faults.cycles.watch import known_of
 
-    return judge_recording(recording, known_of(reference, file, robot, false_alarms), evidence.append)
+    evidence: list[Evidence] = []
+    found = judge_recording(recording, known_of(learnt, file, Path(robot), false_alarms), evidence.append)
+    inputs = (*paths_of(recordings), *paths_of(meter), file, Path(robot))
+    return Judged(tuple(found), recording, tuple(evidence), inputs)
 
 
 def _learned_with_cycles(blocks: Sequence[Frames], robot: Path, arm: str | None, power: str) -> Learned:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from cellwatt_plugins.faults.reference import (
 from cellwatt_plugins.faults.trace import Trace
 
 Float = NDArray[np.float64]
+T = TypeVar("T")
 
 FEWEST = 3
 """Cycles of a variant below which it is not learned."""
@@ -78,13 +80,7 @@ def _alike(cycles: Sequence[Sequence[Interval]]) -> list[Sequence[Interval]]:
 
 def _variants(cell: Cell, trace: Trace, cycles: Sequence[Sequence[Interval]]) -> list[Variant]:
     """The cycles of one task, by speed, fastest first; ``cycles`` with their intervals at rest."""
-    groups: list[list[Sequence[Interval]]] = []
-    for cycle in sorted(cycles, key=_moving_time):
-        if groups and _moving_time(cycle) <= _moving_time(groups[-1][0]) * (1 + SAME_SPEED):
-            groups[-1].append(cycle)
-        else:
-            groups.append([cycle])
-    kept = [group for group in groups if len(group) >= FEWEST]
+    kept = [group for group in by_speed(cycles, _moving_time, 1 + SAME_SPEED) if len(group) >= FEWEST]
     if not kept:
         return []
     fastest = float(np.median([_moving_time(c) for c in kept[0]]))
@@ -98,6 +94,17 @@ def _variants(cell: Cell, trace: Trace, cycles: Sequence[Sequence[Interval]]) ->
         )
         for group in kept
     ]
+
+
+def by_speed(cycles: Iterable[T], seconds: Callable[[T], float], alike: float) -> list[list[T]]:
+    """Cycles of a task in groups of one speed, fastest first: none takes more than ``alike`` times the fastest."""
+    groups: list[list[T]] = []
+    for cycle in sorted(cycles, key=seconds):
+        if groups and seconds(cycle) <= alike * seconds(groups[-1][0]):
+            groups[-1].append(cycle)
+        else:
+            groups.append([cycle])
+    return groups
 
 
 def _moves(cycle: Sequence[Interval]) -> list[tuple[Interval, float]]:

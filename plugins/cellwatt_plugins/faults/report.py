@@ -15,7 +15,13 @@ from cellwatt.report.numbers import fixed
 from cellwatt.report.theme import BAD, FOUND, GOOD, MEASURED, MODEL, NOISE, REFIT, SIMULATION
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence, FaultFinding
 
-STATES: Final = {"healthy": GOOD, "changed": FOUND, "new_task": REFIT, "fault": BAD}
+STATES: Final = {
+    "healthy": (GOOD, "good"),
+    "changed": (FOUND, "simulation"),
+    "new_task": (REFIT, "refit"),
+    "fault": (BAD, "bad"),
+}
+"""Colour and role of each status."""
 KINDS: Final = {"joint": SIMULATION, "encoder": MODEL, "joint_and_encoder": BAD}
 ROW = 24
 """Pixels of a joint or an interval."""
@@ -37,26 +43,17 @@ def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints:
     """The page of all cycles, in order; ``evidence`` of those that were judged by physics."""
     count: Counter[str] = Counter(cycle.status for cycle in cycles)
     faulty = [n for n, cycle in enumerate(cycles, start=1) if cycle.faults]
+    suspects = [_suspects(cycles, evidence, joints)] if cycles else []
     return Report(
         name="Cycles",
         subject="faults",
         facts=[f"{len(cycles)} cycles", f"{cycles[-1].end - cycles[0].start:.0f} s" if cycles else "0 s"],
         verdict=_verdict(cycles),
         tone="open" if faulty else "good",
-        tiles=[
-            Tile(status.replace("_", " "), str(count[status]), "", role)
-            for status, role in (
-                ("healthy", "good"),
-                ("changed", "simulation"),
-                ("new_task", "refit"),
-                ("fault", "bad"),
-            )
-        ],
+        tiles=[Tile(status.replace("_", " "), str(count[status]), "", role) for status, (_, role) in STATES.items()],
         tiles_remark="Cycles by what was found.",
         sections=[
-            Section(
-                "Suspected joints and intervals", [_suspects(cycles, evidence, joints)] if cycles else [], SUSPECTS
-            ),
+            Section("Suspected joints and intervals", suspects, SUSPECTS),
             Section("Faults", _told(cycles, evidence, faulty), EXPLAINED),
             Section("All faults", [_faults(cycles)] if faulty else []),
             Section("All cycles", [_cycles(cycles)] if cycles else []),
@@ -91,7 +88,7 @@ def _suspects(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], join
             opacity=1,
             symbol="square",
         )
-        for status, colour in STATES.items()
+        for status, (colour, _) in STATES.items()
     ]
     rows = [[Panel(states, x, Axis(ticks={1.0: "cycle"}, span=(0.5, 1.5), grid=False))]]
     ticks = {float(j): f"joint {j}" for j in range(1, joints + 1)}
@@ -99,15 +96,8 @@ def _suspects(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], join
     heights = [16, ROW * joints]
     most = max((len(each.moves) for each in evidence), default=0)
     if most:
-        rows.append(
-            [
-                Panel(
-                    _intervals(evidence, [numbers[id(e.finding)] for e in evidence], len(cycles), most),
-                    x,
-                    Axis(names=True, grid=False),
-                )
-            ]
-        )
+        shades = _intervals(evidence, [numbers[id(e.finding)] for e in evidence], len(cycles), most)
+        rows.append([Panel(shades, x, Axis(names=True, grid=False))])
         heights.append(ROW * most)
     powers = range(int(HIGHEST) + 1)
     layout = colours(HIGHEST, "÷ limit", powers, [f"{2**power}×" for power in powers]) if most else {}
@@ -154,8 +144,9 @@ def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: 
     """The faulty cycles, those that move most power first: cards of the faults and the residual."""
     known = {id(each.finding): each for each in evidence}
     order = sorted(faulty, key=lambda n: -max(fault.size_watt for fault in cycles[n - 1].faults))[:MOST_TOLD]
-    left = [f"These are the {MOST_TOLD} of {len(faulty)} that move the most power."] if len(faulty) > MOST_TOLD else []
-    out: list[Block] = [*left]
+    out: list[Block] = []
+    if len(faulty) > MOST_TOLD:
+        out.append(f"These are the {MOST_TOLD} of {len(faulty)} that move the most power.")
     for rank, number in enumerate(order):
         cycle = cycles[number - 1]
         shown = known.get(id(cycle))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +27,7 @@ from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.faults.cycles.known import Known
+    from cellwatt_plugins.faults.cycles.identify import FittedArm
 
 Codes = NDArray[np.int8]
 
@@ -65,83 +64,61 @@ def train(
     On RECORDINGs of healthy running, alarms in vain are counted.
     """
     reference = load(file)
-    known = None if robot is None else _known(reference, robot)
-    wanted = _Wanted(reference, out, recordings, arm, power or reference.power, seed)
-    report = list(_train_codes(wanted, faulty, known))
-    click.echo(json.dumps({"networks": report}) if as_json else _in_words(report))
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """Tasks that networks are trained for, and healthy ``recordings`` to try them on."""
-
-    reference: Reference
-    out: Path
-    recordings: Sequence[Path]
-    arm: str | None
-    power: str
-    seed: int
-
-
-def _train_codes(wanted: _Wanted, faulty: Sequence[str], known: Known | None) -> Iterator[dict[str, Any]]:
-    """Networks of the paper, written one by one."""
-    courses, tolerance = courses_of(wanted.reference), Tolerance()
+    courses, tolerance = courses_of(reference), Tolerance()
     if not courses:
         raise ModelError("the reference has whole cycles only, no intervals to make a table of")
-    files = _by_joint(faulty, wanted.reference.joints)
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
-        return recorded(frames_of_files(paths), courses, tolerance, wanted.arm, wanted.power)
+        return recorded(frames_of_files(paths), courses, tolerance, arm, power or reference.power)
 
-    told = {joint: codes_in(paths) for joint, paths in files.items()}
+    told = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
     for joint, found in told.items():
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
-    calm = codes_in(wanted.recordings) if wanted.recordings else {}
-    sources = Sources(told, None if known is None else known.arm, tolerance)
-    for trained in spread(_codes_of, courses, "networks of codes", shared=(sources, wanted.seed)):
-        course = trained.course
-        path = wanted.out / f"{course.task}-{course.speed:.2f}-codes.onnx"
-        if trained.content is not None:
-            write_file(path, trained.content)
-        yield {
-            "file": None if trained.content is None else str(path),
-            "task": course.task,
-            "speed": course.speed,
-            "table": trained.table.tolist(),
-            "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in trained.columns],
-            "named_together": trained.alike,
-        } | _calm_codes(trained, calm.get(course.key, []))
+    calm = codes_in(recordings) if recordings else {}
+    sources = Sources(told, None if robot is None else _arm(reference, robot), tolerance)
+    networks = spread(_codes_of, courses, "networks of codes", shared=(sources, seed))
+    report = [_written(trained, calm.get(trained.course.key, []), out) for trained in networks]
+    click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
 
 
 def _codes_of(course: Course, given: tuple[Sources, int]) -> CodeNetwork:
     return train_codes(course, *given)
 
 
-def _calm_codes(trained: CodeNetwork, cycles: Sequence[Codes]) -> dict[str, Any]:
-    """Healthy cycles whose power left its tolerance, and of which the network named a joint."""
-    network = None if trained.content is None else FaultNetwork(trained.content)
+def _written(trained: CodeNetwork, calm: Sequence[Codes], out: Path) -> dict[str, Any]:
+    """What is told of a network that is written to ``out``; ``calm`` are codes of healthy cycles to try it on."""
+    course, network, path = trained.course, None, None
+    if trained.content is not None:
+        network, path = FaultNetwork(trained.content), out / f"{course.task}-{course.speed:.2f}-codes.onnx"
+        write_file(path, trained.content)
     return {
-        "healthy_cycles": len(cycles),
-        "healthy_cycles_with_codes": sum(bool(codes.any()) for codes in cycles),
-        "named_in_vain": sum(network is not None and bool(network.joints(codes)) for codes in cycles),
+        "file": None if path is None else str(path),
+        "task": course.task,
+        "speed": course.speed,
+        "table": trained.table.tolist(),
+        "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in trained.columns],
+        "named_together": trained.alike,
+        "healthy_cycles": len(calm),
+        "healthy_cycles_with_codes": sum(bool(codes.any()) for codes in calm),
+        "named_in_vain": sum(network is not None and bool(network.joints(codes)) for codes in calm),
     }
 
 
-def _known(reference: Reference, robot: Path) -> Known:
-    """The arm and the whole cycles of a reference; the arm as described where its power was never fitted."""
+def _arm(reference: Reference, robot: Path) -> FittedArm:
+    """The arm of a reference; as described where its power was never fitted."""
     from cellwatt_plugins.faults.cycles.arm import nominal
     from cellwatt_plugins.faults.cycles.identify import FittedArm
-    from cellwatt_plugins.faults.cycles.known import Known, restored
+    from cellwatt_plugins.faults.cycles.known import restored
     from cellwatt_plugins.robot import Arm
 
     arm = Arm.load(robot)
     if arm.joints != reference.joints:
         raise ModelError(f"robot {robot} has {arm.joints} joints, the reference {reference.joints}")
     if reference.power_model is not None:
-        return restored(reference.power_model, reference.cycles, arm)
+        return restored(reference.power_model, reference.cycles, arm).arm
     parameters = nominal(arm)
-    return Known(FittedArm(arm.body, parameters, np.zeros((len(parameters.packed()),) * 2)), ())
+    return FittedArm(arm.body, parameters, np.zeros((len(parameters.packed()),) * 2))
 
 
 def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
@@ -157,21 +134,17 @@ def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
     return out
 
 
-def _in_words(report: Sequence[Mapping[str, Any]]) -> str:
-    return "\n".join(line for network in report for line in _lines(network))
-
-
-def _lines(network: Mapping[str, Any]) -> Iterator[str]:
-    """Describe one network."""
+def _in_words(network: Mapping[str, Any]) -> str:
     where = network["file"] or "no network of codes, as no fault moves the power beyond its tolerance"
-    yield f"{where}: {network['task']} at speed {network['speed']:.2f}"
+    lines = [f"{where}: {network['task']} at speed {network['speed']:.2f}"]
     rows = zip(*network["table"], strict=True)
     for joint, (column, codes) in enumerate(zip(network["columns"], rows, strict=True), start=1):
         shown = " ".join(f"{code:+d}" if code else " 0" for code in codes)
         count = column["cycles"]
         origin = "at rest" if column["origin"] == "at rest" else f"{count} {column['origin']} cycle{'s' * (count > 1)}"
-        yield f"  joint {joint}: {shown}   {origin}"
-    for group in network["named_together"]:
-        yield f"  joints {', '.join(map(str, group))} have the same codes and are named together"
+        lines.append(f"  joint {joint}: {shown}   {origin}")
+    groups = [", ".join(map(str, group)) for group in network["named_together"]]
+    lines += [f"  joints {group} have the same codes and are named together" for group in groups]
     if network["healthy_cycles"]:
-        yield f"  {network['named_in_vain']} of {network['healthy_cycles']} healthy cycles give a name in vain"
+        lines.append(f"  {network['named_in_vain']} of {network['healthy_cycles']} healthy cycles give a name in vain")
+    return "\n".join(lines)

@@ -71,7 +71,7 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
         chance_of_false=chance,
         least_percent=100 * least,
         tests=sum(len(each.trends) for each in results),
-        findings=findings_of(results, lake.robots, {name: cell.usual for name, cell in cells.items()}),
+        findings=findings_of(results, lake.robots),
         cells=[_summary(name, lake.robots, cells.get(name), every) for name in lake.robots],
         skipped=[*lake.skipped, *(skipped for week in every for skipped in week.skipped)],
         notes=list(_notes(kinds, groups)),
@@ -140,16 +140,10 @@ def _smallest(results: Sequence[Judged]) -> dict[str, float]:
 
 def _weekly(each: Judged, place: Place) -> Weekly:
     course, common = each.own[place], each.common[place.joint]
-    about = course.about_mean().values
-    kind = np.zeros(len(about))
-    if common is not None:
-        kind = common.values[np.searchsorted(common.weeks, course.weeks)]
+    about = course.about_mean()
+    kind = np.zeros(len(course.weeks)) if common is None else common.values[np.searchsorted(common.weeks, course.weeks)]
     scatter = each.trends[place].line.scatter if place in each.trends else 0.0
-    error = np.sqrt(np.diag(course.about_mean().covariance) + scatter**2)
-    scale = 1.0 if each.courses.quantity == "load" else 100.0
-    values = about if each.courses.quantity == "load" else np.expm1(about)
+    error = np.sqrt(np.diag(about.covariance) + scatter**2)
     days = tuple(monday(int(week)).isoformat() for week in course.weeks)
-    return Weekly(
-        place.cell, place.joint or None, each.courses.quantity, days, tuple((scale * values).tolist()),
-        tuple((scale * error).tolist()), tuple((scale * kind).tolist()),
-    )  # fmt: skip
+    drawn = (tuple((100 * values).tolist()) for values in (np.expm1(about.values), error, kind))
+    return Weekly(place.cell, place.joint or None, each.courses.quantity, days, *drawn)

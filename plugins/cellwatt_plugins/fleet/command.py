@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,7 +15,14 @@ from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.files import write_file
 from cellwatt.progress import stage
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.fleet.findings import Fleet
+
+MOST_SKIPPED = 5
+"""Skipped recordings that the terminal lists."""
 
 
 @click.command(short_help="Find cells that drift and joints that wear.")
@@ -50,16 +57,27 @@ from cellwatt.progress import stage
 def fleet(lake: Path, out: Path, as_json: bool, no_report: bool, **asked: Any) -> None:
     """Say which cells of a LAKE of recordings drift and which joints wear.
 
-    LAKE holds a folder for each cell, with .mcap, .parquet or .csv, or is the lake of the historian. Writes fleet.json,
-    fleet.csv (one table) and report.html (one page).
+    LAKE holds a folder for each cell, with .mcap, .parquet or .csv, or is the lake of the historian. Writes fleet.json
+    and report.html (one page).
     """
     from cellwatt_plugins.fleet.api import fleet as compare
     from cellwatt_plugins.fleet.report import report_of
-    from cellwatt_plugins.fleet.written import in_words, write
 
     found = compare(lake, **asked)
-    write(found, out)
+    write_file(out / "fleet.json", json.dumps(found.as_json(), indent=1))
     if not no_report:
         with stage("writing the report"):
             report_of(found, lake.resolve().name).write(out / "report.html")
-    click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out))
+    written = "fleet.json" if no_report else "fleet.json, report.html"
+    click.echo(json.dumps(found.as_json()) if as_json else f"{_in_words(found)}\nwritten to {out}: {written}")
+
+
+def _in_words(found: Fleet) -> str:
+    lines = [found.headline]
+    lines += [f"  • {f.statement}" for f in found.findings]
+    lines += [f"  ? {c.cell}: {c.statement}" for c in found.cells if c.statement]
+    lines += [f"  note: {note}" for note in found.notes]
+    lines += [f"  skipped {s.place}: {s.why}" for s in found.skipped[:MOST_SKIPPED]]
+    more = len(found.skipped) - MOST_SKIPPED
+    lines += [f"  skipped {more} more, all in fleet.json"] if more > 0 else []
+    return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Courses of all cells: friction of each joint, energy and load of the arm, by week."""
+"""Courses of all cells: friction of each joint, and energy of the arm, by week."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cellwatt_plugins.fleet.weekly import Repetition, Week
 
 Float = NDArray[np.float64]
 
-PROGRAMS: Final = {"friction": 0.05, "energy": 1.0, "load": 5.0}
-"""Quantities, friction and energy as logs, load in kg: standard deviation by which programs of a cell differ in it."""
+PROGRAMS: Final = {"friction": 0.05, "energy": 1.0}
+"""Quantities, as logs: standard deviation by which programs of a cell differ in it."""
 UNKNOWN: Final = 0.01
 """By which recordings of a week are apart where no week has several; weeks tell the rest by their own scatter."""
 
@@ -40,11 +40,6 @@ class Usual:
     viscous: Float
     """Nm s/rad, likewise."""
 
-    @property
-    def friction(self) -> Float:
-        """Nm."""
-        return self.coulomb + self.viscous * self.speed
-
 
 @dataclass(frozen=True)
 class Courses:
@@ -55,10 +50,6 @@ class Courses:
     with_temperature: bool
     """True where friction is brought to one temperature."""
     by_place: Mapping[Place, Course]
-
-    def change(self, difference: float) -> float:
-        """Return a difference of two values as a share; that of loads in kg."""
-        return difference if self.quantity == "load" else float(np.expm1(difference))
 
     @property
     def cells(self) -> int:
@@ -87,7 +78,7 @@ def told_of(weeks: Sequence[Week], usual: Usual) -> dict[tuple[str, int], Told]:
         warmth = None if heat is None or joint is None else heat[:, joint]
         return Told(values, week, recording, number, warmth).by_recording()
 
-    out = {("energy", 0): told(lambda _, each: _log(each.energy)), ("load", 0): told(lambda _, each: each.load)}
+    out = {("energy", 0): told(lambda _, each: _log(each.energy))}
     for i in range(len(usual.speed)):
         out["friction", i + 1] = told(lambda w, each, i=i: _log(_level(w, usual, i) * each.friction[i]), i)  # type: ignore[misc]
     return {key: each for key, each in out.items() if len(each.values)}

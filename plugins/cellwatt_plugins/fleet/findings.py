@@ -1,4 +1,4 @@
-"""Results of a fleet as they are written to fleet.json and fleet.csv."""
+"""Results of a fleet as they are written to fleet.json."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from cellwatt_plugins.fleet.lake import Skipped
 
-Cause = Literal["wears", "rises", "falls", "stepped_up", "stepped_down", "drifts"]
+Cause = Literal["wears", "rises", "falls", "stepped_up", "stepped_down"]
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class Finding:
     joint: int | None
     """From 1; None for the whole arm."""
     quantity: str
-    """``friction``, ``energy`` (of a repetition) or ``load`` (mass that the last link carries, in kg)."""
+    """``friction``, or ``energy`` (of a repetition)."""
     what: Cause
     percent: float
-    """Change from ``first`` to ``last``, or at a step; of ``load`` in kg, here and below."""
+    """Change from ``first`` to ``last``, or at a step."""
     low: float
     """End of the 95 % interval of ``percent``."""
     high: float
@@ -32,14 +32,8 @@ class Finding:
     first: str
     """Monday of the week from which it is counted, or of the step."""
     last: str
-    sure_since: str | None
-    """Monday of the first week whose data were enough to say it, and in all weeks since."""
     chance: float
     """Probability of a change as clear by accident, in one course."""
-    level: float | None
-    """Friction at the usual speed now, Nm."""
-    reaches: tuple[str, str] | None
-    """Mondays between which friction is half above its start if it goes on like this; None where nobody can say."""
     statement: str
     remarks: tuple[str, ...] = ()
 
@@ -89,6 +83,17 @@ class Fleet:
     smallest: Mapping[str, float]
     """Smallest change over all weeks, in per cent, that half the joints of a kind would show; by kind."""
     courses: Sequence[Weekly] = field(default_factory=tuple)
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        worn = sum(f.what == "wears" for f in self.findings)
+        other = len({f.cell for f in self.findings if f.what != "wears"})
+        told = f"{len(self.cells)} cell{'s' * (len(self.cells) != 1)} over {self.weeks} weeks"
+        if not self.findings:
+            return f"No joint wears and no cell drifts, of {told}."
+        wear = f"{worn} joints wear" if worn != 1 else "1 joint wears"
+        return f"{wear}, {other} cell{'s' * (other != 1)} changed otherwise, of {told}."
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of fleet.json."""

@@ -1,4 +1,4 @@
-"""Friction of each joint, and the load of the arm, from samples of repetitions.
+"""Friction of each joint, from samples of repetitions.
 
 Each joint's torque is what its links and rotor need, which is fitted about the description, and friction. Friction is
 the part that turns over with the direction of motion, so that wrong masses hardly touch it.
@@ -6,7 +6,6 @@ the part that turns over with the direction of motion, so that wrong masses hard
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -29,10 +28,6 @@ LOOSE: Final = 0.1
 """Standard deviation of the unknown factor of torque."""
 OFF: Final = 0.3
 """The same of a repetition's friction and rigid torque about the week's, as shares."""
-UNTOLD: Final = 0.01
-"""Share of a joint's torque that no load explains."""
-REACH: Final = 0.3
-"""kg m of a load's first moments, about."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +38,7 @@ class JointFit:
     viscous: float
     speed: float
     friction: Float
-    """(K,)."""
-    left: Float
-    """(N,) torque beyond the description and friction, by its own size; NaN where the joint does not slide."""
-    size: float
-    """Nm."""
+    """(K,) of each repetition, as a share of the week's."""
 
 
 def links_of(arm: Arm) -> list[Prior]:
@@ -68,9 +59,8 @@ def fit_joint(
 ) -> JointFit:
     """Return the fit of joint ``i`` (from 0) to its torque (N,) by its regressor ``rows`` (N, k)."""
     slides = np.abs(qd) > SLIDES
-    nothing = np.full(len(ends), np.nan)
     if slides.sum() < FEWEST:
-        return JointFit(np.nan, np.nan, np.nan, nothing, np.full(len(qd), np.nan), 1.0)
+        return JointFit(np.nan, np.nan, np.nan, np.full(len(ends), np.nan))
     rotor = arm.description.joints[i].rotor_inertia
     modelled = rows @ arm.body.parameters()[PER_LINK * i :] + rotor * qdd
     size = float(np.sqrt(np.mean(np.square(torque[slides])))) or 1.0
@@ -81,27 +71,7 @@ def fit_joint(
     left = torque - modelled - matrix @ found
     shape = found[0] * matrix[:, 0] + found[1] * qd
     level = _by_repetition(np.column_stack([shape, modelled, np.ones_like(qd)]), left, slides, ends, size)
-    beyond = np.where(slides, (torque - modelled - shape) / size, np.nan)
-    speed = float(np.abs(qd[slides]).mean())
-    return JointFit(found[0], found[1], speed, 1 + level, beyond, size)
-
-
-def loads_of(joints: Sequence[JointFit], of_body: Float, ends: NDArray[np.intp]) -> Float:
-    """Return the mass (K,) kg at the last link that explains best what is left of the torques in each repetition.
-
-    ``of_body`` (N, n, 4) is the torque of its mass and first moments, 1 kg and 1 kg m.
-    """
-    left = np.column_stack([joint.left for joint in joints])
-    columns = of_body / np.array([joint.size for joint in joints])[None, :, None]
-    known = np.isfinite(left)
-    out = np.full(len(ends), np.nan)
-    tied = np.diag([1e-6, *3 * [(UNTOLD / REACH) ** 2]])
-    for k, (first, last) in enumerate(zip([0, *ends.tolist()], ends.tolist(), strict=False)):
-        seen = known[first:last]
-        if seen.any():
-            own = columns[first:last][seen]
-            out[k] = np.linalg.solve(own.T @ own / len(own) + tied, own.T @ left[first:last][seen] / len(own))[0]
-    return out
+    return JointFit(found[0], found[1], float(np.abs(qd[slides]).mean()), 1 + level)
 
 
 def _last(block: Float, size: int) -> Float:

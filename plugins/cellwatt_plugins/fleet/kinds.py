@@ -73,14 +73,8 @@ def spread_of(values: Sequence[float] | Float, errors: Sequence[float] | Float) 
     value, square = np.abs(np.asarray(values, np.float64)), np.square(np.asarray(errors, np.float64))
     if len(value) < FEWEST or np.median(value / np.sqrt(square)) <= MIDDLE:
         return 0.0
-    low, high = 0.0, float(value.max()) / MIDDLE + 1e-300
-    for _ in range(60):
-        middle = (low + high) / 2
-        if np.median(value / np.sqrt(square + middle**2)) > MIDDLE:
-            low = middle
-        else:
-            high = middle
-    return high
+    most = float(value.max()) / MIDDLE + 1e-300
+    return float(brentq(lambda apart: np.median(value / np.sqrt(square + apart**2)) - MIDDLE, 0.0, most, xtol=1e-15))
 
 
 def moderated(squares: Float, free: Float) -> tuple[Float, Float]:

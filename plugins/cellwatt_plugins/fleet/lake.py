@@ -23,8 +23,6 @@ MONDAY: Final = date(1970, 1, 5)
 TABLES: Final = (".parquet", ".csv")
 RESULTS: Final = ("alarms", "tasks", "energies")
 """Tables that the historian's lake holds beside the frames."""
-OWN: Final = "fleet.csv"
-"""Written by the command, perhaps into the lake."""
 UTC_SECONDS: Final = 1e9
 """A time column from here on counts from 1970; below, from the begin of its recording."""
 _DAY = re.compile(r"(?<!\d)(20\d\d)-?([01]\d)-?([0-3]\d)(?!\d)")
@@ -124,7 +122,7 @@ def _files(lake: Path) -> Iterator[_File]:
 
 
 def _is_recording(path: Path) -> bool:
-    if path.name.startswith(".") or path.name.endswith(".damaged") or path.name == OWN:
+    if path.name.startswith(".") or path.name.endswith(".damaged"):
         return False
     return path.suffix in TABLES or ".mcap" in path.suffixes
 

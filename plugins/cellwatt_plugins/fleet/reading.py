@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,10 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.errors import RecordingError
 from cellwatt.tables import Table, read_table
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.motion import differentiate, rates, smooth
+from cellwatt_plugins.robot.samples import interpolated, torque_in
 
 Float = NDArray[np.float64]
 
@@ -57,19 +57,18 @@ class Stretch:
 def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
     """Read a recording. Raises ``RecordingError``, or ``ConfigError`` where the robot lacks a key."""
     table = read_table(path)
-    joints = len(robot.joints)
-    position, torque = table.needed("position", joints), _torque(table, robot)
+    position, (torque, _) = table.needed("position", len(robot.joints)), torque_in(table, robot)
     time = table.rising_time()
     step = float(np.median(np.diff(time)))
     if step > 1 / SLOWEST:
         raise RecordingError(f"{path}: {1 / step:.3g} samples a second, expected 10 or more")
-    whole = np.isfinite(position).all(axis=1) & np.isfinite(torque).all(axis=1)
+    whole = np.isfinite(np.hstack([position, torque])).all(axis=1)
     if not whole.any():
         raise RecordingError(f"{path}: position or torque is empty in every row")
     kept = np.flatnonzero(whole)
     late = np.flatnonzero(np.diff(time[kept]) > HOLE * step) + 1
     out = [
-        _even(table, rows, time, position, torque, step)
+        _even(table, rows, position, torque, step)
         for rows in np.split(kept, late)
         if len(rows) > FEWEST and time[rows[-1]] - time[rows[0]] >= SHORTEST
     ]
@@ -78,59 +77,25 @@ def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
     return out
 
 
-def _even(table: Table, rows: NDArray[np.intp], time: Float, position: Float, torque: Float, step: float) -> Stretch:
-    count = int((time[rows[-1]] - time[rows[0]]) / step + 0.5) + 1
-    even = time[rows[0]] + step * np.arange(count)
+def _even(table: Table, rows: NDArray[np.intp], position: Float, torque: Float, step: float) -> Stretch:
+    time, speed, power = table.time[rows], table.joints("velocity"), table.whole("supply.power")
+    even = time[0] + step * np.arange(int((time[-1] - time[0]) / step + 0.5) + 1)
+    as_it_is = len(even) == len(time) and np.abs(even - time).max() < 0.05 * step
 
     def placed(values: Float) -> Float:
-        columns = values[rows].reshape(len(rows), -1)
-        if len(even) == len(rows) and np.abs(even - time[rows]).max() < 0.05 * step:
-            return np.asarray(columns.reshape(values[rows].shape))
-        there = np.column_stack([np.interp(even, time[rows], column) for column in columns.T])
-        return there if values.ndim > 1 else there[:, 0]
+        return values[rows] if as_it_is else interpolated(even, time, values[rows])
 
-    encoders = placed(position)
-    speed = table.joints("velocity")
     if speed is not None and speed.shape == position.shape and np.isfinite(speed[rows]).all():
-        q, qd = smooth(encoders, step, BANDWIDTH), smooth(placed(speed), step, BANDWIDTH)
+        q, qd = smooth(placed(position), step, BANDWIDTH), smooth(placed(speed), step, BANDWIDTH)
         qdd = differentiate(qd, step)[0]
     else:
-        q, qd, qdd = rates(encoders, step, BANDWIDTH)
-    return Stretch(
-        even, q, qd, qdd, placed(torque), _temperature(table, rows, position.shape[1]), _power(table, rows, placed)
-    )
+        q, qd, qdd = rates(placed(position), step, BANDWIDTH)
+    watts = placed(power) if power is not None and np.isfinite(power[rows]).all() else None
+    return Stretch(even, q, qd, qdd, placed(torque), _temperature(table, rows, position.shape[1]), watts)
 
 
 def _temperature(table: Table, rows: NDArray[np.intp], joints: int) -> Float | None:
     found = table.joints("temperature")
-    if found is None or found.shape[1] < joints:
+    if found is None or found.shape[1] < joints or not np.isfinite(found[rows, :joints]).any(axis=0).all():
         return None
-    inside = found[rows][:, :joints]
-    known = np.isfinite(inside)
-    if not known.any(axis=0).all():
-        return None
-    return np.asarray(np.where(known, inside, 0.0).sum(axis=0) / known.sum(axis=0))
-
-
-def _power(table: Table, rows: NDArray[np.intp], placed: Callable[[Float], Float]) -> Float | None:
-    power = table.whole("supply.power")
-    if power is None or not np.isfinite(power[rows]).all():
-        return None
-    return placed(power)
-
-
-def _torque(table: Table, robot: RobotDescription) -> Float:
-    """Torque (N, n) Nm as recorded, or from currents or shares of the rated torque."""
-    joints = len(robot.joints)
-    for quantity, key in (("torque", ""), ("current", "torque_constant"), ("torque_ratio", "rated_torque")):
-        found = table.joints(quantity)
-        if found is None or found.shape[1] < joints or not np.isfinite(found).any():
-            continue
-        if not key:
-            return found[:, :joints]
-        factor = robot.column(key)
-        if not (factor > 0).all():
-            lacking = robot.joints[int(np.argmin(factor))].name
-            raise ConfigError(f"{robot.robot}: {lacking} has no {key}, which {table.path} needs: add it to robot.yaml")
-        return found[:, :joints] * factor
-    raise table.lacks("tau_1")
+    return np.asarray(np.nanmean(found[rows, :joints], axis=0))

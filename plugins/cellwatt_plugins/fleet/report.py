@@ -15,7 +15,6 @@ from cellwatt.report.drawing import colours, dots, line, ribbon, upright
 from cellwatt.report.numbers import fixed
 from cellwatt.report.theme import BAD, MEASURED, MODEL
 from cellwatt_plugins.fleet.findings import Finding, Fleet, Weekly
-from cellwatt_plugins.fleet.written import headline, unit_of
 
 Float = NDArray[np.float64]
 
@@ -30,10 +29,6 @@ DARKEST: Final = 25.0
 """Per cent at which a week is darkest."""
 FIRST: Final = 5
 """Weeks that a joint's later ones are held against."""
-WORDS: Final = {
-    "wears": "wears", "rises": "rises", "falls": "falls", "stepped_up": "stepped up", "stepped_down": "stepped down",
-    "drifts": "drifts",
-}  # fmt: skip
 
 
 def report_of(found: Fleet, name: str) -> Report:
@@ -45,11 +40,11 @@ def report_of(found: Fleet, name: str) -> Report:
         name=name,
         subject="fleet",
         facts=[f"{len(found.cells)} cells", f"weeks of {found.first} to {found.last}"],
-        verdict=headline(found),
+        verdict=found.headline,
         tone="found" if found.findings else "good",
         tiles=[
             Tile("joints that wear", str(len(worn)), "", "bad" if worn else "good"),
-            Tile("other changes", str(len(other)), "of friction, energy or load"),
+            Tile("other changes", str(len(other)), "of friction or energy"),
             Tile("recordings skipped", str(len(found.skipped)), "named below"),
         ],
         tiles_remark=(
@@ -66,13 +61,10 @@ def report_of(found: Fleet, name: str) -> Report:
     )
 
 
-INTERVALS: Final = (
-    "Each against its own weeks and against the arms of its kind. In brackets: 95 % interval. "
-    "Sure since: data up to that week were enough."
-)
+INTERVALS: Final = "Each against its own weeks and against the arms of its kind. In brackets: 95 % interval."
 COURSES: Final = (
-    "Weekly values with one standard deviation, per cent of their mean (load: kg), with what the kind does together "
-    "taken out. The grey line is what was taken out; the dotted line is a step, or the week since which it is sure."
+    "Weekly values with one standard deviation, per cent of their mean, with what the kind does together taken out. "
+    "The grey line is what was taken out; the dotted line is a step."
 )
 HEAT: Final = (
     f"Of each cell, by how much the joint that rose most is above its first {FIRST} weeks, in per cent of friction. "
@@ -81,18 +73,15 @@ HEAT: Final = (
 
 
 def _table(findings: Sequence[Finding]) -> Table:
-    heads = ("Cell", "Kind", "Joint", "Quantity", "What", "Change", "A week", "From", "To", "Sure since")
-    return Table("Findings", heads, [_row(f) for f in findings], ["" for _ in findings])
+    heads = ("Cell", "Kind", "Joint", "Quantity", "What", "Change, %", "A week, %", "From", "To")
+    return Table("Findings", heads, [_row(f) for f in findings])
 
 
 def _row(f: Finding) -> tuple[str, ...]:
-    digits = 1 if f.quantity == "load" or abs(f.percent) < 10 else 0
-    change = f"{fixed(f.percent, digits)} {unit_of(f.quantity)} ({fixed(f.low, digits)} to {fixed(f.high, digits)})"
-    week = "–" if f.percent_a_week is None else f"{fixed(f.percent_a_week, 2)} {unit_of(f.quantity)}"
+    size, low, high = (fixed(value, 0 if abs(f.percent) >= 10 else 1) for value in (f.percent, f.low, f.high))
     joint = "all" if f.joint is None else str(f.joint)
-    return (
-        f.cell, f.kind, joint, f.quantity, WORDS[f.what], change, week, f.first, f.last, f.sure_since or "–",
-    )  # fmt: skip
+    what, week = f.what.replace("_", " "), fixed(f.percent_a_week, 2)
+    return f.cell, f.kind, joint, f.quantity, what, f"{size} ({low} to {high})", week, f.first, f.last
 
 
 def _courses(found: Fleet) -> list[Block]:
@@ -100,11 +89,8 @@ def _courses(found: Fleet) -> list[Block]:
     shown = dict.fromkeys((f.cell, f.joint, f.quantity) for f in found.findings)
     panels = []
     for key in list(shown)[:MOST_PANELS]:
-        marks = [
-            upright(_place(f.sure_since or f.first, found), BAD)
-            for f in found.findings
-            if (f.cell, f.joint, f.quantity) == key
-        ]
+        steps = [f.first for f in found.findings if (f.cell, f.joint, f.quantity) == key and f.percent_a_week is None]
+        marks = [upright(_place(week, found), BAD) for week in steps]
         panels.append(_panel(by_place[key], found, marks))
     if not panels:
         return []
@@ -132,7 +118,7 @@ def _panel(course: Weekly, found: Fleet, marks: Sequence[dict[str, object]]) -> 
         Axis(ticks=_ticks(found), span=_span(found)),
         Axis(),
         marks=list(marks),
-        title=f"{course.cell}{joint}: {course.quantity}, {unit_of(course.quantity)}",
+        title=f"{course.cell}{joint}: {course.quantity}, %",
     )
 
 

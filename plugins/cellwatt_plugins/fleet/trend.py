@@ -110,13 +110,6 @@ def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:
     return Line(found[-1], error, free, float(start), int(last[0]), int(last[-1]), len(last), scatter)
 
 
-def bends(course: Course, rho: float) -> float:
-    """Return how many errors the curvature of a course is from 0."""
-    time = _time(course)
-    _, _, found, covariance = _likely(course, np.column_stack([np.ones_like(time), time, time**2]), rho)
-    return float(found[2] / np.sqrt(covariance[2, 2]))
-
-
 def steps_in(course: Course, rho: float, chance: float, scatter: float = 0.0) -> list[Step]:
     """Return the steps of a course, each less likely than ``chance`` by accident, in their order.
 

@@ -1,4 +1,4 @@
-"""A week of a cell in numbers: friction of each joint, load and energy, by repetition."""
+"""A week of a cell in numbers: friction of each joint, and energy, by repetition."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from cellwatt.errors import CellwattError
-from cellwatt_plugins.fleet.fitting import fit_joint, links_of, loads_of
+from cellwatt_plugins.fleet.fitting import fit_joint, links_of
 from cellwatt_plugins.fleet.lake import CellWeek, Skipped
 from cellwatt_plugins.fleet.reading import Stretch, read_stretches
 from cellwatt_plugins.fleet.repetitions import Span, at_work, signature, spans_of
@@ -38,8 +38,6 @@ class Repetition:
     signature: tuple[float, ...]
     friction: Float
     """Share of the week's."""
-    load: float
-    """Mass at the last joint that explains best what is left of the torques, kg; NaN where the arm hardly moved."""
     temperature: Float | None
     """°C."""
     energy: float | None
@@ -140,20 +138,17 @@ def _fitted(item: CellWeek, arm: Arm, parts: Sequence[_Part], skipped: list[Skip
         fit_joint(arm, i, priors[i], regressor[:, i, PER_LINK * i :], qd[:, i], qdd[:, i], torque[:, i], ends)
         for i in range(n)
     ]
-    loads = loads_of(joints, regressor[:, :, -PER_LINK : -PER_LINK + 4], ends)
-    repetitions = tuple(
-        _repetition(part, np.array([j.friction[k] for j in joints]), loads[k]) for k, part in enumerate(parts)
-    )
+    friction = np.column_stack([j.friction for j in joints])
+    repetitions = tuple(_repetition(part, own) for part, own in zip(parts, friction, strict=True))
     coulomb, viscous, speed = (np.array([getattr(j, key) for j in joints]) for key in ("coulomb", "viscous", "speed"))
     seconds = sum((part.span.last - part.span.first) * part.stretch.step for part in parts)
     return Week(item.cell, item.week, coulomb, viscous, speed, repetitions, tuple(skipped), float(seconds))
 
 
-def _repetition(part: _Part, friction: Float, load: float) -> Repetition:
+def _repetition(part: _Part, friction: Float) -> Repetition:
     stretch, span = part.stretch, part.span
     energy = None
     if span.whole and stretch.power is not None:
         first, last = at_work(stretch, span)
         energy = float(stretch.power[first:last].sum() * stretch.step)
-    told = signature(stretch, span)
-    return Repetition(part.recording, told, friction, float(load), stretch.temperature, energy)
+    return Repetition(part.recording, signature(stretch, span), friction, stretch.temperature, energy)

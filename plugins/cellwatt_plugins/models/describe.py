@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from cellwatt.errors import CellwattError
+from cellwatt.errors import CellwattError, ModelError
 from cellwatt.onnx_file import OnnxFile, refused
 from cellwatt_plugins.models.metadata import KEY, Metadata, encode, metadata_of
 from cellwatt_plugins.models.network import Network, check_intact
@@ -42,6 +42,23 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
         raise refused(file, f"its metadata cannot be written: {(error.strerror or str(error)).lower()}") from error
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_model(path: Path, content: bytes, metadata: Metadata) -> None:
+    """Writes an ONNX graph with its metadata; an earlier file is replaced only by one that is whole.
+
+    Raises ``ModelError`` where the graph does not agree with the metadata, or the file cannot be written.
+    """
+    fresh = path.with_name(f".{path.name}.fresh")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fresh.write_bytes(content)
+        describe(fresh, metadata)
+        fresh.replace(path)
+    except OSError as error:
+        raise ModelError(f"{path} cannot be written: {(error.strerror or str(error)).lower()}") from error
+    finally:
+        fresh.unlink(missing_ok=True)
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:

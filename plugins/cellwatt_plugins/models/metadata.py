@@ -134,6 +134,23 @@ class Metadata:
         return self
 
 
+_UNIT_OF = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "acceleration": "rad/s^2",
+    "torque": "Nm",
+    "current": "A",
+    "temperature": "degC",
+    "approach": "rad",
+}
+"""Units of the quantities that a joint may have."""
+
+
+def joint_inputs(joints: int, *quantities: str, optional: bool = False) -> tuple[Input, ...]:
+    """``joint_1.position``, ``joint_2.position``, … for each quantity in turn."""
+    return tuple(Input(f"joint_{i + 1}.{q}", _UNIT_OF[q], optional) for q in quantities for i in range(joints))
+
+
 _ADAPTER: TypeAdapter[Metadata] = TypeAdapter(Metadata)
 
 

@@ -75,14 +75,17 @@ class RangeWatch:
     ) -> list[Alarm]:
         changes: list[Alarm] = []
         limits = self._limits[column]
-        name = self._name(limits)
+        name = f"{self._prefix}.{limits.channel.name}.{KIND}"
         for at, value, out in zip(time.tolist(), values.tolist(), beyond.tolist(), strict=True):
             if name not in self._book:
                 if out:
-                    changes += self._book.raise_(self._alarm(limits, at, value))
+                    changes += self._book.raise_(self._alarm(name, limits, at, value))
                     self._furthest[column] = value
             elif limits.holds(value):
-                if over := self._clear(limits, at, self._furthest[column]):
+                said = f"Resolved: {limits.channel.name} is back in the range that model {self._model} was trained on"
+                furthest = {f"furthest_{limits.channel.unit}": self._furthest[column]}
+                evidence = {**self._book[name].alarm.evidence, **furthest}
+                if over := self._book.clear(name, at, said, after=self._patience, evidence=evidence):
                     del self._furthest[column]
                 changes += over
             elif value == value:  # a number
@@ -90,14 +93,10 @@ class RangeWatch:
                 self._furthest[column] = max(self._furthest[column], value, key=limits.beyond)
         return changes
 
-    def _name(self, limits: Limits) -> str:
-        """Id of an input's alarm."""
-        return f"{self._prefix}.{limits.channel.name}.{KIND}"
-
-    def _alarm(self, limits: Limits, time: int, value: float) -> Alarm:
+    def _alarm(self, name: str, limits: Limits, time: int, value: float) -> Alarm:
         channel, unit = limits.channel, limits.channel.unit
         return Alarm(
-            id=self._name(limits),
+            id=name,
             kind=KIND,
             severity="info",
             active=True,
@@ -114,9 +113,3 @@ class RangeWatch:
                 f"high_{unit}": limits.high,
             },
         )
-
-    def _clear(self, limits: Limits, time: int, furthest: float) -> list[Alarm]:
-        channel, name = limits.channel, self._name(limits)
-        text = f"Resolved: {channel.name} is back in the range that model {self._model} was trained on"
-        evidence = {**self._book[name].alarm.evidence, f"furthest_{channel.unit}": furthest}
-        return self._book.clear(name, time, text, after=self._patience, evidence=evidence)

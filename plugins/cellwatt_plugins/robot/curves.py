@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,17 +22,21 @@ ROUGH = 0.05
 """Share of its variance by which neighbouring knots may differ."""
 
 
+@dataclass(frozen=True)
 class Curve(Effect):
-    """A smooth torque along one course of a joint, linear between the knots that are its shape."""
+    """A smooth torque along one course of a joint, linear between the knots that are its shape.
 
-    along: ClassVar[str]
-    """The course, in words."""
-    unit: ClassVar[str] = ""
-    """Unit of the course."""
+    The course is that of ``States`` called ``of``; ``along`` says it in words, in ``unit``.
+    """
 
-    @abstractmethod
+    name: str  # type: ignore[misc]  # of each instance, where other effects have one a class
+    of: str
+    along: str
+    unit: str
+
     def course(self, run: States, joint: int) -> Float:
         """The course (N,) along which the torque is told."""
+        return np.asarray(getattr(run, self.of)[:, joint])
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         """One shape, whose knots have as many samples between each two."""
@@ -66,53 +69,10 @@ class Curve(Effect):
         return f"{who} has a torque that goes with {self.along}."
 
 
-class PositionCurve(Curve):
-    """Torque along a joint's own position."""
-
-    name = "position_curve"
-    along = "its position"
-    unit = "rad"
-
-    def course(self, run: States, joint: int) -> Float:
-        """The joint's position (N,) rad."""
-        return run.q[:, joint]
-
-
-class VelocityCurve(Curve):
-    """Torque along a joint's own velocity."""
-
-    name = "velocity_curve"
-    along = "its velocity"
-    unit = "rad/s"
-
-    def course(self, run: States, joint: int) -> Float:
-        """The joint's velocity (N,) rad/s."""
-        return run.qd[:, joint]
-
-
-class AccelerationCurve(Curve):
-    """Torque along a joint's own acceleration."""
-
-    name = "acceleration_curve"
-    along = "its acceleration"
-    unit = "rad/s^2"
-
-    def course(self, run: States, joint: int) -> Float:
-        """The joint's acceleration (N,) rad/s²."""
-        return run.qdd[:, joint]
-
-
-class LoadCurve(Curve):
-    """Torque along what the links ask of a joint."""
-
-    name = "load_curve"
-    along = "its load"
-    unit = "N*m"
-
-    def course(self, run: States, joint: int) -> Float:
-        """The joint's torque (N,) Nm of the links."""
-        return run.rigid[:, joint]
-
-
-CURVES: tuple[Curve, ...] = (PositionCurve(), VelocityCurve(), AccelerationCurve(), LoadCurve())
+CURVES: tuple[Curve, ...] = (
+    Curve("position_curve", "q", "its position", "rad"),
+    Curve("velocity_curve", "qd", "its velocity", "rad/s"),
+    Curve("acceleration_curve", "qdd", "its acceleration", "rad/s^2"),
+    Curve("load_curve", "rigid", "its load", "N*m"),
+)
 CURVE = {curve.name: curve for curve in CURVES}

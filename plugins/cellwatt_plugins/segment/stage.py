@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Annotated
 
@@ -128,15 +128,7 @@ class SegmentStage(Stage[SegmentSettings]):
         self._columns = list(layout.joints("position", settings.arm))
         if wrong := [layout.channels[c] for c in self._columns if layout.channels[c].unit not in ("rad", "m")]:
             raise ConfigError(f"stage {name!r}: {wrong[0].name} is in {wrong[0].unit}, expected rad, or m of a slide")
-        thresholds = Thresholds(
-            start_speed=settings.start_speed,
-            stop_speed=settings.stop_speed,
-            window=settings.window,
-            confirm=settings.confirm,
-            minimum_length=settings.minimum_length,
-            minimum_travel=settings.minimum_travel,
-            gap=settings.gap,
-        )
+        thresholds = Thresholds(**{key.name: getattr(settings, key.name) for key in fields(Thresholds)})
         source = layout.channels[self._columns[0]].source
         self._cutting = Cutting(source, len(self._columns), layout.step, thresholds)
         self._segmenter = self._cutting.segmenter()

@@ -1,5 +1,3 @@
-import csv
-
 import pytest
 from click.testing import CliRunner
 
@@ -13,15 +11,11 @@ def test_the_joint_that_wears_is_found_and_no_other(written):
     assert worn[0]["percent"] == pytest.approx(50, abs=12)
     assert 0 < worn[0]["low"] < worn[0]["percent"] < worn[0]["high"]
     assert "weld-2: joint_3 wears" in worn[0]["statement"]
-    assert worn[0]["first"] < worn[0]["sure_since"] <= worn[0]["last"]
+    assert worn[0]["first"] < worn[0]["last"]
 
 
-def test_a_new_load_is_a_step_in_its_week(written):
-    load = [f for f in written[1]["findings"] if f["quantity"] == "load"]
-    assert [(f["cell"], f["what"], f["first"]) for f in load] == [("weld-4", "stepped_up", "2026-02-16")]
-    assert load[0]["percent"] == pytest.approx(1.5, abs=0.25)
-    energy = [f for f in written[1]["findings"] if f["quantity"] == "energy"]
-    assert {f["cell"] for f in energy} <= {"weld-4", "weld-2"}
+def test_a_new_payload_changes_energy_alone(written):
+    assert {f["cell"] for f in written[1]["findings"] if f["quantity"] == "energy"} <= {"weld-4", "weld-2"}
 
 
 def test_what_cannot_be_used_is_named_with_its_reason(written):
@@ -31,15 +25,6 @@ def test_what_cannot_be_used_is_named_with_its_reason(written):
     assert "no date" in skipped["no_date.csv"]
     assert all(why in written[2] for why in skipped.values())
     assert {s["cell"] for s in written[1]["skipped"]} == {"weld-5"}
-
-
-def test_the_table_has_a_line_a_finding(written):
-    with (written[0] / "fleet.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == len(written[1]["findings"])
-    first = rows[0]
-    assert (first["cell"], first["kind"], first["joint"], first["quantity"]) == ("weld-2", "welder", "3", "friction")
-    assert float(first["low"]) < float(first["change"]) < float(first["high"])
 
 
 def test_the_page_has_table_courses_cells_and_what_was_skipped(written):

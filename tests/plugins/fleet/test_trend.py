@@ -109,8 +109,7 @@ def test_the_worn_joint_alone_is_sure():
     trend = found.trends[Place("weld-03", 2)]
     low, high = (end * trend.span for end in trend.interval())
     assert low < 0.3 < high
-    assert 105 < found.since[Place("weld-03", 2)] < 125
-    assert not any(found.steps.values())
+    assert not found.steps
 
 
 def halls(rng, rises):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
 from cellwatt_plugins.energy.fixed import Steady, steady_power
-from cellwatt_plugins.energy.procedure.loops import Loop, find_loops
+from cellwatt_plugins.energy.procedure.loops import MISSING, Loop, find_loops
 from cellwatt_plugins.energy.procedure.recorded import Recorded, Rows, Span
 from cellwatt_plugins.energy.recordings import Motion, Reading
 from cellwatt_plugins.robot import Arm
@@ -25,8 +25,6 @@ RATE: Final = 100.0
 """Hz that are kept of the arm at least: what is faster teaches nothing more."""
 MARGIN: Final = 1.0
 """s of the analyzer before and after the arm: a value of it stands for a time a little earlier."""
-MISSING: Final = 5.0
-"""Sample times without a sample: a hole, for which a run would be refused."""
 BESIDE: Final = 0.9
 """Share of the rests before the first and after the last repetition that is kept."""
 
@@ -48,15 +46,6 @@ class CutRun:
         done = f"{self.run}: {self.repetitions} of {self.asked} repetitions"
         told = "" if self.written else ", too few: not written, run it again"
         return "\n".join([done + told, *(f"  {sentence}" for sentence in self.refused)])
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """Repetitions of one speed and payload, one after the other, that can all be used."""
-
-    loops: tuple[Loop, ...]
-    motion: Motion
-    rows: Rows
 
 
 def cut_state(recorded: Recorded, span: Span, path: Path) -> Steady:
@@ -88,17 +77,14 @@ def cut_programme(
         raise RecordingError(f"payload {payload:g} kg: {notes[0]}")
     measured = _seconds(power.time, span.start)
     loops = [_with_power(loop, measured) for loop in loops]
-    stray = tuple(_sentence(loop) for loop in loops if not loop.speed)
     runs = []
-    for i, speed in enumerate(speeds):
-        name = f"{speed:g}_{payload:g}kg"
-        best = _longest(loops, speed, motion)
-        refused = tuple(_sentence(loop) for loop in loops if loop.speed == speed and loop.problem)
-        also = (*stray, *notes) if i == 0 else ()
-        enough = len(best) >= least
-        if enough:
-            _write_run(Stretch(tuple(best), motion, power), span, name, out / "runs")
-        runs.append(CutRun(name, len(best), repetitions, (*refused, *also), enough))
+    for speed in speeds:
+        name, best = f"{speed:g}_{payload:g}kg", _longest(loops, speed, motion)
+        bad = [loop for loop in loops if loop.problem and loop.speed in (speed, 0.0 if speed == speeds[0] else speed)]
+        told = [f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}" for loop in bad]
+        if enough := len(best) >= least:
+            _write_run(best, motion, measured, power.values[:, 0], out / "runs" / name)
+        runs.append(CutRun(name, len(best), repetitions, (*told, *(notes if speed == speeds[0] else ())), enough))
     return runs
 
 
@@ -134,33 +120,27 @@ def _holes(motion: Motion, first: int, last: int) -> NDArray[np.intp]:
     return first + np.flatnonzero(np.diff(motion.time[first : last + 1]) > MISSING * motion.step)
 
 
-def _sentence(loop: Loop) -> str:
-    return f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}"
-
-
-def _write_run(stretch: Stretch, span: Span, name: str, folder: Path) -> None:
-    motion, power = stretch.motion, stretch.rows
-    first, last = _edges(stretch)
-    every = max(1, int(1 / (motion.step * RATE) + 1e-6))
-    part = slice(first, last, every)
+def _write_run(loops: Sequence[Loop], motion: Motion, measured: Float, power: Float, path: Path) -> None:
+    """The file pair of a run; ``measured`` s are the times of the analyzer's ``power`` W."""
+    first, last = _edges(loops, motion)
+    part = slice(first, last, max(1, int(1 / (motion.step * RATE) + 1e-6)))
     columns = {
-        f"{stem}_{i + 1}": values[part, i]
+        f"{stem}_{i + 1}": column
         for stem, values in (("q", motion.position), ("qd", motion.velocity), ("tau", motion.torque))
-        for i in range(values.shape[1])
+        for i, column in enumerate(values[part].T)
     }
     begin = float(motion.time[first])
-    write_table(folder / f"{name}.robot.parquet", {"t": motion.time[part] - begin, **columns})
-    measured = _seconds(power.time, span.start)
+    write_table(path.with_name(f"{path.name}.robot.parquet"), {"t": motion.time[part] - begin, **columns})
     inside = (measured >= begin - MARGIN) & (measured <= float(motion.time[last - 1]) + MARGIN)
-    write_table(folder / f"{name}.analyzer.parquet", {"t": measured[inside] - begin, "power": power.values[inside, 0]})
+    analyzer = {"t": measured[inside] - begin, "power": power[inside]}
+    write_table(path.with_name(f"{path.name}.analyzer.parquet"), analyzer)
 
 
-def _edges(stretch: Stretch) -> tuple[int, int]:
+def _edges(loops: Sequence[Loop], motion: Motion) -> tuple[int, int]:
     """Samples from within the rest before the first repetition to within the rest after the last."""
-    motion, loops = stretch.motion, stretch.loops
     pauses = [b.start - a.end for a, b in pairwise(loops)]
     kept = BESIDE * (float(np.median(pauses)) if pauses else 1.0)
-    begin, end = (int(i) for i in np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept]))
+    begin, end = np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept]).tolist()
     before, after = _holes(motion, begin, loops[0].first), _holes(motion, loops[-1].last, end - 1)
     return int(before[-1]) + 1 if before.size else begin, int(after[0]) + 1 if after.size else end
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.rests import rests
@@ -34,6 +33,8 @@ LATE: Final = 0.01
 """Share of the usual time by which a repetition may differ, beside …"""
 SLACK: Final = 0.15
 """… s by which its ends are not known."""
+MISSING: Final = 5.0
+"""Sample times without a sample: a hole, for which a run would be refused."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,11 @@ class Loop:
         """Its length."""
         return self.end - self.start
 
+    @property
+    def way(self) -> float:
+        """Length of its path, mm."""
+        return self.mean_speed * self.seconds
+
 
 def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[Loop], list[str]]:
     """All repetitions in their order, each with its speed or its problem; and what else there is to say."""
@@ -66,14 +72,17 @@ def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[
     if len(stays) < 2:
         return [], ["the arm does not come back to rest where it began: no repetition"]
     loops = [_loop(arm, motion, before, after) for before, after in pairwise(stays)]
-    judged = _judged(loops, motion, found, speeds)
-    notes = []
-    if _moves_after(motion, stays[-1][1]):
-        at = float(motion.time[stays[-1][1] - 1])
-        notes.append(
-            f"what begins at t = {at:.1f} s does not come back to the start: incomplete, or the arm was parked"
-        )
-    return judged, notes
+    length = float(np.median([loop.way for loop in loops]))
+    named = [_named(loop, length, speeds) for loop in loops]
+    usual = {
+        speed: float(np.median([loop.seconds for loop in named if loop.speed == speed]))
+        for speed in {loop.speed for loop in named if loop.speed}
+    }
+    notes, end = [], stays[-1][1]
+    if len(tail := motion.position[end:]) and np.abs(tail - motion.position[end - 1]).max() > 10 * HERE:
+        at = float(motion.time[end - 1])
+        notes = [f"what begins at t = {at:.1f} s does not come back to the start: incomplete, or the arm was parked"]
+    return [_timed(loop, usual, motion) for loop in named], notes
 
 
 def _at_start(motion: Motion, stops: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -98,28 +107,16 @@ def _seconds(motion: Motion, rest: tuple[int, int]) -> float:
 def _loop(arm: Arm, motion: Motion, before: tuple[int, int], after: tuple[int, int]) -> Loop:
     first, last = before[1] - 1, after[0]
     part = slice(max(first - 1, 0), last + 2)
-    there = Motion(motion.place, motion.time[part], motion.position[part], motion.velocity[part], motion.torque[part])
+    there = replace(motion, time=motion.time[part], position=motion.position[part])
     start, end = float(motion.time[first]), float(motion.time[last])
-    return Loop(first, last, start, end, path_speed(arm, there, Repetition(start, end, 0.0)))
-
-
-def _judged(
-    loops: Sequence[Loop], motion: Motion, stops: Sequence[tuple[int, int]], speeds: Sequence[float]
-) -> list[Loop]:
-    """Each loop against its neighbours in speed: way, time and speed."""
-    length = float(np.median([loop.mean_speed * loop.seconds for loop in loops]))
-    named = [_named(loop, length, speeds) for loop in loops]
-    usual = {
-        speed: float(np.median([loop.seconds for loop in named if loop.speed == speed]))
-        for speed in {loop.speed for loop in named if not loop.problem}
-    }
-    return [_timed(loop, usual, motion, stops) for loop in named]
+    return Loop(first, last, start, end, Repetition(start, end, 0.0).path_speed(arm, there))
 
 
 def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
-    way = loop.mean_speed * loop.seconds
-    if abs(way / length - 1) > ANOTHER_WAY:
-        return replace(loop, problem=f"its way is {way:.0f} mm instead of {length:.0f} mm: another way, or cut short")
+    """With its speed, where its way is that of the others, ``length`` mm."""
+    if abs(loop.way / length - 1) > ANOTHER_WAY:
+        way = f"{loop.way:.0f} mm instead of {length:.0f} mm"
+        return replace(loop, problem=f"its way is {way}: another way, or cut short")
     nearest = min(speeds, key=lambda speed: abs(speed / loop.mean_speed - 1))
     if abs(loop.mean_speed / nearest - 1) > NOMINAL:
         told = ", ".join(f"{speed:g}" for speed in speeds)
@@ -127,33 +124,12 @@ def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
     return replace(loop, speed=nearest)
 
 
-def _timed(loop: Loop, usual: dict[float, float], motion: Motion, stops: Sequence[tuple[int, int]]) -> Loop:
-    if gap := _gap(motion.time[loop.first : loop.last + 1], motion.step):
-        return replace(loop, problem=f"the arm's samples are missing for {gap:.2f} s")
-    if loop.problem:
-        stop = _longest_stop(loop, motion, stops)
-        return replace(loop, problem=f"{loop.problem}{stop}") if stop and "mean speed" in loop.problem else loop
-    expected = usual[loop.speed]
+def _timed(loop: Loop, usual: Mapping[float, float], motion: Motion) -> Loop:
+    """With its problem, where it took longer or shorter than others of its speed, or samples are missing."""
+    gap, problem = float(np.diff(motion.time[loop.first : loop.last + 1]).max()), loop.problem
+    expected = usual.get(loop.speed, loop.seconds)
     if abs(loop.seconds - expected) > LATE * expected + SLACK:
-        stop = _longest_stop(loop, motion, stops)
-        return replace(loop, problem=f"it took {loop.seconds:.1f} s instead of {expected:.1f} s: interrupted{stop}")
-    return loop
-
-
-def _longest_stop(loop: Loop, motion: Motion, stops: Sequence[tuple[int, int]]) -> str:
-    inside = [(_seconds(motion, (a, b)), a) for a, b in stops if loop.first < a and b < loop.last]
-    if not inside:
-        return ""
-    stood, at = max(inside)
-    return f"; it stood still for {stood:.1f} s from t = {float(motion.time[at]):.1f} s"
-
-
-def _gap(time: Float, step: float) -> float:
-    """The longest hole, s, where there is one; 0 else."""
-    longest = float(np.diff(time).max(initial=0.0))
-    return longest if longest > 5 * step else 0.0
-
-
-def _moves_after(motion: Motion, sample: int) -> bool:
-    tail = motion.position[sample:]
-    return bool(len(tail) and np.abs(tail - motion.position[sample - 1]).max() > 10 * HERE)
+        problem = f"it took {loop.seconds:.1f} s instead of {expected:.1f} s: interrupted"
+    if gap > MISSING * motion.step:
+        problem = f"the arm's samples are missing for {gap:.2f} s"
+    return replace(loop, problem=problem)

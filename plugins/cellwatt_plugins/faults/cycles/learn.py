@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.cycles.loops import Loop, find_loops
+from cellwatt_plugins.faults.cycles.loops import find_loops
 from cellwatt_plugins.faults.cycles.metering import power_through
-from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, Warp, timing, warp_of
+from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, timing, warp_of
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
+from cellwatt_plugins.faults.learn import by_speed
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -34,25 +36,16 @@ def learn_patterns(recording: Recording) -> list[Pattern]:
     patterns: list[Pattern] = []
     for number, loop in enumerate(find_loops(runs), start=1):
         first = len(patterns)
-        for group in _by_speed(loop, runs):
+        cycles = [runs[start : start + len(loop.moves)] for start in loop.starts]
+        for group in by_speed(cycles, _seconds, SAME_SPEED):
+            if len(group) < FEWEST:
+                continue
             pattern = _pattern(recording, group, f"task_{number}")
             fastest = patterns[first] if len(patterns) > first else pattern
             patterns.append(replace(pattern, speed=_speed(recording, group[0], fastest)))
     if not patterns:
         raise ModelError("no task was seen three times or more: record more healthy cycles")
     return patterns
-
-
-def _by_speed(loop: Loop, runs: Sequence[Run]) -> list[list[Sequence[Run]]]:
-    """The cycles of a task in groups of one speed, fastest first."""
-    cycles = [runs[start : start + len(loop.moves)] for start in loop.starts]
-    groups: list[list[Sequence[Run]]] = []
-    for cycle in sorted(cycles, key=_seconds):
-        if groups and _seconds(cycle) <= SAME_SPEED * _seconds(groups[-1][0]):
-            groups[-1].append(cycle)
-        else:
-            groups.append([cycle])
-    return [group for group in groups if len(group) >= FEWEST]
 
 
 def _seconds(cycle: Sequence[Run]) -> float:
@@ -77,12 +70,13 @@ def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) ->
     for cycle in group:
         times = [timing(template, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
         warps.append(warp_of(template, list(enumerate(times))))
-    position = np.mean([_position(template, recording, warp) for warp in warps], axis=0)
+    whens = [warp.to_recording(template.time) for warp in warps]
+    position = np.mean([interpolated(when, recording.time, recording.position) for when in whens], axis=0)
     if recording.meter is not None and recording.readings is not None:
         power, spread = power_through(recording.meter, recording.readings, template, warps)
         template = replace(template, window=recording.meter.window)
     else:
-        watts = np.array([_power(template, recording, warp) for warp in warps])
+        watts = np.array([_power(template, recording, when) for when in whens])
         power = np.nanmean(watts, axis=0)
         spread = np.sqrt(np.nansum((watts - power) ** 2, axis=0) / max(1, len(warps) - 1))
     rests = np.array([[run.after for run in cycle] for cycle in group])
@@ -95,24 +89,18 @@ def _cut(recording: Recording, cycle: Sequence[Run], task: str) -> Pattern:
     begin = recording.time[cycle[0].first] - MARGIN
     length = recording.time[cycle[-1].last] + MARGIN - begin
     grid = begin + STEP * np.arange(round(length / STEP) + 1)
-    position = np.column_stack([np.interp(grid, recording.time, column) for column in recording.position.T])
+    position = interpolated(grid, recording.time, recording.position)
     moves = tuple((float(recording.time[run.first] - begin), float(recording.time[run.last] - begin)) for run in cycle)
     nothing = np.zeros(len(grid))
     return Pattern(task, 1.0, 1, STEP, moves, position, nothing, nothing, np.zeros(recording.joints))
 
 
-def _position(pattern: Pattern, recording: Recording, warp: Warp) -> Float:
-    """Positions (T, n) of a cycle at the pattern's times."""
-    when = warp.to_recording(pattern.time)
-    return np.column_stack([np.interp(when, recording.time, column) for column in recording.position.T])
-
-
-def _power(pattern: Pattern, recording: Recording, warp: Warp) -> Float:
-    """Power (T,) of a cycle at the pattern's times, averaged over the pattern's step."""
+def _power(pattern: Pattern, recording: Recording, when: Float) -> Float:
+    """Power (T,) of a cycle at the pattern's times, ``when`` (T,) s, averaged over the pattern's step."""
     width = max(1, round(pattern.step / recording.step))
     power = np.convolve(recording.power, np.ones(width) / width, mode="same")
     centre = recording.time - (0.5 * recording.step if width % 2 == 0 else 0.0)
-    return np.interp(warp.to_recording(pattern.time), centre, power)
+    return np.interp(when, centre, power)
 
 
 def _smooth(position: Float) -> Float:

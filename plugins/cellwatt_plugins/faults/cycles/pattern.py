@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot.motion import rates
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -107,7 +108,7 @@ class Pattern:
 
     def position_at(self, tau: Float) -> Float:
         """(k, n) rad at times tau (k,) s of the pattern."""
-        return np.column_stack([np.interp(tau, self.time, column) for column in self.position.T])
+        return interpolated(tau, self.time, self.position)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot.meter import Meter, Readings
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -126,9 +127,7 @@ def _usable(match: Match, pattern: Pattern, time: Float, until: float) -> NDArra
 
 def _motion(pattern: Pattern, tau: Float, pace: Float) -> Motion:
     """The healthy path at the pace of a cycle."""
-    velocity, acceleration = (
-        np.column_stack([np.interp(tau, pattern.time, column) for column in rate.T]) for rate in pattern.rates
-    )
+    velocity, acceleration = (interpolated(tau, pattern.time, rate) for rate in pattern.rates)
     return Motion(pattern.position_at(tau), velocity * pace[:, None], acceleration * pace[:, None] ** 2)
 
 

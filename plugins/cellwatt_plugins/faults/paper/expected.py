@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.reference import Variant
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -59,8 +60,7 @@ def from_variant(variant: Variant) -> tuple[ExpectedInterval, ...]:
 
 def resampled(readings: Readings, t: Float) -> Readings:
     """Readings at other times t (n,) s, held at both ends."""
-    q = np.column_stack([np.interp(t, readings.t, column) for column in readings.q.T])
-    return Readings(t, q, np.interp(t, readings.t, readings.power))
+    return Readings(t, *(interpolated(t, readings.t, values) for values in (readings.q, readings.power)))
 
 
 def fault_table(expected: Sequence[ExpectedInterval]) -> Codes:

@@ -12,14 +12,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cellwatt.files import Place, Places, paths_of
-from cellwatt_plugins.models.export import joint_inputs, write_model
+from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain
-from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
+from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
 from cellwatt_plugins.models.power.fitting import Fitted
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import BESIDE, Traced
 from cellwatt_plugins.models.power.scg_network import Scg
+from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.training import Trained, train
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.models.power.wording import as_json
@@ -42,39 +43,35 @@ def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm, created: datetime 
     if model.temperature is not None and moves.temperature is not None:
         inputs += joint_inputs(joints, "temperature")
         table.append(moves.temperature)
-    metadata = Metadata(
-        name=f"{arm.name}-power",
-        robot=arm.name,
-        inputs=tuple(inputs),
-        outputs=_outputs(joints, model.supply is not None),
-        rate_hz=round(1 / moves.step, 3),
-        window=model.smoother.window,
-        delay=model.smoother.delay,
-        training=Training.of(np.concatenate(table, axis=1), created),
-    )
+    training = Training.of(np.concatenate(table, axis=1), created)
+    about = _about(arm, "", moves, model.smoother, model.supply is not None)
+    metadata = Metadata(inputs=tuple(inputs), training=training, **about)
     write_model(path, model.content(Chain.of(arm.body)), metadata)
     return metadata
 
 
 def write_published(path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, arm: Arm) -> Metadata:
     """The same for one of the paper's two models; inputs are positions and velocities. Raises ``ModelError``."""
-    metadata = Metadata(
-        name=f"{arm.name}-power-{type(model).__name__.lower()}",
-        robot=arm.name,
-        inputs=joint_inputs(moves.joints, "position", "velocity"),
-        outputs=_outputs(moves.joints, bool(np.isfinite(moves.power).any())),
-        rate_hz=round(1 / moves.step, 3),
-        window=tuning.smoother.window + 2 * BESIDE,
-        delay=tuning.smoother.delay + BESIDE,
-        training=Training.of(np.concatenate([moves.q, moves.qd], axis=1)),
-    )
+    inputs = joint_inputs(moves.joints, "position", "velocity")
+    training = Training.of(np.concatenate([moves.q, moves.qd], axis=1))
+    power = bool(np.isfinite(moves.power).any())
+    about = _about(arm, f"-{type(model).__name__.lower()}", moves, tuning.smoother, power, BESIDE)
+    metadata = Metadata(inputs=inputs, training=training, **about)
     write_model(path, model.content(Traced.of(Chain.of(arm.body), tuning.smoother, tuning.width, moves.step)), metadata)
     return metadata
 
 
-def _outputs(joints: int, power: bool) -> tuple[Output, ...]:
-    currents = tuple(Output(f"current_{i + 1}", "A") for i in range(joints))
-    return (Output("power", "W"), *currents) if power else currents
+def _about(arm: Arm, name: str, moves: Moves, smoother: Smoother, power: bool, beside: int = 0) -> dict[str, Any]:
+    """Metadata that both kinds of file have; windows reach ``beside`` rows further than the smoother's."""
+    outputs = [Output("power", "W")] if power else []
+    return {
+        "name": f"{arm.name}-power{name}",
+        "robot": arm.name,
+        "outputs": (*outputs, *(Output(f"current_{i + 1}", "A") for i in range(moves.joints))),
+        "rate_hz": round(1 / moves.step, 3),
+        "window": smoother.window + 2 * beside,
+        "delay": smoother.delay + beside,
+    }
 
 
 @dataclass(frozen=True)

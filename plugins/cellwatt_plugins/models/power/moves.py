@@ -15,6 +15,7 @@ from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
 from cellwatt_plugins.models.predict import starts_of
 from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -163,13 +164,7 @@ def _even(part: Moves, step: float) -> Moves:
     if np.abs(steps / step - 1).max(initial=0.0) < UNEVEN:
         return part
     time = np.arange(part.time[0], part.time[-1] + 1e-9, step)
-
-    def interpolated(values: Float) -> Float:
-        flat = values.reshape(len(values), -1)
-        columns = [np.interp(time, part.time, column) for column in flat.T]
-        return np.column_stack(columns).reshape(len(time), *values.shape[1:])
-
     names = [f.name for f in fields(Moves) if f.name not in ("move", "time") and getattr(part, f.name) is not None]
-    values: dict[str, Any] = {name: interpolated(getattr(part, name)) for name in names}
+    values: dict[str, Any] = {name: interpolated(time, part.time, getattr(part, name)) for name in names}
     values["power"] = onto(time, part.time, part.power)
     return Moves(move=np.zeros(len(time), np.int64), time=time, **values)

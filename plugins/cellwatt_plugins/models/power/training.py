@@ -61,13 +61,9 @@ class Trained:
     """The slow meter that power is from."""
 
 
+@stage("", sum(SHARES))
 def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
     """Chooses, fits, and judges by leaving moves out. The same moves and seed give the same model."""
-    with stage("", sum(SHARES)):
-        return _train(moves, arm, seed)
-
-
-def _train(moves: Moves, arm: Arm, seed: int) -> Trained:
     check_known(arm)
     moves = through_its_meter(moves, arm)
     with stage("smoothing of the encoders", share=SHARES[0]):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from math import comb
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.polynomial.legendre import leg2poly
 from numpy.typing import NDArray
 
-from cellwatt_plugins.models.export import joint_inputs, write_model
+from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, gravity_torque
-from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
+from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
 from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
 from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
@@ -180,16 +180,8 @@ def _energy(model: Identified, pair: tuple[int, int]) -> Float:
     return out
 
 
-def _legendre_coefficients() -> Float:
-    """(BENT + 1, BENT + 1): each polynomial's coefficients, lowest power first."""
-    out = np.zeros((BENT + 1, BENT + 1))
-    for degree in range(BENT + 1):
-        for k in range(degree // 2 + 1):
-            out[degree, degree - 2 * k] = (-1) ** k * comb(degree, k) * comb(2 * degree - 2 * k, degree) / 2**degree
-    return out
-
-
-_LEGENDRE: Final = _legendre_coefficients()
+_LEGENDRE: Final = np.stack([np.pad(leg2poly(unit), (0, BENT - k)) for k, unit in enumerate(np.eye(BENT + 1))])
+"""(BENT + 1, BENT + 1): each polynomial's coefficients, lowest power first."""
 
 
 def _ranges(poses: Poses) -> list[tuple[float, float]]:

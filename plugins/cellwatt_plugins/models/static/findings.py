@@ -150,15 +150,10 @@ def _friction(told: _Told) -> list[Finding]:
 
 
 def _load_friction(told: _Told) -> list[Finding]:
-    count = told.model.effects.joints
-    figures = []
-    for j in range(count):
-        weights = np.zeros(count + 1)
-        weights[[0, j + 1]] = 100.0
-        figures.append(told.figure(f"joint {j + 1}", weights, "%"))
-    clear = [f for f in figures if abs(f.value) > _CLEAR * f.deviation]
-    words = ", ".join(f"{f.name} {f}" for f in clear)
-    return [told.finding(f"Friction also holds a share of the load: {words}.", *clear)] if clear else []
+    own = np.eye(told.model.effects.joints)
+    weights = 100.0 * np.column_stack([np.ones(len(own)), own])
+    figures = [told.figure(f"joint {j + 1}", each, "%") for j, each in enumerate(weights)]
+    return _clear(told, figures, "Friction also holds a share of the load")
 
 
 def _spring(told: _Told) -> list[Finding]:
@@ -189,38 +184,32 @@ def _hose(told: _Told) -> list[Finding]:
     return [told.finding(text, *(figure for figure, _ in pulls))]
 
 
-def _each(told: _Told, factor: float, unit: str, names: list[str], text: str) -> list[Finding]:
-    figures = [
-        Figure(name, factor * float(m), factor * float(s), unit)
-        for name, m, s in zip(names, told.mean, told.deviation, strict=True)
-        if abs(m) > _CLEAR * s
-    ]
-    words = ", ".join(f"{f.name} {f}" for f in figures)
-    return [told.finding(f"{text}: {words}.", *figures)] if figures else []
-
-
-def _gain(told: _Told) -> list[Finding]:
-    names = [f"joint {j + 1}" for j in range(told.model.effects.joints)]
-    return _each(
-        told, 100.0, "%", names, "Torques read high (or low, where negative) against gravity of the other joints"
-    )
-
-
 def _payload(told: _Told) -> list[Finding]:
-    figures = [told.figure(axis, np.eye(3)[k], "m") for k, axis in enumerate("xyz")]
+    figures = [told.figure(axis, weights, "m") for axis, weights in zip("xyz", np.eye(3), strict=True)]
     words = ", ".join(f"{f.name} {f}" for f in figures)
     return [told.finding(f"Payloads have their centre of mass at {words} from the last joint.", *figures)]
 
 
-def _zero(told: _Told) -> list[Finding]:
-    names = [f"joint {j + 1}" for j in range(told.model.effects.joints)]
-    return _each(told, float(np.degrees(1.0)), "°", names, "Zero positions are off")
+def _each(told: _Told) -> list[Finding]:
+    text, factor, unit, names = _EACH[told.group.kind]
+    names = names or tuple(f"joint {j + 1}" for j in range(told.model.effects.joints))
+    weights = factor * np.eye(len(names))
+    return _clear(told, [told.figure(name, own, unit) for name, own in zip(names, weights, strict=True)], text)
 
 
-def _tilt(told: _Told) -> list[Finding]:
-    return _each(told, float(np.degrees(1.0)), "°", ["down along x", "down along y"], "The base is not level")
+def _clear(told: _Told, figures: list[Figure], text: str) -> list[Finding]:
+    """Those of the figures that are clearly not 0, in one sentence."""
+    clear = [f for f in figures if abs(f.value) > _CLEAR * f.deviation]
+    words = ", ".join(f"{f.name} {f}" for f in clear)
+    return [told.finding(f"{text}: {words}.", *clear)] if clear else []
 
 
+_EACH: Final[dict[str, tuple[str, float, str, tuple[str, ...]]]] = {
+    "gain": ("Torques read high (or low, where negative) against gravity of the other joints", 100.0, "%", ()),
+    "zero": ("Zero positions are off", float(np.degrees(1.0)), "°", ()),
+    "tilt": ("The base is not level", float(np.degrees(1.0)), "°", ("down along x", "down along y")),
+}
+"""What is said of groups with a figure a joint, what turns these into their unit, and their names where no joint's."""
 _TOLD: Final = {
     "friction": _friction,
     "load friction": _load_friction,
@@ -229,7 +218,5 @@ _TOLD: Final = {
     "hose": _hose,
     "bent hose": _hose,
     "payload": _payload,
-    "gain": _gain,
-    "zero": _zero,
-    "tilt": _tilt,
+    **dict.fromkeys(_EACH, _each),
 }

@@ -19,7 +19,6 @@ STAGE: Final = 40
 """So many poses may be enough for a model."""
 _TRIED: Final = 20  # times as many places of the sequence as poses are wanted
 _PASSES: Final = 60
-_PRIMES: Final = (2, 3, 5, 7, 11, 13, 17, 19)
 
 
 @dataclass(frozen=True)
@@ -78,20 +77,10 @@ def safe_places(count: int, limits: Float, checker: Checker) -> tuple[Float, int
 
 
 def halton(count: int, dimensions: int) -> Float:
-    """Places 1 to ``count`` of the Halton sequence, (count, dimensions) in 0 … 1; Numerische Mathematik 2, 1960.
+    """Places 1 to ``count`` of the Halton sequence, (count, dimensions) in 0 … 1; Numerische Mathematik 2, 1960."""
+    from scipy.stats import qmc  # a second to load, for plans alone
 
-    Raises ``ConfigError`` for more than eight dimensions.
-    """
-    if dimensions > len(_PRIMES):
-        raise ConfigError(f"a robot of {dimensions} joints: plans are made for up to {len(_PRIMES)}")
-    out = np.zeros((count, dimensions))
-    for column, base in enumerate(_PRIMES[:dimensions]):
-        left, place = np.arange(1, count + 1), 1.0
-        while left.any():
-            place /= base
-            out[:, column] += place * (left % base)
-            left //= base
-    return out
+    return np.asarray(qmc.Halton(dimensions, scramble=False).random(count + 1)[1:])
 
 
 def within(limits: Float, share: Float) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
 from cellwatt.files import write_csv, write_file
-from cellwatt_plugins.models.static.plan import plan_poses
+from cellwatt_plugins.models.static.plan import Plan, plan_poses
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
 
@@ -88,28 +88,36 @@ class PlanReport:
     """Plan and the file that it was written to."""
 
     robot: str
-    poses: int
-    unsafe: int
-    unreachable: int
-    travel_s: float
-    unordered_s: float
-    rising: tuple[float, ...]
-    duration_s: float
+    plan: Plan
+    duration: float
+    """s, with the pauses."""
     files: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
         """For ``--json``."""
-        return asdict(self)
+        plan = self.plan
+        return {
+            "robot": self.robot,
+            "poses": len(plan.q),
+            "unsafe": plan.unsafe,
+            "unreachable": plan.unreachable,
+            "travel_s": plan.travel,
+            "unordered_s": plan.unordered,
+            "rising": plan.rising.tolist(),
+            "duration_s": self.duration,
+            "files": self.files,
+        }
 
     def in_words(self) -> str:
         """For a person."""
-        even = ", ".join(f"{100 * share:.0f} %" for share in self.rising)
+        plan = self.plan
+        even = ", ".join(f"{100 * share:.0f} %" for share in plan.rising)
         lines = [
-            f"{self.poses} poses of {self.robot}; {self.unsafe} places of the sequence were left out, as the arm would "
-            f"touch itself or the floor there, and {self.unreachable} poses whose straight way is not safe",
-            f"ways of {self.travel_s:.0f} s in all at full speed, {self.unordered_s:.0f} s as the sequence has them",
+            f"{len(plan.q)} poses of {self.robot}; {plan.unsafe} places of the sequence were left out: the arm would "
+            f"touch itself or the floor there, and {plan.unreachable} poses whose straight way is not safe",
+            f"ways of {plan.travel:.0f} s in all at full speed, {plan.unordered:.0f} s as the sequence has them",
             f"joints come from below in {even} of the moves",
-            f"about {self.duration_s / 60:.0f} min with the pauses",
+            f"about {self.duration / 60:.0f} min with the pauses",
             f"written: {', '.join(self.files)}",
         ]
         if not any(file.endswith(".JBI") for file in self.files):
@@ -141,17 +149,7 @@ def write_plan(
         write_file(out / file, text)
     duration = plan.travel / (speed / 100) + len(plan.q) * (hold + _RAMP)
     files = tuple(str(out / file) for file in ("plan.csv", *texts))
-    return PlanReport(
-        arm.name,
-        len(plan.q),
-        plan.unsafe,
-        plan.unreachable,
-        plan.travel,
-        plan.unordered,
-        tuple(plan.rising.tolist()),
-        duration,
-        files,
-    )
+    return PlanReport(arm.name, plan, duration, files)
 
 
 def _encoders(cell: Path, source: str | None) -> Encoders:

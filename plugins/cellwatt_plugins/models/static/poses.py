@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
-from cellwatt.tables import Table, read_table
+from cellwatt.tables import read_table
 from cellwatt_plugins.models.static.held import HeldPose, Recogniser
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.samples import torque_in
 
 Float = NDArray[np.float64]
 
 FEWEST: Final = 12
 """Poses that a training needs."""
 _LIGHT: Final = 0.05  # kg: payloads that differ by less teach nothing
+COLUMNS: Final = ("q", "torque", "spread", "count", "approach", "payload")
+"""Fields of ``Poses`` with a row a pose."""
 _SHORT: Final = 0.25
 """Poses with less than this share of the usual number of samples are left out."""
 
@@ -49,15 +52,8 @@ class Poses:
 
     def rows(self, which: NDArray[np.intp]) -> Poses:
         """Some of the poses."""
-        return Poses(
-            self.q[which],
-            self.torque[which],
-            self.spread[which],
-            self.count[which],
-            self.approach[which],
-            self.payload[which],
-            self.notes,
-        )
+        kept: dict[str, Any] = {name: getattr(self, name)[which] for name in COLUMNS}
+        return replace(self, **kept)
 
     @property
     def payload_known(self) -> bool:
@@ -90,11 +86,11 @@ def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
 def _read(path: Path, robot: RobotDescription) -> Poses:
     table = read_table(path, [joint.name for joint in robot.joints])
     q = table.needed("position", len(robot.joints))
-    torque, unit = _torque(table, robot)
+    torque, unit = torque_in(table, robot)
     before = table.joints("came_from")
     approach = np.full_like(q, np.nan) if before is None else q - table.needed("came_from", q.shape[1])
     payload = table.whole("tool.payload")
-    payload = np.full(len(q), np.nan) if payload is None else payload
+    payload = _unknown(len(q)) if payload is None else payload
     if "pose" in table.columns:
         if "count" not in table.columns:
             return _grouped(table.columns["pose"], q, torque, approach, payload)
@@ -103,7 +99,7 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
         return Poses(q, torque, spread, table.columns["count"].astype(np.int64), approach, payload)
     if table.clock is None:
         raise RecordingError(f"{path}: expected a column pose, or t (s) with the arm's motion in between")
-    found = list(_recognised(table.time, q, torque))
+    found = Recogniser(q.shape[1]).update(np.rint(table.time * 1e9).astype(np.int64), q, torque)
     if not found:
         raise RecordingError(f"{path}: no pose was held long enough: all joints at rest for 2.5 s")
     return of_held(found)
@@ -111,19 +107,12 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
 
 def of_held(found: Sequence[HeldPose]) -> Poses:
     """Recognised poses."""
-    return Poses(
-        np.stack([pose.q for pose in found]),
-        np.stack([pose.torque for pose in found]),
-        np.stack([pose.spread for pose in found]),
-        np.array([pose.count for pose in found]),
-        np.stack([pose.approach for pose in found]),
-        np.full(len(found), np.nan),
-    )
+    columns: dict[str, Any] = {name: np.array([getattr(pose, name) for pose in found]) for name in COLUMNS[:-1]}
+    return Poses(**columns, payload=_unknown(len(found)))
 
 
-def _recognised(t: Float, q: Float, torque: Float) -> list[HeldPose]:
-    recogniser = Recogniser(q.shape[1])
-    return recogniser.update(np.rint(t * 1e9).astype(np.int64), q, torque)
+def _unknown(count: int) -> Float:
+    return np.full(count, np.nan)
 
 
 def _grouped(pose: Float, q: Float, torque: Float, known: Float, payload: Float) -> Poses:
@@ -148,31 +137,9 @@ def _mean(values: Float, starts: NDArray[np.intp], count: NDArray[np.intp]) -> t
     return mean, np.sqrt(np.where(each > 1, square / np.maximum(each - 1, 1), np.nan))
 
 
-def _torque(table: Table, robot: RobotDescription) -> tuple[Float, Float]:
-    """Torques (N, n) Nm from Nm, or from shares of the rated torques; and what one of their unit is, (n,) Nm."""
-    joints = len(robot.joints)
-    share = table.joints("torque_ratio")
-    if share is None or share.shape[1] < joints:
-        return table.needed("torque", joints), np.ones(joints)
-    rated = np.array([joint.rated_torque for joint in robot.joints])
-    if not rated.all():
-        raise RecordingError(
-            f"{table.path}: {table.joint_names('torque_ratio')[0]} is a share of the rated torque: write rated_torque "
-            f"(Nm at the joint for 100 %) of {robot.joints[int(np.argmin(rated))].name} into robot.yaml"
-        )
-    return rated * share[:, :joints], rated
-
-
 def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
-    whole = Poses(
-        np.concatenate([part.q for part in parts]),
-        np.concatenate([part.torque for part in parts]),
-        np.concatenate([part.spread for part in parts]),
-        np.concatenate([part.count for part in parts]),
-        np.concatenate([part.approach for part in parts]),
-        np.concatenate([part.payload for part in parts]),
-        tuple(note for part in parts for note in part.notes),
-    )
+    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+    whole = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
     finite = np.isfinite(np.hstack([whole.q, whole.torque]))
     whole = whole.rows(np.flatnonzero(finite.all(axis=1)))
     if len(whole) < FEWEST:

@@ -8,8 +8,7 @@ from cellwatt.report import Axis, Bars, Figure, Notes, Panel, Provenance, Report
 from cellwatt.report.drawing import band, dots, line
 from cellwatt.report.numbers import measured, number
 from cellwatt.report.theme import GOOD, MEASURED, MODEL, NOISE, SIMULATION
-from cellwatt_plugins.models.static.conformal import COVERAGE
-from cellwatt_plugins.models.static.training import Trained
+from cellwatt_plugins.models.static.training import COVERAGE, Trained
 from cellwatt_plugins.models.static.wording import TITLES, rivals
 
 ACROSS = 3
@@ -27,6 +26,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
     bars = [(TITLES[m.name], roles.get(m.name, "measured"), m.scores.rmse) for m in trained.methods]
     seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.told)
     noise = trained.checked.model.posterior.noise
+    told = [*(finding.statement for finding in trained.findings), *trained.left_out]
     facts = "Standard deviations after ±; evidence: natural log of how much more probable it makes the measurements."
     return Report(
         name=robot,
@@ -46,7 +46,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
             ),
             Section("Learning curve", [_learning(trained), curve.in_words()]),
             Section("Rivals", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
-            Section("What the arm has and its CAD model lacks", [_figures(trained), _findings(trained)], facts),
+            Section("What the arm has and its CAD model lacks", [_figures(trained), Notes(told)], facts),
             Section("Notes", [Notes(trained.poses.notes)]),
         ],
         provenance=provenance,
@@ -119,9 +119,3 @@ def _figures(trained: Trained) -> Table:
         for figure in finding.figures
     ]
     return Table("Figures of the arm", ("effect", "joint", "figure", "value", "unit", "evidence"), rows)
-
-
-def _findings(trained: Trained) -> Notes:
-    odd = np.unique(np.argwhere(trained.checked.model.odd)[:, 0]) + 1
-    left_out = [f"Not used, as they fit nothing else: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
-    return Notes([*(finding.statement for finding in trained.findings), *left_out])

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from cellwatt.progress import stage
 from cellwatt_plugins.models.static import exported, paper
 from cellwatt_plugins.models.static.basis import Basis
-from cellwatt_plugins.models.static.conformal import COVERAGE, half_width
 from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.exported import Widths
 from cellwatt_plugins.models.static.findings import Finding, findings
@@ -74,6 +73,8 @@ PUBLISHED: Final = {
     "hybrid": (13.19, 0.936, 4.271),
 }
 """Table III of the paper: RMSE Nm, R², MAPE %."""
+COVERAGE: Final = 0.9
+"""Share of new poses that lie in the interval around the prediction."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,12 @@ class Trained:
     networks: tuple[Perceptron, Perceptron]
     """The paper's plain network, and that of its hybrid."""
 
+    @property
+    def left_out(self) -> list[str]:
+        """A sentence on the poses with torques that were not used, where there are any."""
+        odd = np.unique(np.argwhere(self.checked.model.odd)[:, 0]) + 1
+        return [f"Not used, as they fit nothing else: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
+
     def as_json(self) -> dict[str, Any]:
         """For ``--json``."""
         return {
@@ -131,13 +138,9 @@ class Trained:
         }
 
 
+@stage("", sum(SHARES))
 def train(poses: Poses, arm: HeldArm) -> Trained:
     """Trains all methods."""
-    with stage("", sum(SHARES)):
-        return _train(poses, arm)
-
-
-def _train(poses: Poses, arm: HeldArm) -> Trained:
     basis, effects = arm.basis(poses), arm.effects(poses)
     with stage("networks as published", 2, share=SHARES[0]):
         methods, networks = _published(poses, basis, effects)
@@ -153,6 +156,17 @@ def _train(poses: Poses, arm: HeldArm) -> Trained:
     told_of = tuple(findings(checked.model, arm, basis))
     residual = poses.torque - checked.model.torque(basis)
     return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, residual, networks)
+
+
+def half_width(errors: Float) -> float:
+    """Half width that holds at least ``COVERAGE`` of new errors like ``errors`` (N,), whatever their distribution.
+
+    Split conformal prediction on the errors of models that had not seen the pose (Vovk, Gammerman, Shafer 2005; on
+    cross-validation Barber et al., Annals of Statistics 49, 2021).
+    """
+    size = np.sort(np.abs(errors))
+    rank = int(np.ceil((len(size) + 1) * COVERAGE))
+    return float(size[min(rank, len(size)) - 1])
 
 
 def write(trained: Trained, arm: HeldArm, out: Path) -> list[Path]:

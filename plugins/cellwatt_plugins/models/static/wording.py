@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from cellwatt.report.blocks import Table
 from cellwatt.report.numbers import fixed
-from cellwatt_plugins.models.static.conformal import COVERAGE
-from cellwatt_plugins.models.static.training import PUBLISHED, Method, Trained
+from cellwatt_plugins.models.static.training import COVERAGE, PUBLISHED, Method, Trained
 
 TITLES: Final = {
     "gravity": "gravity of the CAD model",
@@ -35,11 +32,8 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
     ]
     lines.append("What the arm has and its CAD model lacks:")
     lines += [f"  • {finding.statement}" for finding in trained.findings]
-    if (odd := np.unique(np.argwhere(trained.checked.model.odd)[:, 0])).size:
-        lines.append(f"Not used, as they fit nothing else: torques in pose {', '.join(str(p + 1) for p in odd)}.")
-    lines += [f"note: {note}" for note in trained.poses.notes]
-    lines.append(f"written: {', '.join(map(str, files))}")
-    return "\n".join(lines)
+    lines += [*trained.left_out, *(f"note: {note}" for note in trained.poses.notes)]
+    return "\n".join([*lines, f"written: {', '.join(map(str, files))}"])
 
 
 def rivals(trained: Trained) -> Table:

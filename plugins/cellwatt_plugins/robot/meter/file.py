@@ -15,6 +15,7 @@ from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion
 from cellwatt_plugins.robot.meter.model import Readings
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -84,5 +85,5 @@ def _read(path: Path, step: float) -> Readings:
 def _course(time: Float, position: Float) -> Course:
     """Kinds of power as far as positions alone tell."""
     even = np.linspace(time[0], time[-1], len(time))
-    path = np.column_stack([np.interp(even, time, column) for column in position.T])
+    path = interpolated(even, time, position)
     return Course(even, kinds_of_motion(path, float(even[1] - even[0])))

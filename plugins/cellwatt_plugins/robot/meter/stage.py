@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,25 +60,6 @@ class _Arm:
     """Columns of the frames; efforts may be none."""
 
 
-@dataclass
-class _Seen:
-    """Frames of the last minutes: times (n,) ns, all values, and the stamps of the meters' columns."""
-
-    blocks: deque[tuple[NDArray[np.int64], Float, NDArray[np.int64], NDArray[np.bool_]]] = field(default_factory=deque)
-
-    def add(self, frames: Frames, meters: Sequence[int]) -> None:
-        stamps = np.column_stack([frames.stamps(column) for column in meters])
-        there = frames.quality[:, list(meters)] != Quality.MISSING
-        self.blocks.append((frames.time, frames.values, stamps, there))
-        while self.blocks[-1][0][-1] - self.blocks[0][0][0] > MEMORY * 1e9:
-            self.blocks.popleft()
-
-    def together(self) -> tuple[NDArray[np.int64], Float, NDArray[np.int64], NDArray[np.bool_]]:
-        """All of them, behind each other."""
-        time, values, stamps, there = (np.concatenate(part) for part in zip(*self.blocks, strict=True))
-        return time, values, stamps, there
-
-
 class MeterStage(Stage[MeterSettings]):
     """Gives alarms ``meter_timing``, one a meter: for information, a warning where it is not as declared."""
 
@@ -89,7 +70,8 @@ class MeterStage(Stage[MeterSettings]):
         super().__init__(name, settings, layout, cell)
         self._meters = _meters(layout, settings.power)
         self._arms = _arms(layout, settings.arm)
-        self._seen = _Seen()
+        self._seen: deque[tuple[NDArray[Any], ...]] = deque()
+        """Frames of the last minutes: times (n,) ns, all values, stamps of the meters' columns, and where they are."""
         self._looked: int | None = None
         self._told: dict[int, Meter] = {}
         self._book = AlarmBook()
@@ -98,8 +80,12 @@ class MeterStage(Stage[MeterSettings]):
         """Alarms about what has become known of the meters, or has changed."""
         if not len(frames):
             return ()
-        self._seen.add(frames, self._meters)
+        stamps = np.column_stack([frames.stamps(column) for column in self._meters])
+        there = frames.quality[:, list(self._meters)] != Quality.MISSING
+        self._seen.append((frames.time, frames.values, stamps, there))
         now = int(frames.time[-1])
+        while now - self._seen[0][0][0] > MEMORY * 1e9:
+            self._seen.popleft()
         if self._looked is None:
             self._looked = now
         if now - self._looked < self.settings.every * 1e9:
@@ -109,10 +95,10 @@ class MeterStage(Stage[MeterSettings]):
 
     def close(self) -> Sequence[Result]:
         """Alarms about what all frames since the last look tell."""
-        return self._look() if self._seen.blocks else ()
+        return self._look() if self._seen else ()
 
     def _look(self) -> list[Result]:
-        time, values, stamps, there = self._seen.together()
+        time, values, stamps, there = (np.concatenate(part) for part in zip(*self._seen, strict=True))
         found: list[Result] = []
         for k, column in enumerate(self._meters):
             channel = self.layout.channels[column]

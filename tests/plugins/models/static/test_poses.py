@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt.errors import RecordingError
+from cellwatt.errors import ConfigError, RecordingError
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.robot import load_robot
 from tests.plugins.models.static import arms
@@ -103,5 +103,5 @@ def test_what_cannot_be_used_is_said(tmp_path, robot, change, text):
 def test_per_cent_need_rated_torques(tmp_path, robot):
     joints = tuple(joint.model_copy(update={"rated_torque": 0.0}) for joint in robot.joints)
     table = arms.samples(arms.Arm(), np.random.default_rng(1), 20)
-    with pytest.raises(RecordingError, match=r"write rated_torque .* of joint_1 into robot.yaml"):
+    with pytest.raises(ConfigError, match=r"joint_1 has no rated_torque, which torque_percent_1 of .* needs"):
         read_poses([save(tmp_path, table)], robot.model_copy(update={"joints": joints}))

@@ -18,9 +18,8 @@ from cellwatt_plugins.models import read_metadata
 from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.seal import sealed
 from cellwatt_plugins.models.static import identify, learning, paper
-from cellwatt_plugins.models.static.conformal import half_width
 from cellwatt_plugins.models.static.learning import Curve, Point
-from cellwatt_plugins.models.static.training import Scores
+from cellwatt_plugins.models.static.training import Scores, half_width
 from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.models.static import arms
 

@@ -1,0 +1,44 @@
+"""Samples of an arm as tables hold them: torques whatever they were recorded as, and any quantity at other times."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt.tables import Table
+from cellwatt_plugins.robot.description import RobotDescription
+
+Float = NDArray[np.float64]
+
+EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
+"""Quantities that tell a joint's torque, the best first, and the key of the description that each is multiplied by."""
+
+
+def torque_in(table: Table, robot: RobotDescription) -> tuple[Float, Float]:
+    """Torques (N, n) Nm of a table as they are recorded, or from shares of the rated torques, or from currents; and Nm
+    of one of their unit (n,).
+
+    Raises ``RecordingError`` where the table has none of them, ``ConfigError`` where the description lacks the key.
+    """
+    joints = len(robot.joints)
+    for quantity, key in EFFORTS.items():
+        found = table.joints(quantity)
+        if found is None or found.shape[1] < joints or not np.isfinite(found).any():
+            continue
+        unit = robot.column(key) if key else np.ones(joints)
+        if not (unit > 0).all():
+            lacking = robot.joints[int(np.argmin(unit))].name
+            name = table.joint_names(quantity)[0]
+            raise ConfigError(f"{robot.robot}: {lacking} has no {key}, which {name} of {table.path} needs: add it")
+        return found[:, :joints] * unit, unit
+    return table.needed("torque", joints), np.ones(joints)
+
+
+def interpolated(when: Float, time: Float, values: Float) -> Float:
+    """Values (N,) or (N, k) at ``time`` (N,) s brought to times ``when`` (M,) s: (M,) or (M, k)."""
+    if values.ndim == 1:
+        return np.asarray(np.interp(when, time, values))
+    return np.column_stack([np.interp(when, time, column) for column in values.T])
