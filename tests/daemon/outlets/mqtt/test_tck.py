@@ -138,7 +138,7 @@ async def _loses_its_host(tap: Tap, outlet: Any, cell: Cell, state: Any, marks: 
     await asyncio.sleep(0.1)
     marks["births of the second connection without the host"] = tap.verbs().count("NBIRTH")
     await state(True, T0 + 3)
-    await eventually(lambda: outlet._outbox.serving, "back")
+    await eventually(lambda: any(p.verb == "DBIRTH" for p in tap.connections[-1]), "back")
     marks["streams"] = len(tap.streams)
 
 
