@@ -1,4 +1,4 @@
-"""Draw docs/pictures/view-*.png and watch.svg: the demo's cell with a spring on an elbow, a plant, and a recording.
+"""Draw docs/pictures/view-*.png: the demo's cell with a spring on an elbow, a plant, and a recording.
 
 Devices are emulated, and so are the cells of the plant. It needs Chromium, and takes three minutes.
 """
@@ -6,10 +6,8 @@ Devices are emulated, and so are the cells of the plant. It needs Chromium, and 
 from __future__ import annotations
 
 import asyncio
-import io
 import multiprocessing
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -22,19 +20,15 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from playwright.async_api import Page, expect
-from rich.console import Console
 from tests.browser import WAIT, chromium
 
 from cellwatt.demo.cells import free_endpoint, shape_file
-from cellwatt.live.state import LiveCell
-from cellwatt.live.view import Look, whole
 from cellwatt.outlets.zenoh.encode import JSON
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health
 from cellwatt.outlets.zenoh.reach import await_cell
-from cellwatt.subscriber import Subscriber
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs/pictures"
@@ -90,24 +84,6 @@ def demo_cell(folder: Path, fault: str, page: str = "") -> Iterator[LinkSettings
         with process(["run", str(live)], environment, folder / "run.log"):
             await_cell(link, "demo", "demo", PATIENCE)
             yield link
-
-
-def watched(link: LinkSettings) -> str:
-    """What ``watch`` shows of the demo's cell as SVG, six seconds after an alarm names a joint."""
-    cell, until = LiveCell(), time.monotonic() + PATIENCE
-    named = False
-    with Subscriber("demo", "demo", link, want=("interval", "task", "prediction", "alarm", "health", "frame")) as heard:
-        while time.monotonic() < until:
-            with suppress(TimeoutError):
-                cell.take(heard.receive(1.0))
-            if not named and any(alarm["joint"] for alarm in cell.alarms.values()):
-                named, until = True, time.monotonic() + 6.0
-    assert named, "no alarm named a joint"
-    console = Console(record=True, width=100, file=io.StringIO())
-    console.print(whole(cell, Look(100, power="board.supply.power"), height=31))
-    svg = console.export_svg(title="cellwatt watch cell.yaml")
-    svg = re.sub(r"@font-face \{.*?\}|<!--.*?-->", "", svg, flags=re.DOTALL)  # fonts and links from elsewhere
-    return re.sub(r"^\s+\n", "", svg.replace("Fira Code", "DejaVu Sans Mono"), flags=re.MULTILINE)
 
 
 async def cell(folder: Path) -> None:
@@ -218,7 +194,5 @@ async def _shoot(page: Page, name: str) -> None:
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
         asyncio.run(cell(Path(place)))
-    with tempfile.TemporaryDirectory() as place, demo_cell(Path(place), f"spring:joint=3,at={HOOKED}s") as link:
-        (PICTURES / "watch.svg").write_text(watched(link))
     asyncio.run(plant())
     asyncio.run(recording())

@@ -29,7 +29,7 @@ def run(data: bytes) -> None:
             assert isinstance(item, wire.Frame)
             _request(item)
     inlet = CheckingInlet()
-    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 125.0, "device"), "count")
+    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 125.0, "device"), "auto")
     intake.opened(Identity("UR", "fuzzed"), 125.0, 125.0)
     types = ["DOUBLE"] * len(TYPES) if how and how[0] & 128 else TYPES  # of the same width, which a decoder takes
     decoder = Decoder(SELECTION, RECIPE, types) if how and how[0] & 1 else None
@@ -78,10 +78,6 @@ def _request(frame: wire.Frame) -> None:
         if all(names):
             assert wire.parse_ask_outputs(wire.ask_outputs(rate, names)[3:]) == (rate, names)
     with suppress(ProtocolError):
-        names = wire.parse_ask_inputs(frame.payload)
-        if all(names):
-            assert wire.parse_ask_inputs(wire.ask_inputs(names)[3:]) == names
-    with suppress(ProtocolError):
         wire.parse_protocol(frame.payload)
 
 
@@ -101,7 +97,7 @@ def seeds() -> Iterable[bytes]:
     yield b"\xff" + doubles * 2
     yield b"\x7f" + answers[2] + packages + package(3.0, 5) + answers[1]
     yield b"\0" + wire.ASK_PROTOCOL + wire.ASK_CONTROLLER + wire.ask_outputs(125.0, SELECTION.names)
-    yield b"\0" + wire.ask_inputs(["speed_slider_mask"]) + wire.START + wire.PAUSE
+    yield b"\0" + wire.START + wire.PAUSE
 
 
 def package(time: float, mode: int) -> bytes:

@@ -9,9 +9,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from cellwatt.errors import OutletError, ProtocolError
-from cellwatt.frames import Layout
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.daemon import Daemon
+from cellwatt.outlets.apart.daemon import Daemon, Shown
 from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.outlet import PageOutlet, PageSettings
@@ -38,8 +37,9 @@ def run(data: bytes) -> None:
 
 async def _both(data: bytes) -> None:
     writer: Any = _Writer()
+    feed = Feed("plant", "weld", Hub(Browsers(1)))
     with suppress(ProtocolError):
-        await Daemon(_reader(data), writer).hear(_Served().take)
+        await Daemon(_reader(data), writer).hear(Shown(feed.take_frames))
     view: Any = SimpleNamespace(acknowledge=_done, shelve=_done, unshelve=_done)
     outlet = PageOutlet("page", PageSettings(), view)
     with suppress(OutletError):
@@ -56,25 +56,6 @@ def _reader(data: bytes) -> asyncio.StreamReader:
     reader.feed_data(data)
     reader.feed_eof()
     return reader
-
-
-class _Served:
-    """Takes messages as the page does, and checks that what it takes is whole."""
-
-    def __init__(self) -> None:
-        self._feed = Feed("plant", "weld", Hub(Browsers(1)))
-        self._layout = Layout((), 1.0)
-
-    async def take(self, kind: Kind, body: bytes) -> None:
-        if kind is Kind.LAYOUT:
-            with suppress(ProtocolError):
-                self._layout = wire.read_layout(body)
-        elif kind is Kind.FRAMES:
-            with suppress(ProtocolError):
-                block = wire.read_frames(body, self._layout)
-                assert block.values.shape == (len(block), len(self._layout.channels))
-                assert wire.frames(block)[wire.HEAD.size :] == body
-                self._feed.take_frames(block)
 
 
 def seeds() -> Iterable[bytes]:

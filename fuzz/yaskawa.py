@@ -64,7 +64,7 @@ def seeds() -> Iterable[bytes]:
     ]
     for number, data in enumerate(contents):
         yield wire.encode_answer(wire.Answer(number, wire.GET_ALL | wire.ANSWER, 0, 0, data))
-    yield wire.encode_answer(wire.Answer(9, wire.GET_ONE | wire.ANSWER, 0x1F, 0xE444))
+    yield wire.encode_answer(wire.Answer(9, wire.GET_ALL | wire.ANSWER, 0x1F, 0xE444))
     yield wire.encode_request(wire.Request(wire.POSITION, 1), 7)
 
 

@@ -6,6 +6,9 @@ import gc
 import os
 import sys
 from collections.abc import Generator
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -31,6 +34,25 @@ __all__ = ["_calls_that_block", "_loop_goes_on", "_nothing_is_left_behind", "_of
 # A draw that waited for a core is not too slow.
 settings.register_profile("by no clock", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("by no clock")
+
+
+TESTS = Path(__file__).parent
+
+
+@pytest.hookimpl(wrapper=True, trylast=True)
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Collects no garbage, as all that is made is kept. A worker compiles its share before it asks for the others'."""
+    gc.disable()
+    worker = getattr(session.config, "workerinput", None)
+    if worker and [Path(path).resolve() for path in session.config.args] == [TESTS]:
+        for path in sorted(TESTS.rglob("test_*.py"))[int(worker["workerid"][2:]) :: worker["workercount"]]:
+            with suppress(Exception, pytest.skip.Exception):  # told where its tests are collected
+                import_module(".".join(path.relative_to(TESTS.parent).with_suffix("").parts))
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -48,9 +48,12 @@ async def output(
     niceness: int,
     *,
     folder: Path | None = None,
+    given: bytes = b"",
     heard: Callable[[str], object] = len,
 ) -> str:
-    """What ``python -m WORDS`` prints, run in ``folder``; ``heard`` gets each line of its standard error.
+    """What ``python -m WORDS`` prints, run in ``folder``, with ``given`` as its standard input.
+
+    ``heard`` gets each line of its standard error.
 
     Raises ``CellwattError`` where it cannot be started, takes longer than ``limit`` s, or fails: with its last line.
     """
@@ -61,14 +64,16 @@ async def output(
             "-m",
             *words,
             cwd=folder,
-            stdin=asyncio.subprocess.DEVNULL,
+            stdin=pipe,
             stdout=pipe,
             stderr=pipe,
             preexec_fn=ends_with_parent(signal.SIGKILL, niceness),
         )
     except OSError as error:
         raise CellwattError(f"{words[0]} cannot be started: {error.strerror}") from error
-    assert process.stdout is not None and process.stderr is not None
+    assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+    process.stdin.write(given)
+    process.stdin.close()
     try:
         async with asyncio.timeout(limit):
             printed, last = await asyncio.gather(process.stdout.read(), _last(process.stderr, heard))
@@ -80,8 +85,11 @@ async def output(
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
-    if process.returncode:
-        raise CellwattError(last.removeprefix("cellwatt: ") or f"it ended with {process.returncode}")
+    code = process.returncode or 0
+    if code < 0:
+        raise CellwattError(f"it was ended by {signal.Signals(-code).name}")
+    if code:
+        raise CellwattError(last.removeprefix("cellwatt: ") or f"it ended with {code}")
     return printed.decode(errors="replace").strip()
 
 

@@ -34,19 +34,31 @@ def parse_yaml(text: str) -> Any:
         raise NotYamlError(f"a value cannot be read: {' '.join(str(error).split())[:_LONGEST]}") from error
 
 
-def check_bounds(text: str) -> None:
-    """Raise ``yaml.YAMLError`` where the text is nested too deeply or stands for too many values."""
+class TooMuchError(yaml.MarkedYAMLError):
+    """A text is nested too deeply, or stands for too many values; its place and why in one line."""
+
+    def __init__(self, event: yaml.Event, problem: str) -> None:
+        mark: Any = event.start_mark
+        super().__init__(problem=problem, problem_mark=mark)
+        self.args = (f"line {mark.line + 1} column {mark.column + 1}: {problem}",)
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def check_bounds(text: str, values: int = MOST_VALUES, loader: Any = _Loader) -> None:
+    """Raise ``TooMuchError`` where the text is nested too deeply or stands for more ``values``, else ``YAMLError``."""
     sizes: list[int] = [0]
     depths: list[int] = [0]
     names: list[str | None] = []
     anchors: dict[str, tuple[int, int]] = {}
     merges = 0
-    for event in yaml.parse(text, Loader=_Loader):
+    for event in yaml.parse(text, Loader=loader):
         size, depth = 1, 0
         match event:
             case yaml.AliasEvent():
                 if event.anchor in names:
-                    raise yaml.YAMLError(f"{_place(event)}: an anchor that contains itself")
+                    raise TooMuchError(event, "an anchor that contains itself")
                 size, depth = anchors.get(str(event.anchor), (1, 0))
             case yaml.CollectionStartEvent():
                 names.append(event.anchor)
@@ -65,18 +77,13 @@ def check_bounds(text: str) -> None:
             sizes[-1] += size
             depths[-1] = max(depths[-1], depth)
         if len(sizes) - 1 + depths[-1] > DEEPEST:
-            raise yaml.YAMLError(f"{_place(event)}: nested more than {DEEPEST} deep")
+            raise TooMuchError(event, f"nested more than {DEEPEST} deep")
         if merges > MOST_MERGES:
-            raise yaml.YAMLError(f"{_place(event)}: more than {MOST_MERGES:,} merge keys (<<)")
-        if sizes[-1] > MOST_VALUES:
-            raise yaml.YAMLError(f"{_place(event)}: stands for more than {MOST_VALUES:,} values")
+            raise TooMuchError(event, f"more than {MOST_MERGES:,} merge keys (<<)")
+        if sizes[-1] > values:
+            raise TooMuchError(event, f"stands for more than {values:,} values")
 
 
 def _name(anchors: dict[str, tuple[int, int]], name: str | None, size: int, depth: int) -> None:
     if name is not None:
         anchors[name] = size, depth
-
-
-def _place(event: yaml.Event) -> str:
-    mark = event.start_mark
-    return f"line {mark.line + 1} column {mark.column + 1}" if mark is not None else "somewhere"

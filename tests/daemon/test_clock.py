@@ -92,8 +92,10 @@ def test_every_sample_of_a_block_gets_its_own_time():
 
 
 def test_an_empty_block_gives_nothing():
-    time, bound = ClockModel().stamp(times(), EPOCH)
+    model = ClockModel()
+    time, bound = model.stamp(times(), EPOCH)
     assert len(time) == len(bound) == 0
+    assert (model.state().offset_ns, model.state().bound_ns, model.state().samples) == (0, 0, 0)
 
 
 @pytest.mark.parametrize("base", [-3 * SECOND, 5 * SECOND, -20 * SECOND], ids=["back", "ahead", "reboot"])
@@ -124,6 +126,17 @@ def test_after_a_reboot_the_order_of_samples_bounds_the_new_map():
     stream(model, 0, 20 * SECOND, base=0)
     _, bound = model.stamp(times(0), EPOCH + 20 * SECOND + 5 * MILLISECOND)
     assert bound[0] < 10 * MILLISECOND
+
+
+@pytest.mark.parametrize("bracketed", [True, False])
+def test_a_step_ahead_is_the_devices_where_brackets_are_fresh_and_else_the_claims_may_be_wrong(bracketed):
+    model = ClockModel(least_delay=(0.0, 0.002))
+    stream(model, 0, 20 * SECOND, base=0)
+    if bracketed:
+        model.bracket(20 * SECOND - 2 * MILLISECOND, EPOCH + 20 * SECOND - 3 * MILLISECOND)
+    _, bound = model.stamp(times(25 * SECOND), EPOCH + 20 * SECOND + 5 * MILLISECOND)
+    assert model.resets == 1
+    assert (bound[0] < 10 * MILLISECOND) == bracketed, "only the device's own step leaves samples in order"
 
 
 def test_a_step_back_that_hides_in_a_pause_is_found_by_the_next_bracket():

@@ -80,6 +80,8 @@ def test_slots_without_a_connection_are_told_apart() -> None:
     assert slots.begin(Beat(2000 * MS, 0)) == [(49, "disconnected")]
     slots.end()
     assert slots.begin(Beat(2020 * MS, 0)) == []
+    slots.end()
+    assert slots.begin(Beat(2060 * MS, 1)) == [], "what was missed since is no matter of the connection"
 
 
 def test_an_answer_that_nothing_else_held_up_was_slow(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,6 +94,8 @@ def test_an_answer_that_nothing_else_held_up_was_slow(monkeypatch: pytest.Monkey
     assert slots.begin(Beat(1080 * MS, 3)) == [(1, "host stalled")]
     slots.end()
     assert slots.begin(Beat(1100 * MS, 0)) == [(2, "slow answers")]
+    slots.end()
+    assert slots.begin(Beat(1120 * MS, 0)) == [], "told once"
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 import tomllib
@@ -18,9 +17,13 @@ import pytest
 import yaml
 
 from cellwatt.commands import cli
+from cellwatt.commands.emulate import command as emulate
 from cellwatt.config import load
+from cellwatt.emulation import ArmSignals
+from cellwatt.emulation.cell import emulator_of
 from cellwatt.registry import available
 from tests.docs.pages import EVERY_BLOCK, PAGES, ROOT, Block, blocks
+from tests.drivers.running import served
 from tests.patience import PATIENCE
 
 SHOWN = ("text", "c", "xml")
@@ -102,23 +105,14 @@ EMULATORS = [
 
 
 @pytest.mark.parametrize("command", EMULATORS)
-def test_emulated_devices_of_the_pages_serve(command: list[str], tmp_path: Path) -> None:
-    arguments = [word.replace("/tmp/", f"{tmp_path}/") for word in command[1:]]
-    if "--listen" not in arguments and arguments[1] not in ("can_sensor", "power_board"):  # terminals of their own
+async def test_emulated_devices_of_the_pages_serve(command: list[str], tmp_path: Path) -> None:
+    _, name, *arguments = [word.replace("/tmp/", f"{tmp_path}/") for word in command]
+    if "--listen" not in arguments and arguments[0] not in ("can_sensor", "power_board"):  # terminals of their own
         arguments += ["--listen", "127.0.0.1:0"]  # the standard port may be in use
-    run = [sys.executable, "-u", "-m", "cellwatt.commands", *arguments]
-    with subprocess.Popen(run, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
-        assert served.stdout and served.stderr
-        try:
-            told = served.stdout.readline()
-            assert " at " in told, served.stderr.read()
-        finally:
-            served.send_signal(signal.SIGINT)
-            try:
-                served.wait(10 * PATIENCE)
-            except subprocess.TimeoutExpired:
-                served.kill()
-                raise
+    given = emulate.make_context(name, arguments).params
+    options = dict(option.split("=") for option in given["options"])
+    async with served(emulator_of(given["driver"])(ArmSignals(), given["address"], options=options)) as address:
+        assert address
 
 
 def others() -> list[Block]:

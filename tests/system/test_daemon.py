@@ -15,8 +15,6 @@ import pytest
 
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
-from cellwatt.record.claim import LOCK
-from cellwatt.runtime.consumption import FILE as ENERGY
 from tests.patience import PATIENCE, eventually
 from tests.system.running import Audience, Daemon, balanced, free_port, running
 
@@ -154,28 +152,3 @@ async def test_wrong_settings_never_start(tmp_path: Path) -> None:
     assert await asyncio.wait_for(daemon.process.wait(), PATIENCE) == 2
     assert "did you mean 'ur'" in daemon.log
     assert "Traceback" not in daemon.log
-
-
-@pytest.mark.slow
-async def test_killed_daemon_loses_at_most_a_tenth_of_a_second(tmp_path: Path) -> None:
-    rng, lost = np.random.default_rng(1), []
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        text = f"sources:\n{ur('arm', device.address)}"
-        for round_number in range(3):
-            folder = tmp_path / str(round_number)
-            folder.mkdir()
-            async with running(folder, text) as (daemon, audience):
-                await audience.until(lambda a: a.received["raw/arm/rtde"] > 500)
-                await asyncio.sleep(rng.uniform(0, 0.3))
-                await daemon.kill()
-                await asyncio.sleep(0.3)  # what was in flight to the subscriber
-                last = audience.batches["raw/arm/rtde"][-1].time[-1]
-            recorded = Recording.open(folder / "record").batches("arm", "rtde")
-            lost.append((last - recorded.time[-1]) * 1e-9)
-            async with running(folder, text) as (daemon, audience):
-                await audience.until(lambda a: a.status.get("recorder", {}).get("recovered"))
-                assert await daemon.stop() == 0
-            names = sorted(p.name for p in (folder / "record").iterdir())
-            assert all(n.endswith(".mcap") for n in names if n not in (LOCK, ENERGY)), names
-    # Once the recorder's thread may wait for a core while the daemon's own does not.
-    assert np.median(lost) <= 0.1

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import cellwatt as cw
-from cellwatt.commands.export import command as export
 from cellwatt.demo.fault import JOINT, SPRING, next_start
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import packs
@@ -68,27 +65,3 @@ stages:
         assert not kept.damage
     page = packs.page_of(pack).read_text()
     assert f"Joint {JOINT}" in page and alarm.statement.split(":")[0] in page and "<svg" in page
-
-
-@pytest.mark.slow
-async def test_a_fast_rotating_folder_is_exported_again_and_again(tmp_path: Path) -> None:
-    """Files of half a second, kept for some seconds: they are closed, and removed, while an export reads them."""
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm:
-        text = f"sources:\n{ur('arm', arm.address)}"
-        record = "keep: 1 MB, file_age: 500 ms, file_size: 100 kB, evidence: {severity: none}"
-        async with Daemon(tmp_path, text, record=record) as daemon, Audience(daemon) as audience:
-            await audience.until(lambda a: a.received["raw/arm/rtde"] > 1000)
-            numbers, ends = [], []
-            for turn in range(12):
-                out = tmp_path / f"tables-{turn}"
-                arguments = [str(tmp_path / "record"), "--out", str(out), "--format", "csv", "--raw", "--json"]
-                done = await asyncio.to_thread(CliRunner().invoke, export, arguments)
-                assert done.exit_code == 0, (done.output, done.exception)
-                rows = np.genfromtxt(out / "arm.rtde.csv", delimiter=",", names=True, usecols=("sequence",))
-                holes = np.flatnonzero(np.diff(rows["sequence"]) != 1)
-                assert not len(holes) or "was removed" in done.output, "less only where it is told"
-                numbers.append(len(rows))
-                ends.append(rows["sequence"][-1])
-            assert min(numbers) > 100 and np.all(np.diff(ends) > 0)
-            await audience.until(lambda a: a.status["recorder"]["removed"]["files"] > 3)
-            assert await daemon.stop() == 0

@@ -68,7 +68,7 @@ async def test_who_records_goes_before_other_programs_and_who_judges_does_not(tm
     assert max(nice["tell"], nice["align"]) < os.getpriority(os.PRIO_PROCESS, 0)
 
 
-@pytest.mark.parametrize("part", ["tell", "align", pytest.param("judge segment", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("part", ["tell", "align"])
 async def test_a_process_that_is_killed_costs_no_sample(tmp_path: Path, part: str) -> None:
     random = np.random.default_rng(3)
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
@@ -128,20 +128,3 @@ async def test_what_the_supervisor_leaves_behind_ends_by_itself(tmp_path: Path) 
     assert not list((tmp_path / "record").glob("*.part")), "the record was closed in order"
     sequence = (await asyncio.to_thread(recorded(tmp_path).batches, "arm", "rtde")).sequence
     assert np.array_equal(sequence, np.arange(len(sequence)))
-
-
-@pytest.mark.slow
-async def test_a_chain_that_others_replaced_is_not_missed(tmp_path: Path) -> None:
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        text = f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n"
-        async with running(tmp_path, text) as (daemon, audience):
-            await audience.until(lambda a: "judge segment" in a.status.get("processes", {}))
-            daemon.write(text.replace("segment: {}", "cuts: {stage: segment}"))
-            daemon.hang_up()
-            await audience.until(lambda a: "judge cuts" in a.status["processes"])
-            later = audience.status["time"] + 7_000_000_000
-            await audience.until(lambda a: a.status["time"] > later)
-            assert sorted(audience.status["processes"]) == ["align", "collect", "judge cuts", "tell"]
-            assert audience.status["stages"].keys() == {"cuts"}
-            assert not audience.alarms
-            assert await daemon.stop() == 0

@@ -1,4 +1,4 @@
-"""Devices that misbehave: each fault alone, and all of them at once for as long as one likes."""
+"""Devices that misbehave: all faults at once, for as long as one likes; each alone is tested with its driver."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ import pytest
 
 from cellwatt.emulation import EmulatorProcess, Fault
 from cellwatt.record import Recording
-from tests.patience import PATIENCE, eventually
+from tests.patience import PATIENCE
 from tests.system.running import Audience, Daemon, balanced, running
 
 pytestmark = pytest.mark.system
 
-STORM = float(os.environ.get("CELLWATT_STORM_SECONDS", "600"))
+STORM = float(os.environ.get("CELLWATT_STORM_SECONDS", "12"))
 ONE_SHOT = {"stall", "disconnect", "clock_jump"}
 KINDS = {
     "arm": ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump"),
@@ -77,38 +77,6 @@ def strike(name: str, kind: str, rng: random.Random) -> Fault:
     return Fault(kind, probability, seconds=0.05, duration=1.0)  # type: ignore[arg-type]
 
 
-def undisturbed(source: dict[str, object]) -> bool:
-    counters = source["counters"]
-    assert isinstance(counters, dict)
-    return not counters.get("restarts") and not source["dropped"]
-
-
-@pytest.mark.slow  # all of them together are in every run
-@pytest.mark.timeout(200)
-@pytest.mark.parametrize("name", list(KINDS))
-async def test_each_fault_alone(tmp_path: Path, name: str) -> None:
-    rng = random.Random(5)
-    async with cell(tmp_path) as running_cell:
-        audience, device = running_cell.audience, running_cell.devices[name]
-        for kind in KINDS[name]:
-            before = (await device.counts()).get(kind, 0)
-            await device.inject(strike(name, kind, rng) if kind in ONE_SHOT else Fault(kind, 0.2, seconds=0.05))  # type: ignore[arg-type]
-
-            async def struck(kind: str = kind, before: int = before) -> bool:
-                return (await device.counts()).get(kind, 0) > before
-
-            await eventually(struck, f"the {kind}")
-            if kind not in ONE_SHOT:
-                await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
-            mark = audience.source(name)["received"]
-            await audience.until(lambda a, mark=mark: a.source(name)["received"] > mark + 20)
-        for other in KINDS.keys() - {name}:
-            assert undisturbed(audience.source(other)), (other, audience.source(other))
-        assert not audience.unbalanced
-        assert not audience.gaps
-        assert await running_cell.daemon.stop() == 0
-
-
 async def storm(folder: Path, seconds: float, seed: int) -> None:
     rng = random.Random(seed)
     async with cell(folder) as running_cell:
@@ -146,12 +114,6 @@ def compare(recording: Recording, audience: Audience) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(120)
-async def test_all_faults_together(tmp_path: Path) -> None:
-    await storm(tmp_path, 12, seed=1)
-
-
-@pytest.mark.slow
 @pytest.mark.timeout(STORM + 200)
-async def test_all_faults_together_for_long(tmp_path: Path) -> None:
-    await storm(tmp_path, STORM, seed=2)
+async def test_all_faults_together(tmp_path: Path) -> None:
+    await storm(tmp_path, STORM, seed=1)

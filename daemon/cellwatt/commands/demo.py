@@ -15,31 +15,22 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.live import Live
 from rich.table import Table
-from rich.text import Text
 
 from cellwatt.commands import EXIT_FAILED, Commands
 from cellwatt.demo.demonstration import Demonstration
-from cellwatt.demo.power import MEASURED
 from cellwatt.errors import CellwattError, why
-from cellwatt.live.as_json import take_line
 from cellwatt.live.bulletin import Bulletin
-from cellwatt.live.sparkline import bars
-from cellwatt.live.state import LiveCell
-from cellwatt.live.view import Look, whole
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
     "all": Demonstration.every_driver,
 }
-REDRAW = 0.125
-"""s between two drawings."""
 HEALTHY = 20.0
 """s that the small cell needs at least, to see healthy cycles before the fault."""
 STARTING = "starting emulated devices, the daemon and a subscriber"
 TOLD = ("health", "alarm", "task", "event", "gap")
-"""Kinds of messages that have a line where the output is no terminal."""
+"""Kinds of messages that have a line."""
 
 
 class _Demos(Commands):
@@ -64,7 +55,7 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
     was lost and the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate;
     exit code 0 only if nothing was lost.
 
-    Where the output is no terminal, the address of the page and what happens are lines.
+    It prints the address of the page, and a line for all that happens.
     """
     if context.invoked_subcommand is not None:
         return
@@ -78,7 +69,7 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
-        show = _quiet if as_json else _live if Console().is_terminal else _lines
+        show = _quiet if as_json else _lines
         summary = show(cell, folder, seconds)
     if as_json:
         click.echo(json.dumps(summary))
@@ -118,31 +109,6 @@ def _lines(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
     return asyncio.run(_run(cell, run))
 
 
-def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    view, title, drawn = LiveCell(), STARTING, 0.0
-    with Live(auto_refresh=False) as live:
-
-        def draw() -> None:
-            nonlocal drawn
-            drawn = time.monotonic()
-            live.update(whole(view, Look(live.console.width, power=MEASURED), f"[{title}]  "), refresh=True)
-
-        def show(line: Mapping[str, Any]) -> None:
-            take_line(view, line)
-            if time.monotonic() - drawn > REDRAW:  # a thousand lines come each second
-                draw()
-
-        def say(text: str) -> None:
-            nonlocal title
-            title = text
-            draw()
-
-        draw()
-        summary = asyncio.run(_run(cell, Demonstration(folder, seconds, show, say)))
-        draw()
-    return summary
-
-
 async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, demonstration.stop, number.name)
@@ -157,8 +123,11 @@ def _show(summary: Mapping[str, Any]) -> None:
         fault = summary["fault"]
         if fault and fault["statement"]:
             console.print(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", style="bold")
-        if summary["power"]:
-            console.print(_power(summary["power"]))
+        if power := summary["power"]:
+            after = power["rms_after_the_spring_w"]
+            spring = "" if after is None else f"; with the spring {after} W"
+            mean, off = power["measured_mean_w"], power["rms_w"]
+            console.print(f"power of the arm: {mean} W in the mean, measured − predicted: {off} W rms{spring}")
         if summary["meter"]:
             console.print(summary["meter"]["statement"])
     for name, reason in summary.get("left_out", {}).items():
@@ -172,20 +141,6 @@ def _show(summary: Mapping[str, Any]) -> None:
     if summary["ok"]:
         named = ", and the alarm named the right joint in time" if "fault" in summary else ""
         console.print(f"nothing was lost{named}", style="bold green")
-
-
-def _power(power: Mapping[str, Any]) -> Text:
-    """Measured and predicted power of one cycle, and how far apart they are."""
-    text = Text(f"power of the arm, {power['measured_mean_w']} W in the mean, one cycle before the spring\n")
-    course = power["course"]
-    low, high = (limit([*course["measured_w"], *course["predicted_w"]], default=0.0) for limit in (min, max))
-    for name, values in (("measured", course["measured_w"]), ("predicted", course["predicted_w"])):
-        text.append(f"  {name:9} ")
-        text.append(bars(values, low, high) + "\n", style="cyan")
-    after = power["rms_after_the_spring_w"]
-    spring = "" if after is None else f"; with the spring {after} W"
-    text.append(f"  measured − predicted: {power['rms_w']} W (root mean square){spring}", style="bold")
-    return text
 
 
 def _sources(sources: Mapping[str, Any]) -> Table:

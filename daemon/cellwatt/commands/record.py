@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import logging
-import signal
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.live import Live
 
 from cellwatt.commands.numbers import SECONDS
-from cellwatt.config import load
-from cellwatt.live.state import LiveCell
-from cellwatt.live.view import Look, whole
+from cellwatt.config import CellConfig, load
+from cellwatt.errors import RecordingError
 from cellwatt.log_lines import log_to_stderr
-from cellwatt.record import RecordSettings
+from cellwatt.record import Recording, RecordSettings
 from cellwatt.record.claim import claimed
+from cellwatt.record.retention import listing
 from cellwatt.record.settings import default_folder
-from cellwatt.runtime.cell import Cell
+from cellwatt.runtime.processes.supervisor import Supervisor
+
+LAST = 10 * 10**9
+"""ns at the end of a recording in which the last figures of the cell are; they come each second."""
 
 
 @click.command(short_help="Record a cell, without stages and outlets.")
@@ -41,15 +41,13 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
 
     The first line on stderr names the folder.
     """
-    config = load(file)
-    settings = config.record or RecordSettings(folder=out or _default(config.cell))
-    if out is not None:
-        settings = settings.model_copy(update={"folder": out})
+    config, settings = _recorded(file, out)
     log_to_stderr(logging.WARNING)
-    cell = Cell(replace(config, record=settings, stages={}, outlets={}))
+    daemon = Supervisor(config, lambda: _recorded(file, out)[0], math.inf if seconds is None else seconds)
     with claimed(settings.folder, config.cell):
         click.echo(f"recording in {settings.folder}", err=True)
-        final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))
+        daemon.run()
+    final = _figures(settings.folder, config.cell, daemon.session)
     if as_json:
         click.echo(json.dumps(final))
         return
@@ -59,6 +57,15 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
     click.echo(f"recorded in {settings.folder}")
 
 
+def _recorded(file: Path, out: Path | None) -> tuple[CellConfig, RecordSettings]:
+    """Settings of the cell with its sources and its record alone."""
+    config = load(file)
+    settings = config.record or RecordSettings(folder=out or _default(config.cell))
+    if out is not None:
+        settings = settings.model_copy(update={"folder": out})
+    return replace(config, record=settings, stages={}, outlets={}), settings
+
+
 def _default(cell: str) -> Path:
     try:
         return default_folder(cell)
@@ -66,19 +73,11 @@ def _default(cell: str) -> Path:
         raise click.UsageError(f"{error}, or --out") from error
 
 
-async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[str, Any]:
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, cell.stop)
-    if seconds is not None:
-        loop.call_later(seconds, cell.stop)
-    view = LiveCell()
-    with Live(refresh_per_second=4, transient=True, console=Console(quiet=not show)) as live:
-
-        def look(status: Mapping[str, Any]) -> None:
-            view.add("health", status)
-            live.update(whole(view, Look(live.console.width), "recording "))
-
-        cell.view.on_health = look
-        await cell.run()
-    return cell.view.status()
+def _figures(folder: Path, cell: str, session: int) -> Mapping[str, Any]:
+    """The health of the cell at the end of its record. Raises ``RecordingError`` where there is none."""
+    files = [kept.path for kept in listing(folder, cell) if kept.name.session == session]
+    last = Recording.open(files[-1]) if files else None
+    told = [] if last is None else list(last.between(last.end - LAST, last.end).health())
+    if not told:
+        raise RecordingError(f"{folder}: nothing could be recorded")
+    return told[-1].status

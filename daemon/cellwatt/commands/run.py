@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import logging
-import sys
 from pathlib import Path
-from typing import Final
 
 import click
 
 from cellwatt.config import load
 from cellwatt.log_lines import log_to_stderr
 from cellwatt.runtime.processes.supervisor import Supervisor
-
-SWITCH_INTERVAL: Final = 0.0005
-"""Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
 
 
 @click.command(short_help="Run the daemon of a cell.")
@@ -23,5 +18,4 @@ SWITCH_INTERVAL: Final = 0.0005
 def command(file: Path, verbose: bool) -> None:
     """Run the cell described in FILE until SIGTERM; SIGHUP applies what changed in it."""
     log_to_stderr(logging.DEBUG if verbose else logging.INFO)
-    sys.setswitchinterval(SWITCH_INTERVAL)
     Supervisor(load(file)).run()

@@ -29,11 +29,9 @@ from cellwatt.config.nodes import (
     quoted,
     shortened,
     text_of,
-    too_much,
 )
 from cellwatt.config.places import KeyPath, Mark, Place
 from cellwatt.errors import ConfigError, Problem
-from cellwatt.yaml_file import DEEPEST
 
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
@@ -140,7 +138,7 @@ def parse(
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         message = f"found {found}, expected settings (key: value) starting with {expected}"
         raise ConfigError([problem(file, mark_of(node), message)])
-    builder = _Builder(file, environ, bounds)
+    builder = _Builder(file, environ)
     value = builder.build(node, (), mark_of(node))
     mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
     return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes, environ)
@@ -163,32 +161,22 @@ def of_value(value: Any) -> Document:
 class _Builder:
     """Turns nodes into values and notes their places, environment and mistakes."""
 
-    def __init__(self, file: Path, environ: Mapping[str, str], bounds: Bounds) -> None:
+    def __init__(self, file: Path, environ: Mapping[str, str]) -> None:
         self.file = file
-        self.bounds = bounds
         self.environ = environ
         self.places: dict[KeyPath, Place] = {}
         self.environment: dict[KeyPath, str] = {}
         self.secrets: dict[str, str] = {}
         self.mistakes: dict[KeyPath, list[Problem]] = {}
-        self._open: set[int] = set()
-        self._merges = 0
 
     def build(self, node: yaml.Node, path: KeyPath, key: Mark) -> Any:
         written = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
         self.places[path] = Place(key, mark_of(node), written, (node.start_mark.index, node.end_mark.index))
-        self._limit(len(self.places), node, path)
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, path)
-        if id(node) in self._open:
-            return self._mistake(path, mark_of(node), "an anchor that contains itself")
-        self._open.add(id(node))
-        try:
-            if isinstance(node, yaml.MappingNode):
-                return self._mapping(node, path)
-            return [self.build(child, (*path, i), mark_of(child)) for i, child in enumerate(node.value)]
-        finally:
-            self._open.discard(id(node))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, path)
+        return [self.build(child, (*path, i), mark_of(child)) for i, child in enumerate(node.value)]
 
     def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[Any, Any]:
         entries: dict[Any, tuple[yaml.Node, yaml.Node]] = {}
@@ -220,14 +208,10 @@ class _Builder:
             if key.tag != f"{TAG}merge":
                 continue
             for origin in value.value if isinstance(value, yaml.SequenceNode) else [value]:
-                if not isinstance(origin, yaml.MappingNode) or id(origin) in self._open:
+                if isinstance(origin, yaml.MappingNode):
+                    found += self._pairs(origin, path) + self._merged(origin, path)
+                else:
                     self._mistake(path, mark_of(key), "'<<' expects *name of settings (key: value) further up")
-                    continue
-                self._merges += 1 + len(origin.value)
-                self._limit(self._merges, key, path)
-                self._open.add(id(origin))
-                found += self._pairs(origin, path) + self._merged(origin, path)
-                self._open.discard(id(origin))
         return found
 
     def _key(self, node: yaml.Node, path: KeyPath) -> str | int | None:
@@ -281,11 +265,6 @@ class _Builder:
             return number
         self._mistake(path, mark_of(node), f"found {text[:40]}, expected a finite number")
         return None
-
-    def _limit(self, count: int, node: yaml.Node, path: KeyPath) -> None:
-        """Aliases and merges may stand for more than is written."""
-        if count > self.bounds.values or len(self._open) > DEEPEST:
-            raise ConfigError([problem(self.file, mark_of(node), too_much(count, self.bounds), path)])
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:
         self.mistakes.setdefault(path, []).append(problem(self.file, mark, message, path))

@@ -12,7 +12,7 @@ from cellwatt.address import blank
 from cellwatt.config.places import KeyPath, Mark, dotted
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.files import COMPUTED, read_bytes
-from cellwatt.yaml_file import DEEPEST, MOST_VALUES, check_bounds
+from cellwatt.yaml_file import MOST_VALUES, TooMuchError, check_bounds
 
 
 class Bounds(NamedTuple):
@@ -33,28 +33,10 @@ LONGEST_VALUE = 60
 TAG = "tag:yaml.org,2002:"
 
 
-class _TooMuchError(yaml.MarkedYAMLError):
-    """Larger or deeper than any settings file."""
-
-
 class _Loader(yaml.SafeLoader):
-    """YAML 1.2 core schema instead of PyYAML's 1.1; stops where the file is larger or deeper than settings are."""
+    """YAML 1.2 core schema instead of PyYAML's 1.1."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}  # type: ignore[misc]  # the stub says instance
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self._nodes = self._depth = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        self._nodes += 1
-        if self._nodes > SETTINGS_FILE.values or self._depth > DEEPEST:
-            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-            raise _TooMuchError(None, None, too_much(self._nodes, SETTINGS_FILE), event.start_mark)
-        self._depth += 1
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
 
 
 for _name, _pattern, _first in (
@@ -72,7 +54,7 @@ for _name, _pattern, _first in (
 
 
 class _LargeLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """The same schema at the speed of C; ``check_bounds`` looks at the size first."""
+    """The same schema at the speed of C, with less to say of mistakes."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, Any]] = _Loader.yaml_implicit_resolvers
 
@@ -83,22 +65,14 @@ def compose(file: Path, text: str, bounds: Bounds, expected: str) -> yaml.Node:
     Raises ``ConfigError`` where it is empty or not YAML.
     """
     try:
-        if bounds is SETTINGS_FILE:
-            node = yaml.compose(text, Loader=_Loader)
-        else:
-            check_bounds(text)
-            node = yaml.compose(text, Loader=_LargeLoader)
+        loader = _Loader if bounds is SETTINGS_FILE else _LargeLoader
+        check_bounds(text, bounds.values, loader)
+        node = yaml.compose(text, Loader=loader)
     except yaml.YAMLError as error:
         raise ConfigError([_syntax(file, text, error)]) from error
     if node is None:
         raise ConfigError([problem(file, Mark(1, 1), f"the file is empty; expected {expected}")])
     return node
-
-
-def too_much(values: int, bounds: Bounds) -> str:
-    """Text for a file that has so many values, or else is nested too deeply."""
-    what = f"more than {bounds.values:,} values" if values > bounds.values else f"nested more than {DEEPEST} deep"
-    return f"{what}: this is no settings file"
 
 
 def mark_of(node: yaml.Node) -> Mark:
@@ -157,8 +131,6 @@ _ADVICE = (
 
 
 def _syntax(file: Path, text: str, error: yaml.YAMLError) -> Problem:
-    if isinstance(error, _TooMuchError) and error.problem_mark is not None:
-        return problem(file, Mark(error.problem_mark.line + 1, error.problem_mark.column + 1), str(error.problem))
     if isinstance(error, yaml.reader.ReaderError):
         before = text[: error.position]
         mark = Mark(before.count("\n") + 1, error.position - before.rfind("\n"))
@@ -166,8 +138,10 @@ def _syntax(file: Path, text: str, error: yaml.YAMLError) -> Problem:
         return problem(file, mark, message)
     if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:
         return problem(file, Mark(1, 1), f"not valid YAML: {' '.join(str(error).split())}")
+    mark = Mark(error.problem_mark.line + 1, error.problem_mark.column + 1)
+    if isinstance(error, TooMuchError):
+        return problem(file, mark, f"{error.problem}: this is no settings file")
     what = " ".join(part for part in (error.problem, error.context) if part)
     advice = next((advice for sign, advice in _ADVICE if sign in what), None)
-    mark = Mark(error.problem_mark.line + 1, error.problem_mark.column + 1)
     hint = f" ({advice})" if advice else ""
     return problem(file, mark, f"not valid YAML: {' '.join((error.problem or what).split())}{hint}")

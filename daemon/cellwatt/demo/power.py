@@ -16,10 +16,6 @@ Float = NDArray[np.float64]
 MODEL = "power"
 """Name of the stage in ``demo.yaml``, and of its output."""
 MEASURED = "board.supply.power"
-COURSE = 64
-"""Points of the course that is shown."""
-CYCLE = 8.0
-"""s of it: a little more than one repetition of the emulated task."""
 
 
 def model_file() -> Path:
@@ -28,7 +24,7 @@ def model_file() -> Path:
 
 
 def power_of(folder: Path, epoch: float, hooked: float | None) -> dict[str, Any] | None:
-    """Root mean square of measured − predicted, W, before and after the spring, and one cycle of both.
+    """Root mean square of measured − predicted, W, before and after the spring.
 
     ``epoch`` and ``hooked`` are the times of the start and of the spring, UTC s; with ``hooked`` None it never
     came. None if nothing was predicted. Raises ``RecordingError`` if there is no recording.
@@ -38,13 +34,11 @@ def power_of(folder: Path, epoch: float, hooked: float | None) -> dict[str, Any]
         return None
     off = measured - predicted
     before = time < (np.inf if hooked is None else hooked)
-    shown = before & (time >= time[before][-1] - CYCLE) if before.any() else before
     return {
         "frames": len(time),
         "measured_mean_w": _rounded(measured[before].mean()) if before.any() else None,
         "rms_w": _rms(off[before]),
         "rms_after_the_spring_w": _rms(off[~before]),
-        "course": {"measured_w": _course(measured[shown]), "predicted_w": _course(predicted[shown])},
     }
 
 
@@ -64,11 +58,6 @@ def _both(folder: Path, epoch: float) -> tuple[Float, Float, Float]:
     table = np.array(rows, np.float64).reshape(-1, 3)
     table = table[np.isfinite(table).all(axis=1)]
     return table[:, 0], table[:, 1], table[:, 2]
-
-
-def _course(values: Float) -> list[float]:
-    """Means over equal spans."""
-    return [_rounded(part.mean()) for part in np.array_split(values, COURSE) if part.size]
 
 
 def _rms(off: Float) -> float | None:

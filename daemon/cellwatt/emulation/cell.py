@@ -77,14 +77,12 @@ def emulator_of(driver: str) -> type[Emulator]:
 
 
 def is_here(address: str) -> bool:
-    """True for a loopback address, a path outside /dev, and a multicast group within this PC."""
+    """True for a loopback address, and a path outside /dev."""
     if address.startswith("/"):
         return not address.startswith("/dev/")
     host = address.rpartition(":")[0]
-    if host.startswith("udp_multicast:") or host == "localhost":
-        return True
     try:
-        return ipaddress.ip_address(host).is_loopback
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
 

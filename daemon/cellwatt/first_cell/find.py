@@ -17,7 +17,6 @@ from cellwatt.runtime.examine import Examination, examine
 
 BY_ID = Path("/dev/serial/by-id")
 """Names of serial ports that stay the same when an adapter is plugged in elsewhere."""
-_LOCKS = Path("/proc/locks")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +49,6 @@ def trouble(device: str) -> str:
         return "gone"
     if not os.access(device, os.R_OK | os.W_OK):
         return f"not permitted: sudo usermod -aG {_group(status.st_gid)} $USER, then log in again"
-    if status.st_ino in _locked() or any(os.path.realpath(device) == place for place in _open_files()):
-        return "in use by another program"
     return ""
 
 
@@ -61,26 +58,6 @@ def _group(number: int) -> str:
     except KeyError:
         return "dialout"
     return "dialout" if name == "root" else name
-
-
-def _locked() -> set[int]:
-    """Inodes of files that some program has locked, as serial ports are by those that want them alone."""
-    try:
-        lines = _LOCKS.read_text().splitlines()
-    except OSError:
-        return set()
-    return {int(word.rsplit(":", 1)[1]) for line in lines for word in line.split() if word.count(":") == 2}
-
-
-def _open_files() -> Iterator[str]:
-    """Devices that programs of this user have open."""
-    for process in Path("/proc").glob("[0-9]*/fd"):
-        try:
-            for link in process.iterdir():
-                if (place := str(link.readlink())).startswith("/dev/"):
-                    yield place
-        except OSError:
-            continue
 
 
 def look(source: SourceConfig, seconds: float, patience: float) -> Examination:

@@ -1,19 +1,14 @@
-"""Messages as JSON lines, and what a live cell takes of them."""
+"""Messages as JSON lines."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
-from cellwatt.alarms import Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
-from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Gap, Health, Message
 
 
@@ -32,17 +27,6 @@ def line_of(message: Message) -> dict[str, Any]:
         "received": time.time_ns(),
         "content": body,
     }
-
-
-def take_line(cell: LiveCell, line: Mapping[str, Any]) -> list[Standing]:
-    """Let a live cell take a line, of frames the power; give the alarms of which it says something."""
-    content = line["content"]
-    if line["kind"] != "frame":
-        return cell.add(line["kind"], content)
-    if power := content.get("power"):
-        values = np.array(list(power.values()), dtype=float).T
-        cell.frames.add(np.array(content["time"], np.int64), tuple(power), ("W",) * len(power), values)
-    return []
 
 
 def _kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:

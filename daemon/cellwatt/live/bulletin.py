@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from cellwatt.alarms import Standing
-from cellwatt.live.as_json import line_of, take_line
+from cellwatt.live.as_json import line_of
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Message
 
@@ -30,7 +30,7 @@ class Bulletin:
 
     def of_line(self, line: Mapping[str, Any]) -> Iterator[str]:
         """Lines about a message as ``watch --json`` prints it."""
-        return self._news(line, lambda: take_line(self.cell, line))
+        return self._news(line, lambda: self.cell.add(line["kind"], line["content"]))
 
     def _news(self, line: Mapping[str, Any], take: Callable[[], list[Standing]]) -> Iterator[str]:
         """Lines about what ``take``, which lets the cell take a message, has changed."""

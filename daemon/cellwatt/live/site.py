@@ -1,33 +1,12 @@
-"""All cells of a site as a table."""
+"""All cells of a site, in figures and as lines."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from rich.text import Text
-
-from cellwatt.live.lines import Column, table
-from cellwatt.live.view import COLOUR, SEVERITY, Look
+from cellwatt.alarms import SEVERITIES
 from cellwatt.subscriber import Health
-
-_COLUMNS = (
-    Column("cell"),
-    Column("state"),
-    Column("at"),
-    Column("sources", right=True),
-    Column("received", right=True, spare=2),
-    Column("lost", right=True),
-    Column("alarms", right=True),
-    Column("the gravest", spare=1),
-)
-
-
-def site(cells: Mapping[str, Health | None], look: Look) -> list[Text]:
-    """A line for each cell: its state, sources that are ok, samples, and the gravest of its active alarms."""
-    if not cells:
-        return [Text("no cell is heard", "red")]
-    return table(_COLUMNS, [_row(name, health, look) for name, health in cells.items()], look.width)
 
 
 def summary(name: str, health: Health | None) -> dict[str, Any]:
@@ -46,19 +25,13 @@ def summary(name: str, health: Health | None) -> dict[str, Any]:
     }
 
 
-def _row(name: str, health: Health | None, look: Look) -> tuple[str | Text, ...]:
-    told = summary(name, health)
+def line(told: Mapping[str, Any]) -> str:
+    """A cell's ``summary`` as a line, with the gravest of its active alarms."""
     if told["state"] is None:
-        return (name, Text("heard, does not answer", "yellow"), *[""] * 6)
-    order = list(SEVERITY)
-    alarms = sorted(told["alarms"], key=lambda a: -order.index(a["severity"]))
+        return f"{told['cell']}: heard, does not answer"
+    grave = max(told["alarms"], key=lambda alarm: SEVERITIES.index(alarm["severity"]), default=None)
+    alarms = "no alarm" if grave is None else f"{len(told['alarms'])} alarms, {grave['severity']}: {grave['statement']}"
     return (
-        name,
-        Text(f"● {told['state']}", COLOUR.get(told["state"], "")),
-        "" if told["time"] is None else look.clock(told["time"]),
-        f"{told['sources_ok']}/{told['sources']}",
-        str(told["received"]),
-        Text(str(told["lost"]), "red" if told["lost"] else "green"),
-        Text(str(len(alarms)), SEVERITY[alarms[0]["severity"]] if alarms else "green"),
-        Text(alarms[0]["statement"], SEVERITY[alarms[0]["severity"]]) if alarms else "",
+        f"{told['cell']} is {told['state']}: {told['sources_ok']} of {told['sources']} sources ok, "
+        f"{told['received']} samples received, {told['lost']} lost, {alarms}"
     )

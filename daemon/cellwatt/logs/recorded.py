@@ -5,25 +5,37 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from cellwatt.channel import Channel
-from cellwatt.errors import RecordingError
+from cellwatt.align import Aligner
+from cellwatt.batch import Batch
+from cellwatt.channel import Channel, Quality, Stream
+from cellwatt.errors import RecordingError, why
 from cellwatt.files import Places, paths_of
 from cellwatt.logs.choice import chosen
 from cellwatt.logs.log import UNITS, Log
 from cellwatt.logs.opening import is_log, read_log
-from cellwatt.logs.writing import Part, Samples, write_recording
-from cellwatt.record import Recording
+from cellwatt.record import Header, Recording
+from cellwatt.record.encoder import Encoder, Item
+from cellwatt.record.files import CHUNK
+from cellwatt.record.header import FileName
+from cellwatt.record.openfile import OpenFile
+from cellwatt.turns import counted_on
 
 SOURCE = "log"
 CHANNELS = {"position": "position", "velocity": "velocity", "torque": "torque", "command": "target_position"}
 """What a cell's channels call the quantities of a log."""
 FASTEST = 10_000.0
 """Hz of frames."""
+START = 1_000_000_000_000_000_000
+"""UTC ns at which the first log begins where it does not say."""
+PAUSE = 5_000_000_000
+"""ns between logs: long enough for the frames in between to be missing."""
+BLOCK = 0.1
+"""s of samples in a block."""
 
 
 def open_recording(source: Places) -> Recording:
@@ -39,15 +51,11 @@ def open_recording(source: Places) -> Recording:
         raise RecordingError(f"{logs[0]} is a log of another program: give it without recordings of cellwatt")
     read = [read_log(path) for path in logs]
     folder = Path(tempfile.mkdtemp(prefix="cellwatt-log-"))
-    # A thread of its own: a notebook's has a loop that runs.
-    with ThreadPoolExecutor(1) as thread:
-        try:
-            name = chosen(logs[0])[0].stem
-            start = read[0].start
-            thread.submit(write_recording, folder, map(_part, read), name, _rate(read), start).result()
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
+    try:
+        _write(folder, chosen(logs[0])[0].stem, read)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
     recording = Recording.open(folder)
     recording.keeps = kept = _Kept()
     weakref.finalize(kept, shutil.rmtree, folder, ignore_errors=True)
@@ -58,17 +66,72 @@ class _Kept:
     """Goes with the last copy of a recording."""
 
 
-def _rate(logs: list[Log]) -> float:
+def _write(folder: Path, cell: str, logs: Sequence[Log]) -> None:
+    """Write a recording, with the frames that the daemon would have made."""
+    session = START if logs[0].start is None else logs[0].start
+    header = Header(cell, cell, session, streams={SOURCE: (_stream(logs[0]),)}, number=1)
+    try:
+        file = OpenFile(folder / str(FileName(session, 1, cell)), header)
+        try:
+            encoder = Encoder(file)
+            for item in _items(logs, header):
+                encoder.add(item)
+                if file.waiting > CHUNK:
+                    file.write_chunk()
+            file.finish()
+            file.publish()
+        finally:
+            file.discard()
+    except OSError as error:
+        raise RecordingError(f"{folder} cannot be written: {why(error)}") from error
+
+
+def _items(logs: Sequence[Log], header: Header) -> Iterator[Item]:
+    (stream,) = header.streams[SOURCE]
+    rate = _rate(logs)
+    aligner = Aligner(header.streams, rate, max(0.5, 3 / rate))
+    start, sequence = header.session, 0
+    for log in logs:
+        if _channels(log) != stream.channels:
+            raise RecordingError(f"{log.path}: other columns than in the parts before")
+        for batch in _batches(log, stream, start, sequence):
+            yield batch
+            yield from aligner.add(batch)
+        start, sequence = batch.arrival + PAUSE, batch.sequence + len(batch)
+    yield from aligner.flush()
+
+
+def _batches(log: Log, stream: Stream, start: int, sequence: int) -> Iterator[Batch]:
+    values = np.hstack([*log.quantities.values()])
+    for i, channel in enumerate(stream.channels):
+        if channel.unit == "rad" and "position" in channel.name:  # no frame between the ends of a turn
+            values[:, i] = counted_on(values[:, i])
+    since = log.time - log.time[0]
+    time = start + np.round(since * 1e9).astype(np.int64)
+    for rows in np.split(np.arange(len(time)), np.flatnonzero(np.diff(since // BLOCK)) + 1):
+        heard = np.isfinite(values[rows]).any(axis=1)
+        quality = np.where(heard, Quality.GOOD, Quality.MISSING).astype(np.uint8)
+        bound = np.zeros(len(rows), np.int64)
+        first = sequence + int(rows[0])
+        yield Batch(SOURCE, stream, first, int(time[rows[-1]]), time[rows], bound, values[rows], quality)
+
+
+def _stream(log: Log) -> Stream:
+    rate = 1 / float(np.median(np.diff(log.time))) if len(log.time) > 1 else 0.0
+    return Stream(SOURCE, _channels(log), round(rate, 3), "device")
+
+
+def _rate(logs: Sequence[Log]) -> float:
+    """Hz of the frames."""
     steps = np.concatenate([np.diff(log.time) for log in logs])
     if not len(steps):
         raise RecordingError(f"{logs[0].path}: a single sample, expected two or more")
     return float(np.clip(round(1 / float(np.median(steps)), 1), 0.1, FASTEST))
 
 
-def _part(log: Log) -> Part:
-    channels = [
+def _channels(log: Log) -> tuple[Channel, ...]:
+    return tuple(
         Channel(f"{joint}.{CHANNELS[q]}", UNITS[q], align="hold" if q == "command" else None)
         for q in log.quantities
         for joint in log.joints
-    ]
-    return Part(str(log.path), {SOURCE: Samples(log.time, tuple(channels), np.hstack([*log.quantities.values()]))})
+    )

@@ -120,10 +120,10 @@ class Cursor:
             self._owed[at : at + 2] = [Owed(after=one.after, until=two.until, entries=one.entries + two.entries)]
         self._note()
 
-    def owe_since(self, until: int, entries: int) -> None:
+    def owe_since(self, until: int) -> None:
         """Note that what was made since the position up to ``until`` is not delivered; it goes on from there."""
         if self.reached is not None:
-            self.owe(min(self.reached, until - bool(entries)), until, entries)
+            self.owe(self.reached, until)
         self.deliver(until)
 
     def pay(self, after: int, until: int, entries: int = 0) -> None:

@@ -10,7 +10,7 @@ import signal
 import tempfile
 import uuid
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,6 @@ from cellwatt.child import end_with
 from cellwatt.errors import CellwattError
 from cellwatt.progress import Stage
 from cellwatt.scheduler.parcel import call, parcels, result, shortened
-
-Answer = Future[tuple[bool, bytes]]
 
 
 class Pool:
@@ -40,30 +38,23 @@ class Pool:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def run(self, function: Callable[..., Any], items: Sequence[Any], shared: Any, told: Stage) -> list[Any]:
-        """Results in the order of the items. Raises as ``spread``; ``CellwattError`` for an item that kills a worker.
-
-        When a worker dies, its items are done again, one at a time, so that the one that kills it is known.
-        """
-        calls, kept = parcels(function, items), self._shared(shared)
-        answers: list[Answer | None] = [self._submit(parcel, kept) for parcel in calls]
+        """Results in the order of the items. Raises as ``spread``; ``CellwattError`` where a worker is killed."""
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self._count, context, initializer=_begin, initargs=(os.getpid(),))
+        kept, folder = self._shared(shared), str(Path.cwd())
         results: list[Any] = []
-        alone = 0  # items before this one may have been with a worker when the last one died
         try:
-            for i, parcel in enumerate(calls):
-                if answers[i] is None and i >= alone:
-                    rest = zip(answers[i:], calls[i:], strict=True)
-                    answers[i:] = [there or self._submit(one, kept) for there, one in rest]
-                if (answer := answers[i]) is not None and _is_lost(answer):
-                    self._end()
-                    answers = [None if there is None or _is_lost(there) else there for there in answers]
-                    alone, answer = i + self._count, None
-                if answer is None:
-                    answer = self._submit(parcel, kept)
-                    if _is_lost(answer):
-                        name = f"{told.name}: item {i + 1} of {len(items)} ({shortened(items[i])})"
-                        raise CellwattError(f"{name} kills the process that takes it: is there enough memory?")
+            answers = [self._pool.submit(call, parcel, folder, kept) for parcel in parcels(function, items)]
+            for answer in answers:
                 results.append(result(answer.result()))
-                told.done = i + 1.0
+                told.done = float(len(results))
+        except BrokenProcessPool as error:
+            self._end()
+            near = (
+                f"{told.name}, at item {len(results) + 1} of {len(items)} ({shortened(items[len(results)])}) or later"
+            )
+            raise CellwattError(f"{near}: a worker process was killed: is there enough memory?") from error
         except BaseException:
             self._end()  # what has begun is needed by nobody
             raise
@@ -71,17 +62,6 @@ class Pool:
             if kept is not None:
                 kept.unlink()
         return results
-
-    def _submit(self, parcel: bytes, shared: Path | None) -> Answer:
-        if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._count, context, initializer=_begin, initargs=(os.getpid(),))
-        try:
-            return self._pool.submit(call, parcel, str(Path.cwd()), shared)
-        except BrokenProcessPool as error:  # a worker has died since the item before
-            lost = Answer()
-            lost.set_exception(error)
-            return lost
 
     def _shared(self, value: Any) -> Path | None:
         if value is None:
@@ -104,8 +84,3 @@ def _begin(parent: int) -> None:
     """Leave Ctrl-C to the command, and end with it even where it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with(parent, signal.SIGKILL)
-
-
-def _is_lost(answer: Answer) -> bool:
-    """Whether the process that had the item, or one beside it, died."""
-    return isinstance(answer.exception(), BrokenProcessPool)

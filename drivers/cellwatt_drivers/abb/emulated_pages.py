@@ -18,7 +18,6 @@ from cellwatt_drivers.abb.rws import Entry, RobotWare
 REALM = "validusers@robapi.abb"
 SESSIONS = 70
 """Sessions that a controller has."""
-_JSON = "application/hal+json"
 _LOCK = Entry("pnl-opmode-lockstate-li", "lock-state", {"lockstate": "unlocked"})
 """RobotWare 7 lists more than the mode: ``rws2`` takes the first of several; what else, is not documented."""
 Answer = tuple[int, dict[str, str], bytes]
@@ -47,7 +46,7 @@ class Pages:
 
     def answer(self, method: str, target: str, fields: Mapping[str, str]) -> Answer:
         """Status, headers and body for a request; ``fields`` are its headers, in lower case."""
-        path, _, query = target.partition("?")
+        path = target.partition("?")[0]
         cookie, authorization = fields.get("cookie", ""), fields.get("authorization", "")
         self.asked[f"{method} {path}"] += 1
         session = re.search(r"-http-session-=(\w+)", cookie)
@@ -66,13 +65,9 @@ class Pages:
             return 200, headers, b""
         if method != "GET":
             return 405, headers, b""
-        as_json = "json=1" in query.split("&") if self._robotware == 6 else _JSON in fields.get("accept", "")
-        entries = self._entries(path, as_json)
+        entries = self._entries(path)
         if entries is None:
             return 404, headers, b""
-        if as_json:
-            kind = "application/json" if self._robotware == 6 else f"{_JSON};v=2.0"
-            return 200, headers | {"Content-Type": kind}, rws.json_page(self._robotware, entries)
         return 200, headers, rws.page(path.rpartition("/")[2], entries)
 
     def _challenge(self) -> str:
@@ -96,7 +91,7 @@ class Pages:
         middle = f"{self._nonce}:{given.get('nc')}:{given.get('cnonce')}:{given.get('qop')}"
         return secrets.compare_digest(given.get("response", ""), _md5(f"{first}:{middle}:{second}"))
 
-    def _entries(self, path: str, as_json: bool) -> tuple[Entry, ...] | None:
+    def _entries(self, path: str) -> tuple[Entry, ...] | None:
         """Return the entries of a page; ``None`` if there is no such page."""
         robot = self._robot
         match path:
@@ -113,7 +108,7 @@ class Pages:
                 kind = "sys-system-li" if self._robotware == 6 else "sys-system"
                 return (Entry(kind, "system", {"name": "EMULATED", "rwversion": version}),)
             case rws.ENERGY:
-                return None if self._meter is None else self._energy(self._meter, as_json)
+                return None if self._meter is None else self._energy(self._meter)
         page = rws.CONTROLLER[self._robotware]
         if path != page:
             return None
@@ -123,7 +118,7 @@ class Pages:
             ),
         )
 
-    def _energy(self, meter: Meter, as_json: bool) -> tuple[Entry, ...]:
+    def _energy(self, meter: Meter) -> tuple[Entry, ...]:
         meter.advance(self._now())
         state: dict[str, str | float] = {
             "state": "0" if meter.count else "-1",
@@ -139,10 +134,7 @@ class Pages:
             Entry("sys-energy-axis-li", str(i), {"interval-energy": f"{joule:.4f}"})
             for i, joule in enumerate(meter.joints, 1)
         )
-        robot = Entry("sys-energy-mec-li", "ROB_1", {}, "axes", axes)
-        # The manual's page lists the mechanical unit behind the state; controllers put it inside in JSON.
-        if as_json:
-            return (Entry("sys-energy-state-li", "energy-state", state, "mechunits", (robot,)),)
+        robot = Entry("sys-energy-mec-li", "ROB_1", {}, axes)
         return Entry("sys-energy-state-li", "energy-state", state), robot
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from cellwatt.emulation import Datagrams, Emulator, Options, TcpPort
-from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.abb import emulated_pages
@@ -28,11 +28,9 @@ class AbbEmulator(Emulator):
     The address is that of the pages (127.0.0.1:8080 unless told otherwise). Options: ``egm`` (where packets go:
     127.0.0.1:6510), ``robotware`` (7, or 6), ``rate`` (250 Hz, or a whole part, as a number), ``axes`` (6), ``clock``
     (1; 0 leaves the controller's time out), ``user`` and ``password`` (Default User, robotics; an
-    empty password: any), ``certificate`` (file
-    with key and certificate: pages over HTTPS), ``energy`` (yes; no: there is no page of energy). Pages are XHTML, or
-    JSON (RobotWare 6: ``?json=1``, 7: ``Accept: application/hal+json;v=2.0``). A disturbance ``motors=off``,
-    ``program=off`` (or ``on``) or ``session=1`` (numbering begins anew) is the controller's; all others are the
-    signals'.
+    empty password: any), ``certificate`` (file with key and certificate: pages over HTTPS), ``energy`` (yes; no: there
+    is no page of energy). A disturbance ``motors=off``, ``program=off`` (or ``on``) or ``session=1`` (numbering begins
+    anew) is the controller's; all others are the signals'.
 
     Faults on EGM packets: ``loss``, ``duplicate``, ``reorder`` (held back until after the next), ``delay`` (sent
     ``seconds`` late), ``half_frame`` (cut), ``garbage`` (a datagram of random bytes ahead), ``stall`` (nothing leaves
@@ -44,17 +42,7 @@ class AbbEmulator(Emulator):
     title: ClassVar[str] = "ABB controller (EGM and Robot Web Services)"
     usual_address: ClassVar[str] = "127.0.0.1:8080"
     changes = MappingProxyType({"motors": "to", "program": "to", "session": "number"})
-    faults: ClassVar[tuple[FaultKind, ...]] = (
-        "delay",
-        "reorder",
-        "duplicate",
-        "loss",
-        "garbage",
-        "half_frame",
-        "stall",
-        "disconnect",
-        "clock_jump",
-    )
+    faults = FAULT_KINDS
 
     @classmethod
     def address_in(cls, settings: Any) -> str:

@@ -5,7 +5,6 @@ Source: Robot Web Services, 3HAC050973: a page is XHTML whose ``<li class=…>``
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -26,7 +25,6 @@ LOGOUT = "/logout"
 CONTROLLER = {6: "/rw/panel/ctrlstate", 7: "/rw/panel/ctrl-state"}
 
 _NAN = float("nan")
-_GOOD = 294912  # the code of a page that was found
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,12 +124,11 @@ def _number(text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An ``<li>`` as a controller writes it; ``inside`` are those of a list of its own, called ``part`` in JSON."""
+    """An ``<li>`` as a controller writes it; ``inside`` are those of a list of its own."""
 
     kind: str
     title: str
     values: Mapping[str, str | float]
-    part: str = ""
     inside: tuple[Entry, ...] = ()
 
 
@@ -151,21 +148,3 @@ def _listed(entries: Iterable[Entry]) -> str:
         inside = f"<ul>{_listed(e.inside)}</ul>" if e.inside else ""
         text += f'<li class="{e.kind}" title="{e.title}">{spans}{inside}</li>'
     return text
-
-
-def json_page(robotware: RobotWare, entries: Iterable[Entry]) -> bytes:
-    """Return a page in JSON: all values are texts, and RobotWare 7 has no ``_embedded`` around them."""
-    base = {"_links": {"base": {"href": "http://localhost/rw/"}}}
-    state = [_plain(e) for e in entries]
-    whole = (
-        {**base, "_embedded": {"_state": state}}
-        if robotware == 6
-        else {**base, "status": {"code": _GOOD}, "state": state}
-    )
-    return json.dumps(whole).encode()
-
-
-def _plain(entry: Entry) -> dict[str, object]:
-    made: dict[str, object] = {"_type": entry.kind, "_title": entry.title}
-    made |= {name: str(value) for name, value in entry.values.items()}
-    return made | ({entry.part: [_plain(e) for e in entry.inside]} if entry.part else {})

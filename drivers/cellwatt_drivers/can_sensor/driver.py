@@ -16,12 +16,12 @@ from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.listening import BusPlace, Interface, Listening, open_listening
 from cellwatt_drivers.can_sensor.sensor_map import SensorMap, SensorName, load_decodings
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
     from can import Message
 
-MULTICAST_PORT = 43113
 _BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 _MOST_OTHERS = 8
 _EXTRAS = {"can": "python-can", "cantools": "cantools"}
@@ -40,16 +40,14 @@ class CanSensorSettings(SourceSettings):
     interface: Interface = "socketcan"
     """Interface by which python-can reaches the bus."""
     channel: str = "can0"
-    """Network interface (``can0``), serial port of an slcan adapter, multicast group, or name of a virtual bus."""
-    port: int = Field(MULTICAST_PORT, ge=1, le=65535)
-    """UDP port; only for udp_multicast."""
+    """Network interface (``can0``), serial port of an slcan adapter, or name of a virtual bus."""
     bitrate: int | None = None
     """Bit/s that an slcan adapter is told; left out: as it is set. SocketCAN's is set with ``ip link``."""
     listen_only: bool = False
     """Tell an slcan adapter not even to acknowledge; then another node must do so."""
     settle: Seconds = Field(0.0, ge=0, le=10)
     """Wait this long after opening an slcan adapter; those that restart then need 2 s."""
-    read: tuple[str, ...] | None = None
+    read: Chosen[str] | None = None
     """Streams to read; left out: those of the map that are not optional."""
     rates: dict[str, Hertz] = Field(default_factory=dict)
     """Messages a second, by stream, where the sensor is set otherwise than the map says."""
@@ -71,8 +69,6 @@ class CanSensorSettings(SourceSettings):
             raise ValueError("'bitrate' and 'listen_only' are for slcan; SocketCAN's are set with ip link")
         if self.interface == "slcan" and not self.channel.startswith("/"):
             raise ValueError("'channel' of slcan is the path of a serial port, like '/dev/serial/by-id/usb-…'")
-        if self.read is not None and (not self.read or len(set(self.read)) != len(self.read)):
-            raise ValueError("'read' names at least one stream, each once")
         return self
 
 
@@ -94,8 +90,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
 
     def __init__(self, name: str, settings: CanSensorSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
-        packages = _EXTRAS | ({"msgpack": "msgpack"} if settings.interface == "udp_multicast" else {})
-        require(name, "driver can_sensor", packages, "pip install 'cellwatt[can]'")
+        require(name, "driver can_sensor", _EXTRAS, "pip install 'cellwatt[can]'")
         self._map, decodings = load_decodings(settings.sensor, settings.map)
         self._intakes: list[Intake] = []
         for stream in _chosen(self._map, settings):
@@ -150,8 +145,6 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         if s.interface == "slcan":
             options = {"listen_only": s.listen_only, "sleep_after_open": s.settle, "timeout": 0}
             options |= {} if s.bitrate is None else {"bitrate": s.bitrate}
-        elif s.interface == "udp_multicast":
-            options = {"port": s.port, "hop_limit": 0}
         return open_listening(BusPlace(s.interface, s.channel, options))
 
     async def _first(self, listening: Listening) -> Identity:

@@ -79,7 +79,6 @@ def virtual_adapter(link: Path | None = None) -> Iterator[Adapter]:
             loop.remove_reader(near)
 
 
-MULTICAST_GROUP = "239.74.163.2"
 _QUANTITY = {
     "current": "current", "voltage_1": "voltage", "voltage_2": "voltage", "voltage_3": "voltage",
     "temperature": "temperature", "power": "power", "energy": "energy",
@@ -91,10 +90,9 @@ Send = Callable[[int, bytes], bool]
 class CanSensorEmulator(Emulator):
     """An IVT-S that measures ``bus.current`` and ``bus.voltage``, and sends each result in its cycle.
 
-    The address is ``pty`` or the path of a link to it (an slcan adapter), ``udp_multicast:GROUP:PORT`` (as python-can
-    writes it, within this host) or ``virtual:NAME`` (within this process). Options: ``cycles`` (stream=ms,
-    comma-separated: results that are sent, and how often; current=20,voltage_1=60,voltage_2=60,voltage_3=60),
-    ``status`` (hex digit of the error flags in byte 1).
+    The address is ``pty`` or the path of a link to it (an slcan adapter), or ``virtual:NAME`` (within this
+    process). Options: ``cycles`` (stream=ms, comma-separated: results that are sent, and how often;
+    current=20,voltage_1=60,voltage_2=60,voltage_3=60), ``status`` (hex digit of the error flags in byte 1).
 
     Faults strike frames. ``loss``: not sent, its number is used; ``duplicate``: sent twice; ``garbage``: on ``pty``
     random bytes before it, on other buses an error frame; ``half_frame``: cut; ``stall``: nothing is sent for a
@@ -111,8 +109,6 @@ class CanSensorEmulator(Emulator):
     @classmethod
     def address_in(cls, settings: Any) -> str:
         """See ``Emulator.address_in``; a bus of this PC's kernel is no address of an emulator's."""
-        if settings.interface == "udp_multicast":
-            return f"udp_multicast:{settings.channel}:{settings.port}"
         return str(settings.channel) if settings.interface == "slcan" else f"{settings.interface}:{settings.channel}"
 
     @classmethod
@@ -225,19 +221,11 @@ class CanSensorEmulator(Emulator):
                 self._error = lambda _: adapter.write(self.injector.random_bytes(1, 8).replace(b"\r", b"?") + b"\r")
                 yield adapter.port, adapter.send
             return
-        if kind == "udp_multicast":
-            group, _, port = (rest or f"{MULTICAST_GROUP}:43113").rpartition(":")
-            bus = can.Bus(interface=kind, channel=group, port=int(port), hop_limit=0, ignore_config=True)
-            place = f"{group}:{port}"
-        elif kind == "virtual":
-            bus, place = can.Bus(interface=kind, channel=rest, ignore_config=True), rest
-        else:
-            raise ValueError(
-                f"an IVT-S is emulated at pty, udp_multicast:GROUP:PORT or virtual:NAME, not {self.address}"
-            )
-        with bus:
+        if kind != "virtual":
+            raise ValueError(f"an IVT-S is emulated at pty or virtual:NAME, not {self.address}")
+        with can.Bus(interface=kind, channel=rest, ignore_config=True) as bus:
             self._error = lambda identifier: bus.send(_error_frame(identifier))
-            yield place, lambda identifier, data: _send(bus, identifier, data)
+            yield rest, lambda identifier, data: _send(bus, identifier, data)
 
 
 def _send(bus: can.BusABC, identifier: int, data: bytes) -> bool:

@@ -16,7 +16,7 @@ from cellwatt_drivers.shared.aside import opened_aside
 if TYPE_CHECKING:
     from can import BusABC, Message
 
-Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
+Interface = Literal["socketcan", "slcan", "virtual"]
 
 BLOCK = 0.005
 """s that frames wait for others, to be handed on together."""

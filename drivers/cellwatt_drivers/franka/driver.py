@@ -14,6 +14,7 @@ from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.franka import library
 from cellwatt_drivers.franka.fields import Group, Selection
 from cellwatt_drivers.franka.intake import Intake
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.requirements import require
 
 FASTEST = 1000.0
@@ -24,19 +25,12 @@ class FrankaSettings(SourceSettings):
 
     host: Host
     """Address of the robot (its control unit)."""
-    read: tuple[Group, ...] = ("joints", "motors", "external", "state")
+    read: Chosen[Group] = ("joints", "motors", "external", "state")
     """Groups to keep of each state."""
     rate: Hertz = FASTEST
     """States a second to keep: 1 kHz or a whole part of it."""
     timeout: Seconds = Field(2.0, gt=0)
     """Silence after which the connection is given up and made anew."""
-
-    @field_validator("read")
-    @classmethod
-    def _no_twins(cls, value: tuple[Group, ...]) -> tuple[Group, ...]:
-        if not value or len(set(value)) != len(value):
-            raise ValueError("name at least one group, each once")
-        return value
 
     @field_validator("rate")
     @classmethod

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cellwatt.driver import SourceSettings
 from cellwatt.emulation import Datagrams, Emulator, Options, Signals, TcpPort
 from cellwatt.emulation.blocks import Blocks
-from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.signals import Float
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.franka import fci
@@ -52,16 +52,7 @@ class FrankaEmulator(Emulator):
     usual_address: ClassVar[str] = f"127.0.0.1:{fci.PORT}"
     usual_port = fci.PORT
     changes = MappingProxyType({"mode": "number", "error": "number"})
-    faults: ClassVar[tuple[FaultKind, ...]] = (
-        "delay",
-        "reorder",
-        "duplicate",
-        "loss",
-        "half_frame",
-        "stall",
-        "disconnect",
-        "clock_jump",
-    )
+    faults = tuple(kind for kind in FAULT_KINDS if kind != "garbage")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:

@@ -16,6 +16,7 @@ from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
 from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
 from cellwatt_drivers.shared.requirements import require
@@ -37,7 +38,7 @@ class KinovaSettings(SourceSettings):
     """Modbus unit to ask."""
     axes: int = Field(7, ge=6, le=7)
     """Joints of the arm."""
-    read: tuple[Block, ...] = ("arm", "joints")
+    read: Chosen[Block] = ("arm", "joints")
     """Groups to read: ``arm`` (supply, temperatures, state), ``joints``, ``tool``; two requests in all."""
     rate: Hertz = 40.0
     """Polls a second."""
@@ -46,9 +47,7 @@ class KinovaSettings(SourceSettings):
 
     @field_validator("read")
     @classmethod
-    def _no_twins(cls, value: tuple[Block, ...]) -> tuple[Block, ...]:
-        if not value or len(set(value)) != len(value):
-            raise ValueError("name at least one of arm, joints, tool, each once")
+    def _with_joints(cls, value: tuple[Block, ...]) -> tuple[Block, ...]:
         if "tool" in value and "joints" not in value:
             raise ValueError("'tool' comes in one request with the joints: add 'joints' to read")
         return value

@@ -29,6 +29,7 @@ from cellwatt_drivers.modbus_meter.bus import (
 from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, OtherNumberError, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
 from cellwatt_drivers.shared.requirements import require
@@ -73,7 +74,7 @@ class ModbusMeterSettings(SourceSettings):
     """Stop bits of the serial line."""
     unit: int = Field(1, ge=0, le=255)
     """Number of the meter on its line (also called address, slave or station)."""
-    read: tuple[str, ...] | None = None
+    read: Chosen[str] | None = None
     """Channels to read; left out: all of the map. Fewer are faster."""
     rate: Hertz = 1.0
     """Polls a second."""
@@ -96,8 +97,6 @@ class ModbusMeterSettings(SourceSettings):
             raise ValueError("write either 'meter' (a packaged map) or 'map' (a file)")
         if self.line is not None and not self.line.startswith("/"):
             raise ValueError("'line' is the path of a serial port, like '/dev/serial/by-id/usb-…' or '/dev/ttyUSB0'")
-        if self.read is not None and (not self.read or len(set(self.read)) != len(self.read)):
-            raise ValueError("'read' names at least one channel, each once")
         return self
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, why
+from cellwatt_drivers.shared.aside import obey_cancellation
 
 if TYPE_CHECKING:
     from asyncua import ua
@@ -63,6 +63,8 @@ class Complaints:
         except Exception as error:  # the library passes on what its parsers and cryptography raise
             text = " ".join(str(error).split()) or type(error).__name__
             raise ProtocolError(f"{self._url}: {text} while {doing}") from error
+        else:
+            obey_cancellation()
 
     def refusal(self, doing: str, status: ua.StatusCode) -> SourceError:
         """Return the error of a request that the server refused."""
@@ -80,10 +82,3 @@ class Complaints:
         if name in _ENDED:
             return ConnectError(f"{self._url}: the server ended the session ({name}) while {doing}")
         return DeviceError(f"{self._url}: {name} while {doing}: {doc}")
-
-
-def obey_cancellation() -> None:
-    """Raise ``asyncio.CancelledError`` if the task is cancelled: the library's waits can forget it."""
-    task = asyncio.current_task()
-    if task is not None and task.cancelling():
-        raise asyncio.CancelledError

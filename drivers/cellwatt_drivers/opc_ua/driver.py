@@ -31,6 +31,7 @@ from cellwatt_drivers.opc_ua.tag_map import (
     load_map,
     packaged_map,
 )
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class OpcUaSettings(SourceSettings):
     """Tags by channel, in place of a map or beside it."""
     namespaces: dict[Prefix, str] = Field(default_factory=dict)
     """Namespace URIs by the prefix that ``tags`` use."""
-    read: tuple[str, ...] | None = None
+    read: Chosen[str] | None = None
     """Channels to read; left out: all."""
     rate: Hertz = Field(10.0, gt=0, le=1000)
     """Samples a second that the server shall take."""
@@ -116,8 +117,6 @@ class OpcUaSettings(SourceSettings):
             raise ValueError("'user_certificate' and 'user_key' are needed together")
         if self.user_certificate is not None and (self.user is not None or self.security == "none"):
             raise ValueError("'user_certificate' needs 'security: sign' or 'security: encrypt', and no 'user'")
-        if self.read is not None and (not self.read or len(set(self.read)) != len(self.read)):
-            raise ValueError("'read' names at least one channel, each once")
         if self.publish * 2 > self.silence:
             raise ValueError(f"'silence' is at least twice 'publish' ({2 * self.publish:g} s)")
         check_prefixes(self.tags, self.namespaces)

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 from cellwatt.errors import ConnectError, DeviceError
 from cellwatt_drivers.opc_ua.browse_path import Child
 from cellwatt_drivers.opc_ua.certificates import Credentials, contents, user_of
-from cellwatt_drivers.opc_ua.complaints import Complaints, obey_cancellation
+from cellwatt_drivers.opc_ua.complaints import Complaints
 from cellwatt_drivers.opc_ua.feed import Feed
 
 if TYPE_CHECKING:
     from asyncua import Client, ua
 
 SecurityMode = Literal["none", "sign", "encrypt"]
+T = TypeVar("T")
+R = TypeVar("R")
 
 _AT_ONCE: Final = 100
-"""Nodes asked for in one request, which every server grants."""
+"""Nodes asked for in one request."""
 _FAREWELL: Final = 0.5
 """s that the end of a session may take."""
 _RENEWED_AFTER: Final = 0.75
@@ -62,16 +65,8 @@ class Session:
 
     async def read(self, nodes: Sequence[ua.NodeId], attribute: ua.AttributeIds) -> list[ua.DataValue]:
         """Read one attribute of each node."""
-        found: list[ua.DataValue] = []
-        for start in range(0, len(nodes), _AT_ONCE):
-            part = list(nodes[start : start + _AT_ONCE])
-            with self.complaints.about("reading"):
-                answer = await self._client.uaclient.read_attributes(part, attribute)
-            obey_cancellation()
-            if len(answer) != len(part):
-                raise self.complaints.strange(f"{len(answer)} values for {len(part)} nodes")
-            found += answer
-        return found
+        ask = self._client.uaclient.read_attributes
+        return await self._in_parts("reading", nodes, lambda part: ask(part, attribute))
 
     async def children(self, node: str) -> list[Child]:
         """Return what is below a node."""
@@ -81,7 +76,6 @@ class Session:
             references = await self._client.get_node(node).get_references(
                 ua.ObjectIds.HierarchicalReferences, ua.BrowseDirection.Forward
             )
-        obey_cancellation()
         return [
             Child(
                 str(r.BrowseName.Name),
@@ -97,12 +91,9 @@ class Session:
         from asyncua import ua
 
         paths = [_property_path(node, name) for node in nodes]
-        targets: list[ua.NodeId | None] = []
-        for start in range(0, len(paths), _AT_ONCE):
-            with self.complaints.about("reading properties"):
-                answer = await self._client.uaclient.translate_browsepaths_to_nodeids(paths[start : start + _AT_ONCE])
-            obey_cancellation()
-            targets += [r.Targets[0].TargetId if r.StatusCode.is_good() and r.Targets else None for r in answer]
+        ask = self._client.uaclient.translate_browsepaths_to_nodeids
+        answer = await self._in_parts("reading properties", paths, ask)
+        targets = [r.Targets[0].TargetId if r.StatusCode.is_good() and r.Targets else None for r in answer]
         there = [t for t in targets if t is not None]
         values = iter(await self.read(there, ua.AttributeIds.Value))
         found = [next(values) if t is not None else None for t in targets]
@@ -111,9 +102,7 @@ class Session:
     async def subscribe(self, wanted: ua.CreateSubscriptionParameters) -> ua.CreateSubscriptionResult:
         """Create a subscription, whose messages come to ``feed``."""
         with self.complaints.about("subscribing"):
-            made = await self._client.uaclient.create_subscription(wanted, self.feed.take)
-        obey_cancellation()
-        return made
+            return await self._client.uaclient.create_subscription(wanted, self.feed.take)
 
     async def monitor(
         self, subscription: int, items: Sequence[ua.MonitoredItemCreateRequest]
@@ -121,15 +110,22 @@ class Session:
         """Create monitored items of a subscription."""
         from asyncua import ua
 
-        found: list[ua.MonitoredItemCreateResult] = []
+        create, both = self._client.uaclient.create_monitored_items, ua.TimestampsToReturn.Both
+        wanted = partial(ua.CreateMonitoredItemsParameters, subscription, both)
+        return await self._in_parts("subscribing", items, lambda part: create(wanted(part)))
+
+    async def _in_parts(
+        self, doing: str, items: Sequence[T], ask: Callable[[list[T]], Awaitable[Sequence[R]]]
+    ) -> list[R]:
+        """One answer for each item, asked for in requests that every server grants."""
+        found: list[R] = []
         for start in range(0, len(items), _AT_ONCE):
-            wanted = ua.CreateMonitoredItemsParameters()
-            wanted.SubscriptionId = subscription
-            wanted.TimestampsToReturn = ua.TimestampsToReturn.Both
-            wanted.ItemsToCreate = list(items[start : start + _AT_ONCE])
-            with self.complaints.about("subscribing"):
-                found += await self._client.uaclient.create_monitored_items(wanted)
-            obey_cancellation()
+            part = list(items[start : start + _AT_ONCE])
+            with self.complaints.about(doing):
+                answer = await ask(part)
+            if len(answer) != len(part):
+                raise self.complaints.strange(f"{len(answer)} values for {len(part)} nodes")
+            found += answer
         return found
 
     async def renew(self) -> None:
@@ -177,14 +173,11 @@ async def _connect(client: Client, access: Access, complaints: Complaints) -> No
         await _secure(client, access, complaints)
     with complaints.about("connecting"):
         await client.connect_socket()
-    obey_cancellation()
     with complaints.about("opening the secure channel"):
         await client.send_hello()
         await client.open_secure_channel()
-    obey_cancellation()
     with complaints.about("opening a session"):
         await client.create_session()
-    obey_cancellation()
     certificate = None
     if access.user_credentials is not None:
         certificate, client.user_private_key = await asyncio.to_thread(user_of, access.user_credentials)
@@ -194,7 +187,6 @@ async def _connect(client: Client, access: Access, complaints: Complaints) -> No
         client.set_password(access.password)
     with complaints.about("logging in"):
         await client.activate_session(username=access.user, password=access.password, certificate=certificate)
-    obey_cancellation()
 
 
 def _called(access: Access) -> str:
@@ -214,7 +206,6 @@ async def _secure(client: Client, access: Access, complaints: Complaints) -> Non
     if known is None:
         with complaints.about("asking for its endpoints"):
             endpoints = await client.connect_and_get_server_endpoints()
-        obey_cancellation()
         offered = {(e.SecurityPolicyUri.rpartition("#")[2], e.SecurityMode.name.rstrip("_")): e for e in endpoints}
         chosen = offered.get(("Basic256Sha256", mode.name))
         if chosen is None:
@@ -225,7 +216,6 @@ async def _secure(client: Client, access: Access, complaints: Complaints) -> Non
     complaints.certificate = files.thumbprint
     with complaints.about("using the certificates"):
         await client.set_security(Policy, files.certificate, files.key, None, known, mode)
-    obey_cancellation()
 
 
 def _refuse_unencrypted(client: Client, access: Access) -> None:
@@ -275,12 +265,6 @@ async def _farewell(client: Client) -> None:
 def _property_path(node: ua.NodeId, name: str) -> ua.BrowsePath:
     from asyncua import ua
 
-    element = ua.RelativePathElement()
-    element.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasProperty)
-    element.IsInverse = False
-    element.IncludeSubtypes = True
-    element.TargetName = ua.QualifiedName(name, 0)
-    path = ua.BrowsePath()
-    path.StartingNode = node
-    path.RelativePath = ua.RelativePath([element])
-    return path
+    kind = ua.NodeId(ua.ObjectIds.HasProperty)
+    element = ua.RelativePathElement(kind, IsInverse=False, IncludeSubtypes=True, TargetName=ua.QualifiedName(name, 0))
+    return ua.BrowsePath(node, ua.RelativePath([element]))

@@ -69,14 +69,8 @@ def _parameters(publish: float, silence: float) -> ua.CreateSubscriptionParamete
     """A subscription that says each time that it is alive, where nothing changed: only then frames go on in time."""
     from asyncua import ua
 
-    wanted = ua.CreateSubscriptionParameters()
-    wanted.RequestedPublishingInterval = publish * 1e3
-    wanted.RequestedMaxKeepAliveCount = 1
-    wanted.RequestedLifetimeCount = max(_LIVES, int(2 * silence / publish))
-    wanted.MaxNotificationsPerPublish = 0
-    wanted.PublishingEnabled = True
-    wanted.Priority = 0
-    return wanted
+    life = max(_LIVES, int(2 * silence / publish))
+    return ua.CreateSubscriptionParameters(publish * 1e3, life, RequestedMaxKeepAliveCount=1, PublishingEnabled=True)
 
 
 async def _monitored(
@@ -90,17 +84,8 @@ async def _monitored(
 def _item(handle: int, node: ua.NodeId, rate: float, queue: int, every_sample: bool) -> ua.MonitoredItemCreateRequest:
     from asyncua import ua
 
-    wanted = ua.MonitoredItemCreateRequest()
-    wanted.ItemToMonitor.NodeId = node
-    wanted.ItemToMonitor.AttributeId = ua.AttributeIds.Value
-    wanted.MonitoringMode = ua.MonitoringMode.Reporting
-    parameters = wanted.RequestedParameters
-    parameters.ClientHandle = handle
-    parameters.SamplingInterval = 1e3 / rate
-    parameters.QueueSize = queue
-    parameters.DiscardOldest = True
+    wanted = ua.MonitoringParameters(handle, 1e3 / rate, QueueSize=queue, DiscardOldest=True)
     if every_sample:
-        wanted_changes = ua.DataChangeFilter()
-        wanted_changes.Trigger = ua.DataChangeTrigger.StatusValueTimestamp
-        parameters.Filter = wanted_changes
-    return wanted
+        wanted.Filter = ua.DataChangeFilter(ua.DataChangeTrigger.StatusValueTimestamp)
+    value = ua.ReadValueId(node, ua.AttributeIds.Value)
+    return ua.MonitoredItemCreateRequest(value, ua.MonitoringMode.Reporting, wanted)

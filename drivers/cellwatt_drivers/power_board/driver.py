@@ -24,6 +24,7 @@ from cellwatt_drivers.power_board import wire
 from cellwatt_drivers.power_board.board import Board, board_stream
 from cellwatt_drivers.power_board.payload import Packet
 from cellwatt_drivers.power_board.port import ListeningPort, listening_port
+from cellwatt_drivers.shared.choice import Chosen
 
 EVIDENCE = 4096
 """Newest bytes kept, until a wanted packet is heard, to say what they look like."""
@@ -47,7 +48,7 @@ class PowerBoardSettings(SourceSettings):
     """Speed of the serial line, as set in the receiver (BD)."""
     mode: wire.Mode = "api"
     """Mode of the receiver: api (AP=1), api_escaped (AP=2) or transparent (AP=0)."""
-    boards: Annotated[tuple[BoardNumber, ...] | None, BeforeValidator(_listed)] = None
+    boards: Annotated[Chosen[BoardNumber] | None, BeforeValidator(_listed)] = None
     """Number of the board, or a list of numbers; left out: the first one heard."""
     phases: StrictInt = Field(3, ge=1, le=3)
     """Phases that the board measures."""
@@ -64,13 +65,6 @@ class PowerBoardSettings(SourceSettings):
         if not port.startswith("/"):
             raise ValueError("expected the path of a serial port, like '/dev/serial/by-id/usb-…' or '/dev/ttyUSB0'")
         return port
-
-    @field_validator("boards")
-    @classmethod
-    def _are_distinct(cls, boards: tuple[int, ...] | None) -> tuple[int, ...] | None:
-        if boards is not None and (not boards or len(set(boards)) != len(boards)):
-            raise ValueError("expected one or more board numbers, each once, like 7 or [7, 8]")
-        return boards
 
 
 class PowerBoardDriver(Driver[PowerBoardSettings]):

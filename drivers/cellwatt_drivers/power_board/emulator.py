@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cellwatt.emulation import Emulator, Fault, Options
 from cellwatt.emulation.blocks import Blocks
-from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt_drivers.power_board import payload, wire, xbee
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
 
@@ -99,17 +99,7 @@ class PowerBoardEmulator(Emulator):
     title: ClassVar[str] = "Power board behind an XBee receiver"
     usual_address: ClassVar[str] = "pty"
     line = "port"
-    faults: ClassVar[tuple[FaultKind, ...]] = (
-        "delay",
-        "reorder",
-        "duplicate",
-        "loss",
-        "garbage",
-        "half_frame",
-        "stall",
-        "disconnect",
-        "clock_jump",
-    )
+    faults = FAULT_KINDS
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:

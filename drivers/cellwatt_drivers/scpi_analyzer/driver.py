@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from cellwatt.batch import Float
 from cellwatt.channel import Quality, Stream
@@ -22,6 +22,7 @@ from cellwatt_drivers.scpi_analyzer.analyzer import Analyzer
 from cellwatt_drivers.scpi_analyzer.dialect import DIALECTS, Element, Model
 from cellwatt_drivers.scpi_analyzer.line import Line, open_serial, open_tcp
 from cellwatt_drivers.scpi_analyzer.wire import PORT, Value, parse_values
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.polling import NoAnswerError, deliver, keep_conversing, reason_of
 
 FunctionName = Literal["URMS", "IRMS", "P", "S", "Q", "LAMB", "PHI", "FU", "WH"]
@@ -50,7 +51,7 @@ class ScpiAnalyzerSettings(SourceSettings):
     """Serial port instead of ``host``, e.g. ``/dev/ttyACM0``."""
     baud: int = Field(115200, gt=0)
     """Speed of the serial port; a USB virtual port ignores it."""
-    functions: tuple[FunctionName, ...] = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
+    functions: Chosen[FunctionName] = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
     """Quantities to read; WH counts only while the integrator runs (not on an LMG600)."""
     rate: Hertz = 10.0
     """Polls a second; the HMC8015 makes 10 readings a second, the others as many as they are set to."""
@@ -64,13 +65,6 @@ class ScpiAnalyzerSettings(SourceSettings):
     """Start the analyzer's integrator (it is not stopped afterwards)."""
     error_check: Seconds = Field(10.0, gt=0)
     """Read the analyzer's error queue this often."""
-
-    @field_validator("functions")
-    @classmethod
-    def _no_twins(cls, value: tuple[FunctionName, ...]) -> tuple[FunctionName, ...]:
-        if not value or len(set(value)) != len(value):
-            raise ValueError("name at least one function, each once")
-        return value
 
     @model_validator(mode="after")
     def _fits(self) -> ScpiAnalyzerSettings:

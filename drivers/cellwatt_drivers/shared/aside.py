@@ -1,4 +1,4 @@
-"""Devices that block while they are opened and closed: a thread does both."""
+"""Devices that block while they are opened and closed, and libraries that forget cancellations."""
 
 from __future__ import annotations
 
@@ -31,3 +31,13 @@ async def opened_aside(open_device: Callable[[], T], close: Callable[[T], object
         yield device
     finally:
         await asyncio.shield(asyncio.to_thread(close, device))
+
+
+def obey_cancellation() -> None:
+    """Raise ``asyncio.CancelledError`` if the task is cancelled.
+
+    Libraries wait by ``asyncio.wait_for``, which up to Python 3.11 forgets a cancellation that meets the answer.
+    """
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError

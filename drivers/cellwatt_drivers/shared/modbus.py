@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
+from cellwatt_drivers.shared.aside import obey_cancellation
 from cellwatt_drivers.shared.polling import NoAnswerError
 
 if TYPE_CHECKING:
@@ -134,9 +135,9 @@ class Modbus:
         try:
             answer = await ask()
         except ModbusException as error:
-            _obey_cancellation()
+            obey_cancellation()
             raise self._meaning(error, unit) from error
-        _obey_cancellation()
+        obey_cancellation()
         return answer
 
     def _meaning(self, error: ModbusException, unit: int) -> SourceError:
@@ -169,12 +170,5 @@ async def connect(client: Client, timeout: float, unreachable: Callable[[], str]
         raise
     if not opened:
         client.close()
-        _obey_cancellation()
+        obey_cancellation()
         raise ConnectError(unreachable())
-
-
-def _obey_cancellation() -> None:
-    """pymodbus waits by ``asyncio.wait_for``, which up to Python 3.11 forgets a cancellation that meets the answer."""
-    task = asyncio.current_task()
-    if task is not None and task.cancelling():
-        raise asyncio.CancelledError

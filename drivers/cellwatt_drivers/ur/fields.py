@@ -145,27 +145,6 @@ FIELDS: Mapping[str, Field] = {
 }
 """Every output field by its RTDE name."""
 
-INPUTS: Mapping[str, str] = {
-    "speed_slider_mask": "UINT32",
-    "speed_slider_fraction": "DOUBLE",
-    "standard_digital_output_mask": "UINT8",
-    "standard_digital_output": "UINT8",
-    "configurable_digital_output_mask": "UINT8",
-    "configurable_digital_output": "UINT8",
-    "tool_digital_output_mask": "UINT8",
-    "tool_digital_output": "UINT8",
-    "standard_analog_output_mask": "UINT8",
-    "standard_analog_output_type": "UINT8",
-    "standard_analog_output_0": "DOUBLE",
-    "standard_analog_output_1": "DOUBLE",
-    "external_force_torque": "VECTOR6D",
-    "input_bit_registers0_to_31": "UINT32",
-    "input_bit_registers32_to_63": "UINT32",
-    **{f"input_bit_register_{i}": "BOOL" for i in range(64, 128)},
-    **{f"input_int_register_{i}": "INT32" for i in range(48)},
-    **{f"input_double_register_{i}": "DOUBLE" for i in range(48)},
-}
-"""Inputs a controller offers, RTDE name → type: known to the emulator, never written by the driver."""
 
 ROBOT_MODES: Mapping[int, str] = {
     -1: "no controller",

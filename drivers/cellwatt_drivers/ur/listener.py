@@ -9,14 +9,12 @@ from typing import Protocol
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur import wire
-from cellwatt_drivers.ur.fields import FIELDS, INPUTS
+from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.timeline import Encoder
 from cellwatt_drivers.ur.wire import ControllerVersion, Kind
 
 OUTPUTS = 1
 """Id of the one output recipe of a connection."""
-MOST_INPUT_RECIPES = 255
-"""A connection's input recipes are numbered from 1, in one byte; 0 is a refusal."""
 
 
 @dataclass(slots=True)
@@ -85,8 +83,6 @@ class Listener(asyncio.Protocol):
         self.place: Place | None = None
         self.listening = True
         self.compares = False
-        self.inputs: frozenset[str] = frozenset()
-        self._input_sizes: list[int] = []
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Take the connection, or refuse it while the controller is away."""
@@ -124,8 +120,6 @@ class Listener(asyncio.Protocol):
                 self.put(wire.controller_reply(self._controller.version))
             case Kind.SETUP_OUTPUTS:
                 self._set_up_outputs(payload)
-            case Kind.SETUP_INPUTS:
-                self._set_up_inputs(payload)
             case Kind.START:
                 ready = self.encoder.size > len("U") + 3
                 self.put(wire.accept_reply(kind, ready))
@@ -134,8 +128,6 @@ class Listener(asyncio.Protocol):
             case Kind.PAUSE:
                 self._controller.stop(self)
                 self.put(wire.accept_reply(kind, True))
-            case Kind.DATA_PACKAGE:
-                self._take_inputs(payload)
             case Kind.TEXT_MESSAGE:
                 pass
 
@@ -150,22 +142,6 @@ class Listener(asyncio.Protocol):
         self.encoder = Encoder(OUTPUTS, names if all(known) else ())
         self.compares = tuple(names) == ("timestamp",)
         self.put(wire.recipe_reply(Kind.SETUP_OUTPUTS, OUTPUTS if all(known) else 0, types))
-
-    def _set_up_inputs(self, payload: bytes) -> None:
-        names = wire.parse_ask_inputs(payload)
-        taken = frozenset[str]().union(*(c.inputs for c in self._controller.clients if c is not self))
-        types = [wire.IN_USE if n in taken else INPUTS.get(n, wire.NOT_FOUND) for n in names]
-        good = all(t in wire.ELEMENTS for t in types) and len(self._input_sizes) < MOST_INPUT_RECIPES
-        if good:
-            self.inputs |= frozenset(names)
-            self._input_sizes.append(sum(wire.width(t) for t in types))
-        self.put(wire.recipe_reply(Kind.SETUP_INPUTS, len(self._input_sizes) if good else 0, types))
-
-    def _take_inputs(self, payload: bytes) -> None:
-        """Inputs have no effect; what fits none of the recipes is not taken."""
-        recipe = payload[0]
-        good = 1 <= recipe <= len(self._input_sizes) and len(payload) == 1 + self._input_sizes[recipe - 1]
-        self._controller.tally["inputs" if good else "strange inputs"] += 1
 
     @property
     def unread(self) -> int:

@@ -29,7 +29,6 @@ class Kind(IntEnum):
     TEXT_MESSAGE = ord("M")
     DATA_PACKAGE = ord("U")
     SETUP_OUTPUTS = ord("O")
-    SETUP_INPUTS = ord("I")
     START = ord("S")
     PAUSE = ord("P")
 
@@ -45,7 +44,6 @@ FROM_CONTROLLER: Limits = {
     Kind.TEXT_MESSAGE: _TEXT,
     Kind.DATA_PACKAGE: (4, 0xFFFF),
     Kind.SETUP_OUTPUTS: _TYPES,
-    Kind.SETUP_INPUTS: _TYPES,
     Kind.START: (4, 4),
     Kind.PAUSE: (4, 4),
 }
@@ -53,9 +51,7 @@ FROM_CLIENT: Limits = {
     Kind.PROTOCOL_VERSION: (5, 5),
     Kind.CONTROLLER_VERSION: (3, 3),
     Kind.TEXT_MESSAGE: _TEXT,
-    Kind.DATA_PACKAGE: (4, 0xFFFF),
     Kind.SETUP_OUTPUTS: (11, 11 + NAMES_LIMIT),
-    Kind.SETUP_INPUTS: (3, 3 + NAMES_LIMIT),
     Kind.START: (3, 3),
     Kind.PAUSE: (3, 3),
 }
@@ -75,8 +71,6 @@ ELEMENTS: Mapping[str, tuple[str, int]] = {
 """RTDE type → numpy type of one element and number of elements; packages have no padding."""
 NOT_FOUND = "NOT_FOUND"
 """Stands in place of a type for a field that the controller does not know."""
-IN_USE = "IN_USE"
-"""Stands in place of a type for an input that another client writes."""
 
 _HEADER = struct.Struct(">HB")
 _RATE = struct.Struct(">d")
@@ -132,12 +126,6 @@ class TextMessage:
     text: str
     source: str
     level: int
-
-
-def width(kind: str) -> int:
-    """Bytes that a value of this RTDE type takes in a package."""
-    code, elements = ELEMENTS[kind]
-    return np.dtype(code).itemsize * elements
 
 
 def scan(
@@ -204,11 +192,6 @@ def ask_outputs(rate: float, names: Sequence[str]) -> bytes:
     return frame(Kind.SETUP_OUTPUTS, _RATE.pack(rate) + _names(names))
 
 
-def ask_inputs(names: Sequence[str]) -> bytes:
-    """Ask for a recipe of input fields (the emulator's clients do; the driver never does)."""
-    return frame(Kind.SETUP_INPUTS, _names(names))
-
-
 def _names(names: Sequence[str]) -> bytes:
     text = ",".join(names).encode("ascii")
     if len(text) > NAMES_LIMIT:
@@ -266,12 +249,12 @@ def parse_controller(payload: bytes) -> ControllerVersion:
 
 
 def parse_recipe(payload: bytes) -> tuple[int, tuple[str, ...]]:
-    """Id and types from the answer to a recipe; a type may be ``NOT_FOUND`` or ``IN_USE``."""
+    """Id and types from the answer to a recipe; a type may be ``NOT_FOUND``."""
     if len(payload) < 1:
         raise ProtocolError("the answer to a recipe is empty")
     types = _listed(payload[1:])
     for name in types:
-        if name not in ELEMENTS and name not in (NOT_FOUND, IN_USE):
+        if name not in ELEMENTS and name != NOT_FOUND:
             raise ProtocolError(f"no RTDE type: {name[:40]!r}")
     return payload[0], types
 
@@ -284,11 +267,6 @@ def parse_ask_outputs(payload: bytes) -> tuple[float, tuple[str, ...]]:
     if not 0 < rate < float("inf"):
         raise ProtocolError(f"no rate: {rate}")
     return rate, _listed(payload[_RATE.size :])
-
-
-def parse_ask_inputs(payload: bytes) -> tuple[str, ...]:
-    """Names of the inputs that a client wants to write."""
-    return _listed(payload)
 
 
 def parse_text(payload: bytes) -> TextMessage:

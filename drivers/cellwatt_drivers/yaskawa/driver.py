@@ -18,6 +18,7 @@ from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 from cellwatt.host import Host
 from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
 from cellwatt.slots import Slots
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.polling import deliver
 from cellwatt_drivers.yaskawa import payload, polls, wire
 from cellwatt_drivers.yaskawa.greeting import greet
@@ -46,7 +47,7 @@ class YaskawaSettings(SourceSettings):
     """Address of the controller."""
     port: int = Field(wire.PORT, ge=1, le=65535)
     """UDP port of the robot division."""
-    read: tuple[Read, ...] = ("position", "torque", "status", "alarm")
+    read: Chosen[Read] = ("position", "torque", "status", "alarm")
     """Groups to ask for; ``alarm`` is read while the status shows one."""
     rate: Hertz = 50.0
     """Polls of position, of torque and of the Cartesian position, each."""
@@ -72,13 +73,6 @@ class YaskawaSettings(SourceSettings):
     """Ask again at most this often, as long as the poll's own period lasts."""
     silence: Seconds = Field(2.0, gt=0)
     """No good answer for this long: the source is down and is opened again."""
-
-    @field_validator("read")
-    @classmethod
-    def _no_twins(cls, value: tuple[Read, ...]) -> tuple[Read, ...]:
-        if not value or len(set(value)) != len(value):
-            raise ValueError("name at least one of position, torque, cartesian, status, alarm, each once")
-        return value
 
     @field_validator("pulses_per_degree", "rated_torque")
     @classmethod

@@ -17,55 +17,13 @@ from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
 from cellwatt_drivers.yaskawa.emulated_robot import PULSES_PER_DEGREE, RATED_TORQUE, EmulatedRobot
 
-SIZES = {0x78: 1, 0x79: 2, 0x7A: 1, 0x7B: 2, 0x7C: 4, 0x7D: 4, 0x7E: 16, 0x7F: 52, 0x80: 36, 0x81: 36}
-"""Command that reads one → bytes of it: I/O, register, B, I, D, R, S, P, BP and EX variable."""
-_PLURAL = 0x288
-"""The command that reads several is that much above the one that reads one."""
-_COUNT = struct.Struct("<I")
-_LONGEST = wire.LONGEST - wire.HEADER_SIZE - _COUNT.size
-
-NO_COMMAND, NO_INSTANCE, BAD_SIZE = 0xA000, 0xA001, 0xB003
-
-
-class Memory:
-    """All of it is 0 but for ``values``: by command and number, as bytes."""
-
-    def __init__(self) -> None:
-        self.values: dict[tuple[int, int], bytes] = {}
-
-    def one(self, command: int, number: int) -> bytes | None:
-        """The value with this number; ``None`` where the command reads no memory."""
-        size = SIZES.get(command)
-        return None if size is None else self.values.get((command, number), bytes(size))
-
-    def several(self, command: int, first: int, data: bytes) -> bytes | int:
-        """Answer to a plural read: the count and the values from ``first`` on, or the added status of a refusal.
-
-        What takes a byte is read in pairs.
-        """
-        single = command - _PLURAL
-        size = SIZES.get(single)
-        if size is None:
-            return NO_COMMAND
-        if len(data) != _COUNT.size:
-            return BAD_SIZE
-        (count,) = _COUNT.unpack(data)
-        if not 0 < count <= _LONGEST // size or (size == 1 and count % 2):
-            return BAD_SIZE
-        numbers = range(first, first + count)
-        return data + b"".join(self.values.get((single, n), bytes(size)) for n in numbers)
-
-
+NO_COMMAND, NO_INSTANCE, NOT_REMOTE = 0xA000, 0xA001, 0x2100
 ANSWER_MS = {"FS100": 20.0, "DX200": 8.0, "YRC1000": 5.0}
 """From request to answer, of which ± 1 ms is jitter: measured for FS100, 5 to 10 ms by word of mouth for the others."""
 
 _JITTER_MS = 1.0
-_POSITION_ERROR = 0x76
 _GENERAL_ERROR = 0x1F
-_BUSY, _NOT_REMOTE, _NO_ATTRIBUTE = 0xE444, 0x2100, 0xA002
-_HISTORY, _JOB, _TIMES = 0x71, 0x73, 0x88
-_JOB_DATA = struct.pack("<32s3I", b"EMULATED", 0, 0, 10000)
-_TIMES_DATA = struct.pack("<16s12s", b"2024/01/01 00:00", b"000001:00'00")
+_BUSY = 0xE444
 _AXIS_NAMES = ("S", "L", "U", "R", "B", "T", "E", "8")
 _POSE_NAMES = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 _UNDOCUMENTED_BIT = b"\x00\x00\x01\x00"
@@ -80,8 +38,7 @@ class YaskawaEmulator(Emulator):
     (1: a status bit nobody documents is set), ``alarm`` (``CODE:NAME``), ``torque`` (``int32``, or ``float``, as
     Yaskawa's own dissector shows it).
 
-    Beside what the driver asks for it has alarm history, job, times, and ``memory`` (I/O, registers, variables), whose
-    plural reads it answers. Services that write are refused: remote is not set.
+    Services that write are refused: remote is not set.
 
     Faults on answers: ``loss`` (not sent), ``half_frame`` (cut), ``delay`` (late by ``seconds``), ``reorder``
     (held until the next one has left), ``duplicate``, ``garbage`` (random bytes ahead of it). At the next
@@ -125,7 +82,6 @@ class YaskawaEmulator(Emulator):
             options.whole("answer_axes", 8),
         )
         self.system = payload.System("EMULATED", model, "0")
-        self.memory = Memory()
         self.asked: Counter[wire.Request] = Counter()
         self._datagrams = Datagrams(self, take=self._take)
         self._reads = self._tables()
@@ -151,48 +107,28 @@ class YaskawaEmulator(Emulator):
             self.tally["busy"] += 1
             answer = _refusal(request, number, _BUSY)
         else:
-            answer = self._answer(request, number, datagram[wire.HEADER_SIZE :])
+            answer = self._answer(request, number)
         after = self._answer_ms + (2 * self.injector.chance() - 1) * self._jitter_ms
         self._datagrams.put(wire.encode_answer(answer), peer, after * 1e-3)
 
-    def _answer(self, request: wire.Request, number: int, asked: bytes) -> wire.Answer:
-        if request.service == wire.GET_PLURAL:
-            found = self.memory.several(request.command, request.instance, asked)
-        else:
-            found = self._single(request)
-        if isinstance(found, int):
-            return _refusal(request, number, found)
-        return wire.Answer(number, request.service | wire.ANSWER, 0, 0, found)
-
-    def _single(self, request: wire.Request) -> bytes | int:
-        """Return the data of one read, or the added status of a refusal."""
+    def _answer(self, request: wire.Request, number: int) -> wire.Answer:
         if request.service in wire.SET:
-            return _NOT_REMOTE
-        if request.service not in (wire.GET_ALL, wire.GET_ONE):
-            return NO_COMMAND
-        if (value := self.memory.one(request.command, request.instance)) is not None:
-            return value
-        read = self._reads.get(request.command)
+            return _refusal(request, number, NOT_REMOTE)
+        read = self._reads.get(request.command) if request.service == wire.GET_ALL else None
         if read is None:
-            return NO_COMMAND
+            return _refusal(request, number, NO_COMMAND)
         data = read(request.instance)
         if data is None:
-            return NO_INSTANCE
-        if request.service == wire.GET_ONE:
-            data = data[4 * (request.attribute - 1) : 4 * request.attribute] if request.attribute else b""
-        return data or _NO_ATTRIBUTE
+            return _refusal(request, number, NO_INSTANCE)
+        return wire.Answer(number, request.service | wire.ANSWER, 0, 0, data)
 
     def _tables(self) -> Mapping[int, Callable[[int], bytes | None]]:
         return {
             wire.STATUS: lambda i: self._status() if i == 1 else None,
             wire.AXIS_NAMES: self._axis_names,
             wire.POSITION: self._position,
-            _POSITION_ERROR: lambda i: payload.encode_axes((0,) * 8) if i == 1 else None,
             wire.TORQUE: lambda i: self._torque() if i == 1 else None,
             wire.ALARM: lambda i: payload.encode_alarm(self.alarm if i == 1 else payload.Alarm(0)) if i < 5 else None,
-            _HISTORY: lambda i: payload.encode_alarm(payload.Alarm(0)) if i else None,
-            _JOB: lambda i: _JOB_DATA if i == 1 else None,
-            _TIMES: lambda i: _TIMES_DATA if i else None,
             wire.SYSTEM: lambda i: payload.encode_system(self.system) if i == 11 else None,
         }
 
@@ -212,9 +148,9 @@ class YaskawaEmulator(Emulator):
 
     def _position(self, instance: int) -> bytes | None:
         if instance == 1:
-            return payload.encode_position(payload.Position(payload.PULSE, self.robot.pulses(self._now())))
+            return payload.encode_position(payload.PULSE, self.robot.pulses(self._now()))
         if instance == 101:
-            return payload.encode_position(payload.Position(payload.BASE, self.robot.pose(self._now())))
+            return payload.encode_position(payload.BASE, self.robot.pose(self._now()))
         return None
 
     def _now(self) -> float:

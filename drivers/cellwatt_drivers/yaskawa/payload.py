@@ -17,7 +17,8 @@ METRES = 1e-6
 DEGREES = 1e-4
 """Per count of Rx, Ry, Rz."""
 
-_POSITION_HEAD = struct.Struct("<5i")
+_KIND = struct.Struct("<i")
+_POSITION_HEAD = 20  # kind, figure, tool, user frame, extended figure
 _AXES = {4 * n: struct.Struct(f"<{n}i") for n in (6, 7, 8)}
 _STATUS = struct.Struct("<2I")
 _ALARM = struct.Struct("<3I16s32s")
@@ -73,18 +74,6 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
-class Position:
-    """Answer to 0x75: ``axes`` in pulses, or µm and 1e-4 degrees, by ``kind``; 6 to 8 of them."""
-
-    kind: int
-    axes: tuple[int, ...]
-    figure: int = 0
-    tool: int = 0
-    user_frame: int = 0
-    extended: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class Alarm:
     """Answer to 0x70; all zero where there is none. ``time`` is the controller's, as text."""
 
@@ -115,24 +104,23 @@ def encode_status(status: Status) -> bytes:
     return _STATUS.pack(status.mode, status.state)
 
 
-def decode_position(data: bytes, kind: int) -> Position:
-    """A position of 6, 7 or 8 axes (44, 48 or 52 bytes).
+def decode_position(data: bytes, kind: int) -> tuple[int, ...]:
+    """A position of 6, 7 or 8 axes (44, 48 or 52 bytes) in pulses, or in µm and 1e-4 degrees.
 
     Raises ``ProtocolError`` for another length, and where the data are not of the asked ``kind``.
     """
-    axes = _AXES.get(len(data) - _POSITION_HEAD.size)
+    axes = _AXES.get(len(data) - _POSITION_HEAD)
     if axes is None:
         raise ProtocolError(f"a position of {len(data)} bytes; expected 44, 48 or 52")
-    found, figure, tool, user_frame, extended = _POSITION_HEAD.unpack_from(data)
+    (found,) = _KIND.unpack_from(data)
     if found != kind:
         raise ProtocolError(f"a position of data type {found}; asked for {kind}")
-    return Position(found, axes.unpack_from(data, _POSITION_HEAD.size), figure, tool, user_frame, extended)
+    return axes.unpack_from(data, _POSITION_HEAD)
 
 
-def encode_position(position: Position) -> bytes:
+def encode_position(kind: int, axes: tuple[int, ...]) -> bytes:
     """The bytes of a position; their number follows from that of the axes."""
-    head = _POSITION_HEAD.pack(position.kind, position.figure, position.tool, position.user_frame, position.extended)
-    return head + encode_axes(position.axes)
+    return _KIND.pack(kind).ljust(_POSITION_HEAD, b"\0") + encode_axes(axes)
 
 
 def decode_axes(data: bytes) -> tuple[int, ...]:

@@ -38,7 +38,7 @@ def position(group: int, rate: float, motors: MotorAngles) -> Poll:
     axes = len(motors.pulse)
 
     def values(data: bytes) -> Float:
-        return motors.angles(_first(axes, payload.decode_position(data, payload.PULSE).axes))
+        return motors.angles(_first(axes, payload.decode_position(data, payload.PULSE)))
 
     return Poll(_joints("position", rate, axes, "position", "rad"), wire.Request(wire.POSITION, group), values)
 
@@ -62,7 +62,7 @@ def cartesian(group: int, rate: float) -> Poll:
     """Pose of the tool in the robot's base frame: m and rad."""
 
     def values(data: bytes) -> Float:
-        axes = payload.decode_position(data, payload.BASE).axes[:6]
+        axes = payload.decode_position(data, payload.BASE)[:6]
         pose: Float = np.array(axes, dtype=np.float64) * _POSE_UNITS
         return pose
 

@@ -13,8 +13,6 @@ from cellwatt.errors import ProtocolError
 
 PORT = 10040
 HEADER_SIZE = 32
-LONGEST = HEADER_SIZE + 479
-"""Bytes of the longest datagram the protocol allows."""
 
 ALARM = 0x70
 STATUS = 0x72
@@ -23,9 +21,7 @@ POSITION = 0x75
 TORQUE = 0x77
 SYSTEM = 0x89
 
-GET_ONE = 0x0E
 GET_ALL = 0x01
-GET_PLURAL = 0x33
 SET = frozenset({0x10, 0x02, 0x34})
 """Services that write one, all or several; the driver has no code for them."""
 ANSWER = 0x80

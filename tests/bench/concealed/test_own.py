@@ -212,29 +212,6 @@ def test_terms_of_the_simulation_are_those_of_the_key(cases):
     assert rms(law.standby + drive - supplied) < max(0.05, 0.1 * extra)
 
 
-@pytest.mark.slow
-def test_own_clock_and_own_step_say_the_same_motion(cases):
-    case, keys, key = cases("clock")
-    clock = key["simulation"]
-    file = case / "run_01.simulation.parquet"
-    t = pq.read_table(file)["t"].to_numpy()
-    assert 1 / np.diff(t).mean() == pytest.approx(clock["rate"])
-    assert clock["rate"] != key["rate"]
-    assert t[0] == pytest.approx(clock["start"])
-    aligned = keys / "run_01.simulation.parquet"
-    at = pq.read_table(aligned)["t"].to_numpy()
-    seen = pq.read_table(case / "run_01.recording.parquet")["t"].to_numpy()
-    assert np.allclose(at, seen)
-    for name, tolerance in (("q", 2e-3), ("tau", 0.15)):
-        own, same = columns(file, name), columns(aligned, name)
-        there = np.stack([np.interp(at, t - clock["start"] - clock["lead"], x) for x in own.T], axis=1)
-        assert (rms(there - same) / rms(same - same.mean(axis=0))).max() < tolerance
-    assert (keys / "holdout_03.simulator.parquet").exists()
-    assert len(pq.read_table(keys / "holdout_03.simulation.parquet")) == len(
-        pq.read_table(keys / "holdout_03.recording.parquet")
-    )
-
-
 def test_key_on_file_is_the_key(cases):
     _, keys, key = cases("tool")
     assert json.loads((keys / "key.json").read_text()) == key

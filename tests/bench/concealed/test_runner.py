@@ -1,32 +1,19 @@
-"""A case from files to scores, with a product that only repeats what it is given; a run that is killed and goes on."""
+"""A case from files to scores, with a product that only repeats what it is given."""
 
-import json
 import os
-import shutil
-import signal
-import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from concealed import kept, product
 from concealed.cases import Spec
-from concealed.judging import Codes, Job, judge, make
+from concealed.judging import Codes, Job, judge
 from concealed.runner import arguments, attempted, figures, jobs_of, place, wanted
 
 PRODUCT = """
-import json, os, pathlib, signal, sys
+import json, pathlib, sys
 option = lambda name: pathlib.Path(sys.argv[sys.argv.index(name) + 1])
 if sys.argv[1] == "explain":
-    here = pathlib.Path(__file__).parent
-    with (here / "calls").open("a") as calls:
-        calls.write(option("--out").name + "\\n")
-    if (here / "kill").exists() and len((here / "calls").read_text().split()) == 2:
-        (here / "kill").unlink()
-        for pid in {os.getppid(), int((here / "pid").read_text())}:
-            os.kill(pid, signal.SIGKILL)
-        sys.exit(1)
     answer = {"verdict": "explained", "findings": FINDINGS}
     (option("--out") / "findings.json").write_text(json.dumps(answer))
     (option("--out") / "model.yaml").write_text("{}")
@@ -91,78 +78,6 @@ def test_prediction_is_given_the_simulation_of_the_sealed_motion(small_case, tmp
         for gap in row["explain"][motion]:
             assert gap["model"] == pytest.approx(gap["simulation"], rel=1e-3)
             assert gap["gap_closed"] == pytest.approx(0.0, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_what_is_kept_is_not_done_again_unless_code_or_seed_is_another(small_case, tmp_path):
-    one = job(small_case, tmp_path, [], True)
-    first, calls = judge(one), tmp_path / "calls"
-    assert judge(one) == first
-    assert calls.read_text().split() == ["case-005"]
-    rescored = replace(one, codes=replace(one.codes, judging="other"))
-    assert judge(rescored)["explain"]["named"] == first["explain"]["named"]
-    assert calls.read_text().split() == ["case-005"]
-    assert kept.read(*replace(one, codes=replace(one.codes, product="other")).answered) is None
-    assert kept.read(*replace(one, seed="z").made) is None
-    assert make(one)["id"] == "case-005"
-
-
-SMALL_RUN = """
-import os, pathlib, sys
-sys.path[:0] = [BENCH]
-from concealed import setting
-small = setting.RunSet((("excite", 4), ("task", 4)), (("excite", 4),), (100,), 0.001, 0.004)
-for name in setting.RUN_SETS:
-    setting.RUN_SETS[name] = small
-from concealed.runner import main
-if __name__ == "__main__":
-    pathlib.Path(HERE, "pid").write_text(str(os.getpid()))
-    main()
-"""
-
-
-def small_run(bench: Path, folder: Path, work: Path, jobs: int = 1) -> subprocess.CompletedProcess:
-    """The benchmark over two short nulls as a process of its own, with a product that finds a torque offset."""
-    script = folder / "run.py"
-    script.write_text(SMALL_RUN.replace("BENCH", repr(str(bench))).replace("HERE", repr(str(folder))))
-    command = product_in(folder, [{"effect": "torque_offset", "joint": 1, "kind": "missing"}], True)
-    words = [sys.executable, str(script), "--json", "--only", "null", "--cases", "2", "--jobs", str(jobs)]
-    words += ["--no-baselines", "--work", str(work), "--command", command]
-    return subprocess.run(words, capture_output=True, text=True, check=False)
-
-
-def without_times(result: str) -> dict:
-    """The figures without how long they took."""
-    found = json.loads(result)
-    for of in (found["methods"]["explain"], *found["methods"]["explain"]["by_simulation"].values()):
-        del of["seconds_median"], of["seconds_max"]
-    for of in found["methods"]["explain"]["by_kind"].values():
-        del of["seconds_median"], of["seconds_max"]
-    return found
-
-
-@pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_to_the_figures_of_two_workers(bench, tmp_path, monkeypatch):
-    (tmp_path / "temporary").mkdir()
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))  # who is killed leaves its own behind
-    (tmp_path / "kill").touch()
-    stopped = small_run(bench, tmp_path, tmp_path / "work")
-    assert stopped.returncode == -signal.SIGKILL
-    assert len(list((tmp_path / "work" / "rows").glob("case-*.json"))) == 1
-    resumed = small_run(bench, tmp_path, tmp_path / "work")
-    assert "1 of 2 cases are kept from before" in resumed.stderr
-    calls = (tmp_path / "calls").read_text().split()
-    assert len(calls) == 3
-    assert calls[1] == calls[2]
-    for folder in ("made", "dev", "keys"):
-        shutil.copytree(tmp_path / "work" / folder, tmp_path / "other" / folder)
-    whole = small_run(bench, tmp_path, tmp_path / "other", jobs=2)
-    assert without_times(resumed.stdout) == without_times(whole.stdout)
-    assert json.loads(resumed.stdout)["methods"]["explain"]["null_false_rate"]["hits"] == 2
-    (tmp_path / "more").mkdir()
-    other = small_run(bench, tmp_path / "more", tmp_path / "work")
-    assert other.returncode != 0
-    assert "2 answers" in other.stderr
 
 
 def test_cases_are_chosen_by_level_effect_simulation_or_name():

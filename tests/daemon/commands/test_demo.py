@@ -36,7 +36,6 @@ FAULT = {
         "measured_mean_w": 210,
         "rms_w": 12,
         "rms_after_the_spring_w": 55,
-        "course": {"measured_w": [100.0, 200.0], "predicted_w": [110.0, 190.0]},
     },
     "meter": {"statement": "mains.supply.power shows means over 100 ± 5 ms, 30 ± 2 ms late."},
 }

@@ -2,61 +2,65 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-import os
-import signal
+import sys
+from asyncio.subprocess import PIPE
 from pathlib import Path
 
 import pytest
 
 from cellwatt import Batch
 from cellwatt.record import Recording
+from cellwatt.testing import EmulatedDevice, Rig
+from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from tests.daemon.commands.calling import CELL, Call, call, cell
-from tests.daemon.runtime.fakes import DEVICES, JUDGES, RECEIVERS, alarm, answer, drop, give, miss
+from tests.daemon.runtime.fakes import DEVICES, JUDGES, alarm, answer, config_of, give, running
 
 __all__ = ["call", "cell"]
 
 
-async def end(_):
-    os.kill(os.getpid(), signal.SIGTERM)
-
-
 @pytest.fixture
-def recording(call: Call, cell: Path, tmp_path: Path) -> Path:
-    """What ``record`` left of 40 samples."""
-    DEVICES["arm"].tell(answer, give(40), end)
-    assert call("record", cell, "--out", tmp_path / "kept").code == 0
+def recording(call: Call, tmp_path: Path) -> Path:
+    """The record of 40 samples."""
+
+    async def record() -> None:
+        DEVICES["arm"].tell(answer, give(40))
+        async with running(config_of(record=tmp_path / "kept", outlets={})):
+            await DEVICES["arm"].done()
+
+    asyncio.run(record())
     return tmp_path / "kept"
 
 
-def test_record_tells_what_came_and_what_was_lost(call: Call, cell: Path, tmp_path: Path) -> None:
-    DEVICES["arm"].tell(answer, give(5), miss(2, "gap"), drop(1, "checksum"), end)
-    ended = call("record", cell, "--out", tmp_path / "kept")
-    assert ended.out == f"arm: 5 of 8 samples, 3 lost\nrecorded in {tmp_path / 'kept'}\n"
-    assert not RECEIVERS["zenoh"].runs, "nothing is published"
-    batches = [e for e in Recording.open(tmp_path / "kept").entries() if isinstance(e, Batch)]
-    assert sum(map(len, batches)) == 5
+def test_record_says_what_came_and_publishes_and_judges_nothing(tmp_path: Path) -> None:
+    """In processes of its own, as the daemon; what it says is in the record."""
+    file = tmp_path / "weld.yaml"
+    rig = Rig(ScpiAnalyzerDriver, {}, options={"model": "hmc8015"})
 
+    async def recorded(*how: str) -> tuple[str, str]:
+        async with EmulatedDevice(rig, tmp_path) as device:
+            host, _, port = device.address.rpartition(":")
+            source = f"{{driver: scpi_analyzer, host: {host}, port: {port}, rate: 50 Hz}}"
+            rest = "record: {folder: recordings, frames: false}\nstages: {meter: {}}\n"
+            file.write_text(f"site: plant\ncell: weld\nsources:\n  meter: {source}\n{rest}")
+            command = [sys.executable, "-m", "cellwatt.commands", "record", file, "--seconds", "0.5", *how]
+            ended = await asyncio.create_subprocess_exec(*map(str, command), stdout=PIPE, stderr=PIPE)
+            out, err = await ended.communicate()
+            assert ended.returncode == 0, err.decode()
+            return out.decode(), err.decode()
 
-def test_record_in_json(call: Call, cell: Path, tmp_path: Path) -> None:
-    DEVICES["arm"].tell(answer, give(5), end)
-    cell.write_text(CELL + "record: {folder: recordings}\n")
-    final = json.loads(call("record", cell, "--json").out)
-    assert final["sources"]["arm"]["received"] == 5
-    assert list((tmp_path / "recordings").glob("*.mcap"))
-
-
-def test_record_for_a_while(call: Call, cell: Path, tmp_path: Path) -> None:
-    ended = call("record", cell, "--out", tmp_path / "kept", "--seconds", "0.01")
-    assert (ended.code, ended.out.splitlines()[0]) == (0, "arm: 0 of 0 samples, 0 lost")
-
-
-def test_another_folder_changes_nothing_else(call: Call, cell: Path, tmp_path: Path) -> None:
-    DEVICES["arm"].tell(answer, give(20), end)
-    cell.write_text(CELL + "record: {folder: recordings, frames: false}\n")
-    assert call("record", cell, "--out", tmp_path / "kept").code == 0
-    assert Recording.open(tmp_path / "kept").layout is None, "frames are not recorded, as the file says"
+    out, err = asyncio.run(recorded("--out", str(tmp_path / "kept")))
+    assert err == f"recording in {tmp_path / 'kept'}\n"
+    first, last = out.splitlines()
+    assert last == f"recorded in {tmp_path / 'kept'}"
+    found = Recording.open(tmp_path / "kept")
+    assert first.startswith(f"meter: {sum(len(e) for e in found.entries() if isinstance(e, Batch))} of ")
+    assert found.layout is None, "frames are not recorded, as the file says"
     assert not (tmp_path / "recordings").exists()
+    final = json.loads(asyncio.run(recorded("--json"))[0])
+    assert (final["sources"]["meter"]["state"], final["stages"], final["sinks"]) == ("ok", {}, {})
+    assert list((tmp_path / "recordings").glob("*.mcap"))
 
 
 def test_replay_gives_the_frames_that_were_recorded(call: Call, recording: Path) -> None:

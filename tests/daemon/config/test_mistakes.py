@@ -43,7 +43,7 @@ MISTAKES = {
     "unknown alias": (arm("note: *nowhere"), "7:11", "needs its anchor"),
     "unknown tag": (arm("note: !secret x"), "7:11", "the tag !secret means nothing here"),
     "python tag": (arm("note: !!python/object:os.system {}"), "7:11", "the tag !!python/object:os.system"),
-    "anchor within itself": (arm("zones: &a {x: *a}"), "7:12", "an anchor that contains itself"),
+    "anchor within itself": (arm("zones: &a {x: *a}"), "7:19", "an anchor that contains itself"),
     "merge of a text": (arm("<<: hello"), "7:5", "'<<' expects *name"),
     "character 0": (arm(r'host2: "a\0b"'), "7:12", "the character U+0000"),
     "backslash": (arm(r'note: "C:\path"'), "7:15", "write a backslash in 'single quotes'"),

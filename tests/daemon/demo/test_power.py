@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from cellwatt import FrameChannel, Frames, Layout
 from cellwatt.demo.power import power_of
@@ -35,9 +34,6 @@ def test_differences_before_and_after_the_spring(tmp_path):
     assert found["frames"] == 700
     assert (found["rms_w"], found["rms_after_the_spring_w"]) == (2.0, 20.0)
     assert found["measured_mean_w"] == 100.0
-    course = found["course"]
-    assert np.subtract(course["measured_w"], course["predicted_w"]) == pytest.approx(2.0, abs=0.011)
-    assert (len(course["measured_w"]), course["measured_w"][-1]) == (64, pytest.approx(110.0, abs=0.2))
 
 
 def test_missing_values_and_what_an_earlier_run_left_do_not_count(tmp_path):

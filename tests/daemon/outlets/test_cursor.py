@@ -27,7 +27,6 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
     made, there, kept = 0, set[int](), set[int]()
     account = Account()
     cursor = Cursor(None, account)
-    left = 0
 
     def owed() -> set[int]:
         reached = cursor.reached or 0
@@ -42,16 +41,14 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
                 kept.add(made)
                 account.expect()
                 if step == "miss":
-                    left += 1
+                    cursor.owe(made - STEP, made, 1)
                     continue
-                cursor.owe_since(made - STEP, left)
-                left = 0
                 cursor.deliver(made)
                 account.receive()
                 there.add(made)
             case "kill":  # what is in the file is known, the rest is in the record
-                cursor.owe_since(made, left)
-                left, known = 0, (cursor.reached, cursor.owed)
+                cursor.owe_since(made)
+                known = cursor.reached, cursor.owed
                 again = Cursor(None, Account())
                 again.succeed(cursor)
                 account, cursor = again._account, again
@@ -69,7 +66,7 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
                 cursor.deliver((cursor.reached or 0) // 2)
         lost = set(range(STEP, made + 1, STEP)) - kept
         assert set(range(STEP, made + 1, STEP)) <= there | owed() | lost
-        assert account.residue == left
+        assert account.residue == 0
         assert all(a[1] < b[0] for a, b in pairwise(cursor.owed)) and all(a < u for a, u in cursor.owed)
 
 

@@ -128,20 +128,6 @@ def test_messages_shorter_than_their_head() -> None:
         walk(struct.pack("<BQ", Opcode.MESSAGE, 0) * 100)
 
 
-@pytest.mark.slow
-def test_an_attachment_of_two_gigabytes(tmp_path: Path) -> None:
-    write_chunks(tmp_path, [[batch_of(0, 20)]], close=False)
-    path = tmp_path / name_of()
-    (tmp_path / (name_of() + PART)).rename(path)
-    with path.open("ab") as file:
-        file.write(struct.pack("<BQ", Opcode.ATTACHMENT, 1 << 31))
-        file.truncate(file.tell() + (1 << 31))
-    grown, told = read_elsewhere(path)
-    assert grown < ROOM
-    assert told.startswith("20 samples; ")
-    assert "a record is larger than any of a recording" in told
-
-
 def test_a_summary_of_two_gigabytes(tmp_path: Path) -> None:
     write_chunks(tmp_path, [[batch_of(0, 20)]])
     path = tmp_path / name_of()

@@ -49,6 +49,15 @@ def test_every_kind_of_item_comes_through(ring):
     assert list(reader.items()) == []
 
 
+def test_messages_are_numbered_by_kind_and_figures_are_not_counted(ring):
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    assert (reader.sequence, reader.count) == (0, 0)
+    for item in (Tick(1), Status({"a": 1}), Tick(2), alarm(), Tick(3)):
+        writer.put(item)
+    assert [reader.sequence for _ in reader.items()] == [0, 0, 1, 0, 2]
+    assert reader.count == 4
+
+
 def test_samples_are_recorded_as_they_stand_in_the_ring(ring):
     writer, reader = ItemWriter(ring), ItemReader(ring, 0)
     put = batch_of(7, 4)

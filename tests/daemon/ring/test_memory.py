@@ -62,6 +62,15 @@ def test_a_record_that_does_not_fit_is_refused(ring):
     assert len(read_all(ring, 0)[0]) == 1
 
 
+def test_no_more_is_written_over_than_must_be(ring):
+    """Records of 128 bytes with their heads: 32 fill the ring to its end, and each one more costs one."""
+    put(ring, 33, size=80)
+    assert ring.head == 33 * 128
+    found, skipped, _ = read_all(ring, 0)
+    assert [r.sequence for r in found] == list(range(1, 33))
+    assert skipped == 128
+
+
 @pytest.mark.parametrize("readers", [0, READERS + 1])
 def test_there_are_some_readers_and_not_too_many(readers):
     with pytest.raises(ValueError, match="readers"):

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
+from cellwatt.cell_clock import CellClock
 from cellwatt.config import CellConfig
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
-from cellwatt.runtime import cell
 from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.runtime.chain import BEGINS_ANEW, Chain
 from cellwatt.runtime.change import Change
-from cellwatt.runtime.collector import load_libraries
+from cellwatt.runtime.collector import Collector, Entry, load_libraries
+from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.tasks import Tasks, plain_errors
+from cellwatt.runtime.teller import Teller
+from cellwatt.ticker import Ticker
+
+log = logging.getLogger(__name__)
+
+HEALTH_RATE = 1.0  # Hz
 
 
 class Worker:
@@ -45,19 +52,46 @@ class Worker:
             self.ended.set()
 
 
-class Cell(cell.Cell):
-    """Adds stages, and ``reload``, which applies what changed in the settings."""
+class Cell:
+    """A cell on one event loop. ``run`` serves until ``stop``; ``reload`` applies what changed in the settings."""
 
     def __init__(self, config: CellConfig) -> None:
-        super().__init__(config)
+        self._config = config
+        self.clock = CellClock()
+        self.session = self.clock.now()
+        self.view = Teller(config, self.session, self.clock.now)
+        self._collector = Collector(config, self.clock, self._take)
+        self._framer = Framer({}, config.frames)
+        self._lag = 0.0
+        self._stopping = asyncio.Event()
         self._workers: list[Worker] = []
         self._changing = asyncio.Lock()
         """Held while parts are started, changed or ended."""
 
     async def run(self, ready: Callable[[], None] = lambda: None) -> None:
-        """As in the product; ``ready`` is called once everything is started."""
+        """Serve until ``stop``; then drain and close. ``ready`` is called once everything is started."""
         with plain_errors():
             await self._serve(ready)
+
+    def stop(self) -> None:
+        """End ``run`` in order: sources first, then what is queued, then the record."""
+        self._stopping.set()
+
+    def _take(self, entry: Entry) -> None:
+        self.view.take(entry)
+        if not isinstance(entry, Event):
+            self._give_frames(self._framer.take(entry))
+
+    async def _heart(self) -> None:
+        async with Ticker(HEALTH_RATE) as ticker:
+            async for tick in ticker:
+                self._lag = tick.lateness
+                try:
+                    self._collector.keep_time()
+                    self._look()
+                except Exception:
+                    # Health is worth a lot, but never the data: it is looked at again in a second.
+                    log.exception("the look at the cell's health failed")
 
     async def _serve(self, ready: Callable[[], None]) -> None:
         async with asyncio.TaskGroup() as group:
@@ -84,7 +118,7 @@ class Cell(cell.Cell):
 
     def _give_frames(self, blocks: Iterable[Frames]) -> None:
         for frames in blocks:
-            super()._give_frames((frames,))
+            self.view.take(frames)
             for worker in self._workers:
                 worker.offer(frames)
 
@@ -108,8 +142,16 @@ class Cell(cell.Cell):
         await asyncio.gather(*(worker.ended.wait() for worker in workers))
         self._give_frames(self._framer.flush())  # what sources that stay gave meanwhile
 
-    def _look(self, **stages: Any) -> None:
-        super()._look(**{name: figures for w in self._workers for name, figures in w.chain.status().items()})
+    def _look(self) -> None:
+        self.view.look(
+            {
+                "utc_error_ms": round(self.clock.utc_error_ns * 1e-6, 3),
+                "loop_lag_ms": round(1e3 * self._lag, 3),
+                "sources": self._collector.status(),
+                "frames": self._framer.status(),
+                "stages": {name: told for w in self._workers for name, told in w.chain.status().items()},
+            }
+        )
 
     async def reload(self, config: CellConfig) -> str:
         """Apply what changed and nothing else; gives a line that says what was done."""

@@ -10,6 +10,7 @@ import pytest
 from cellwatt import Alarm, OutletError
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.watch import Watch
+from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
     DEVICES,
     JUDGES,
@@ -39,71 +40,59 @@ async def runs(n):
     return [b - a for a, b in pairwise(times)]
 
 
-def test_a_outlet_gets_what_the_cell_gives(at_once):
-    async def main():
-        DEVICES["arm"].tell(answer, give(10))
-        async with running(config_of()):
-            await until(lambda: len(RECEIVERS["bus"].frames) >= 9)
-        bus = RECEIVERS["bus"]
-        assert bus.values == list(range(10))
-        assert bus.frames == list(range(len(bus.frames)))
-        assert bus.told == ["connected"]
-        assert bus.health[-1]["sinks"]["bus"]["state"] == "ok"
-
-    at_once(main())
+@at_once
+async def test_a_outlet_gets_what_the_cell_gives():
+    DEVICES["arm"].tell(answer, give(10))
+    async with running(config_of()):
+        await until(lambda: len(RECEIVERS["bus"].frames) >= 9)
+    bus = RECEIVERS["bus"]
+    assert bus.values == list(range(10))
+    assert bus.frames == list(range(len(bus.frames)))
+    assert bus.told == ["connected"]
+    assert bus.health[-1]["sinks"]["bus"]["state"] == "ok"
 
 
-def test_a_outlet_that_fails_is_run_again_with_longer_pauses(at_once):
-    async def main():
-        RECEIVERS["bus"].tell(*[fail(AWAY)] * 8)
-        async with running(config_of()):
-            assert await runs(9) == pytest.approx([0.5, 1, 2, 4, 8, 16, 30, 30])
-
-    at_once(main())
+@at_once
+async def test_a_outlet_that_fails_is_run_again_with_longer_pauses():
+    RECEIVERS["bus"].tell(*[fail(AWAY)] * 8)
+    async with running(config_of()):
+        assert await runs(9) == pytest.approx([0.5, 1, 2, 4, 8, 16, 30, 30])
 
 
-def test_a_outlet_that_served_is_run_again_soon(at_once):
-    async def main():
-        RECEIVERS["bus"].tell(*[fail(AWAY)] * 6, last(60.0), fail(AWAY))
-        async with running(config_of()):
-            assert (await runs(8))[-2:] == pytest.approx([16, 60.5])
-
-    at_once(main())
+@at_once
+async def test_a_outlet_that_served_is_run_again_soon():
+    RECEIVERS["bus"].tell(*[fail(AWAY)] * 6, last(60.0), fail(AWAY))
+    async with running(config_of()):
+        assert (await runs(8))[-2:] == pytest.approx([16, 60.5])
 
 
-def test_a_outlet_is_down_until_it_has_served_for_a_while(at_once):
-    async def main():
-        RECEIVERS["bus"].tell(fail(AWAY))
-        async with running(config_of()) as cell:
-            await runs(2)
-            bus = (await look(cell))["sinks"]["bus"]
-            assert (bus["state"], bus["error"]) == ("down", str(AWAY)), "it may be about to fail again"
-            await asyncio.sleep(10.0)
-            assert (await look(cell))["sinks"]["bus"]["state"] == "down"
-            await asyncio.sleep(10.0)
-            bus = (await look(cell))["sinks"]["bus"]
-            assert (bus["state"], bus["error"]) == ("ok", None)
-
-    at_once(main())
+@at_once
+async def test_a_outlet_is_down_until_it_has_served_for_a_while():
+    RECEIVERS["bus"].tell(fail(AWAY))
+    async with running(config_of()) as cell:
+        await runs(2)
+        bus = (await look(cell))["sinks"]["bus"]
+        assert (bus["state"], bus["error"]) == ("down", str(AWAY)), "it may be about to fail again"
+        await asyncio.sleep(10.0)
+        assert (await look(cell))["sinks"]["bus"]["state"] == "down"
+        await asyncio.sleep(10.0)
+        bus = (await look(cell))["sinks"]["bus"]
+        assert (bus["state"], bus["error"]) == ("ok", None)
 
 
-def test_a_outlet_that_takes_long_to_fail_is_one_alarm(at_once):
-    async def main():
-        RECEIVERS["bus"].tell(*[last(10.0), fail(AWAY)] * 10)
-        delivery = Delivery("bus", FakeOutlet("bus", ReceiverSettings(), None))
-        task = asyncio.create_task(delivery.run())
-        watch, alarms = Watch(), []
-        for _ in range(130):
-            await asyncio.sleep(1.0)
-            status = {"sources": {}, "stages": {}, "sinks": {"bus": delivery.status()}, "recorder": None}
-            alarms += watch.look(status, 0)
-        task.cancel()
-        await asyncio.wait([task])
-        assert [(a.id, a.active, a.statement) for a in alarms] == [
-            ("sink_down:bus", True, f"Outlet bus is down: {AWAY}")
-        ]
-
-    at_once(main())
+@at_once
+async def test_a_outlet_that_takes_long_to_fail_is_one_alarm():
+    RECEIVERS["bus"].tell(*[last(10.0), fail(AWAY)] * 10)
+    delivery = Delivery("bus", FakeOutlet("bus", ReceiverSettings(), None))
+    task = asyncio.create_task(delivery.run())
+    watch, alarms = Watch(), []
+    for _ in range(130):
+        await asyncio.sleep(1.0)
+        status = {"sources": {}, "stages": {}, "sinks": {"bus": delivery.status()}, "recorder": None}
+        alarms += watch.look(status, 0)
+    task.cancel()
+    await asyncio.wait([task])
+    assert [(a.id, a.active, a.statement) for a in alarms] == [("sink_down:bus", True, f"Outlet bus is down: {AWAY}")]
 
 
 @pytest.mark.parametrize(
@@ -113,49 +102,42 @@ def test_a_outlet_that_takes_long_to_fail_is_one_alarm(at_once):
         (fail(asyncio.CancelledError()), "CancelledError: "),
     ],
 )
-def test_a_outlet_with_a_mistake_is_run_again(at_once, caplog, order, error):
-    async def main():
-        RECEIVERS["bus"].tell(order)
-        async with running(config_of()) as cell:
-            await runs(2)
-            assert (await look(cell))["sinks"]["bus"]["error"] == error
-
-    at_once(main())
+@at_once
+async def test_a_outlet_with_a_mistake_is_run_again(caplog, order, error):
+    RECEIVERS["bus"].tell(order)
+    async with running(config_of()) as cell:
+        await runs(2)
+        assert (await look(cell))["sinks"]["bus"]["error"] == error
     assert "outlet bus broke" in caplog.text
 
 
-def test_a_outlet_that_ends_by_itself_is_down_and_run_again(at_once, monkeypatch):
+@at_once
+async def test_a_outlet_that_ends_by_itself_is_down_and_run_again(monkeypatch):
     async def ends(_):
         RECEIVERS["bus"].runs.append(0.0)
 
     monkeypatch.setattr(FakeOutlet, "run", ends)
-
-    async def main():
-        async with running(config_of()) as cell:
-            await runs(3)
-            assert (await look(cell))["sinks"]["bus"]["error"] == "it ended though nobody stopped it"
-
-    at_once(main())
+    async with running(config_of()) as cell:
+        await runs(3)
+        assert (await look(cell))["sinks"]["bus"]["error"] == "it ended though nobody stopped it"
 
 
-def test_a_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(at_once, caplog):
-    async def main():
-        RECEIVERS["bus"].refuse = TypeError("cannot\x00encode")
-        DEVICES["arm"].tell(answer, give(20))
-        async with running(config_of(outlets=outlets("bus", "other"))) as cell:
-            await DEVICES["arm"].done()
-            status = await look(cell)
-            assert status["sources"]["arm"]["state"] == "ok"
-            assert len(DEVICES["arm"].runs) == 1, "the source is not to blame"
-            bus = status["sinks"]["bus"]
-            assert (bus["state"], bus["error"]) == ("down", "TypeError: cannot encode")
-            assert bus["counters"]["items lost"] >= 20
-            assert RECEIVERS["other"].values == list(range(20))
-            assert len(RECEIVERS["other"].frames) >= 19
-            RECEIVERS["bus"].refuse = None
-            assert (await look(cell, 2))["sinks"]["bus"]["state"] == "ok"
-
-    at_once(main())
+@at_once
+async def test_a_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(caplog):
+    RECEIVERS["bus"].refuse = TypeError("cannot\x00encode")
+    DEVICES["arm"].tell(answer, give(20))
+    async with running(config_of(outlets=outlets("bus", "other"))) as cell:
+        await DEVICES["arm"].done()
+        status = await look(cell)
+        assert status["sources"]["arm"]["state"] == "ok"
+        assert len(DEVICES["arm"].runs) == 1, "the source is not to blame"
+        bus = status["sinks"]["bus"]
+        assert (bus["state"], bus["error"]) == ("down", "TypeError: cannot encode")
+        assert bus["counters"]["items lost"] >= 20
+        assert RECEIVERS["other"].values == list(range(20))
+        assert len(RECEIVERS["other"].frames) >= 19
+        RECEIVERS["bus"].refuse = None
+        assert (await look(cell, 2))["sinks"]["bus"]["state"] == "ok"
     assert caplog.text.count("outlet bus broke") == 1, "told once"
 
 
@@ -167,21 +149,17 @@ async def test_a_result_that_a_outlet_breaks_at_does_not_end_the_stages():
         await until(lambda: len(RECEIVERS["other"].of(Alarm)) >= 19)
 
 
-def test_a_outlet_that_breaks_at_health_does_not_keep_it_from_others(at_once):
-    async def main():
-        RECEIVERS["bus"].refuse_health = ValueError("not JSON")
-        async with running(config_of(outlets=outlets("bus", "other"))) as cell:
-            status = await look(cell, 2)
-            assert status["sinks"]["bus"]["error"] == "ValueError: not JSON"
-            assert RECEIVERS["other"].health
-
-    at_once(main())
+@at_once
+async def test_a_outlet_that_breaks_at_health_does_not_keep_it_from_others():
+    RECEIVERS["bus"].refuse_health = ValueError("not JSON")
+    async with running(config_of(outlets=outlets("bus", "other"))) as cell:
+        status = await look(cell, 2)
+        assert status["sinks"]["bus"]["error"] == "ValueError: not JSON"
+        assert RECEIVERS["other"].health
 
 
-def test_the_host_is_told_that_the_cell_lives_whatever_a_outlet_does(at_once):
-    async def main():
-        RECEIVERS["bus"].refuse_health = ValueError("not JSON")
-        async with running(config_of()) as cell:
-            assert (await look(cell, 3))["state"] == "amber"
-
-    at_once(main())
+@at_once
+async def test_the_host_is_told_that_the_cell_lives_whatever_a_outlet_does():
+    RECEIVERS["bus"].refuse_health = ValueError("not JSON")
+    async with running(config_of()) as cell:
+        assert (await look(cell, 3))["state"] == "amber"

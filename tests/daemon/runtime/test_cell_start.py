@@ -10,6 +10,7 @@ from cellwatt import Alarm, ConfigError, ConnectError, Event, OutletError, Recor
 from cellwatt.alarms import Patience
 from cellwatt.record import Recording
 from cellwatt.runtime import watch
+from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
     DEVICES,
     JUDGES,
@@ -33,86 +34,76 @@ from tests.daemon.runtime.fakes import (
 NOBODY = ConnectError("nobody answers at 192.0.2.1:30004")
 
 
-def test_each_source_is_on_its_own(at_once):
-    async def main():
-        DEVICES["arm"].tell(answer, give(5))
-        DEVICES["board"].tell(*[fail(NOBODY)] * 1000)
-        DEVICES["meter"].tell(hang)
-        async with running(config_of(sources=sources("arm", "board", "meter"))) as cell:
-            await DEVICES["arm"].done()
-            states = {name: s["state"] for name, s in (await look(cell))["sources"].items()}
-            assert states == {"arm": "ok", "board": "retrying", "meter": "starting"}
-            assert cell.view.status()["state"] == "amber"
-            assert RECEIVERS["bus"].values == [0, 1, 2, 3, 4]
-
-    at_once(main())
+@at_once
+async def test_each_source_is_on_its_own():
+    DEVICES["arm"].tell(answer, give(5))
+    DEVICES["board"].tell(*[fail(NOBODY)] * 1000)
+    DEVICES["meter"].tell(hang)
+    async with running(config_of(sources=sources("arm", "board", "meter"))) as cell:
+        await DEVICES["arm"].done()
+        states = {name: s["state"] for name, s in (await look(cell))["sources"].items()}
+        assert states == {"arm": "ok", "board": "retrying", "meter": "starting"}
+        assert cell.view.status()["state"] == "amber"
+        assert RECEIVERS["bus"].values == [0, 1, 2, 3, 4]
 
 
-def test_a_cell_that_hears_nobody_is_red_and_says_who_is_away(at_once):
-    async def main():
-        DEVICES["arm"].tell(*[fail(NOBODY)] * 1000)
-        async with running(config_of()) as cell:
-            await until(lambda: DEVICES["arm"].runs)
-            status = await look(cell, 4)
-            assert status["state"] == "red"
-            (found,) = RECEIVERS["bus"].of(Alarm)
-            assert found.statement == f"Source arm is down: {NOBODY}"
-            assert [a["id"] for a in status["alarms"]] == ["source_down:arm"]
-
-    at_once(main())
+@at_once
+async def test_a_cell_that_hears_nobody_is_red_and_says_who_is_away():
+    DEVICES["arm"].tell(*[fail(NOBODY)] * 1000)
+    async with running(config_of()) as cell:
+        await until(lambda: DEVICES["arm"].runs)
+        status = await look(cell, 4)
+        assert status["state"] == "red"
+        (found,) = RECEIVERS["bus"].of(Alarm)
+        assert found.statement == f"Source arm is down: {NOBODY}"
+        assert [a["id"] for a in status["alarms"]] == ["source_down:arm"]
 
 
-def test_a_source_that_comes_back_clears_its_alarm(at_once, no_jitter, monkeypatch):
+@at_once
+async def test_a_source_that_comes_back_clears_its_alarm(no_jitter, monkeypatch):
     monkeypatch.setattr(watch, "STEADY", Patience(3, 0.5))
 
     def downs():
         return [a for a in RECEIVERS["bus"].of(Alarm) if a.kind == "source_down"]
 
-    async def main():
-        DEVICES["arm"].tell(fail(NOBODY))
-        async with running(config_of()) as cell:
-            await until(lambda: "lost" in RECEIVERS["bus"].told)
-            while not RECEIVERS["bus"].of(Alarm):
-                await look(cell)
-                DEVICES["arm"].tell(fail(NOBODY))
-            while not DEVICES["arm"].orders.empty():
-                DEVICES["arm"].orders.get_nowait()
-            DEVICES["arm"].tell(answer)
-            while (said := downs())[-1].active:
-                await look(cell)
-            assert [a.active for a in said].count(False) == 1
-            assert "source_down:arm" not in [a["id"] for a in cell.view.status()["alarms"]]
-
-    at_once(main())
+    DEVICES["arm"].tell(fail(NOBODY))
+    async with running(config_of()) as cell:
+        await until(lambda: "lost" in RECEIVERS["bus"].told)
+        while not RECEIVERS["bus"].of(Alarm):
+            await look(cell)
+            DEVICES["arm"].tell(fail(NOBODY))
+        while not DEVICES["arm"].orders.empty():
+            DEVICES["arm"].orders.get_nowait()
+        DEVICES["arm"].tell(answer)
+        while (said := downs())[-1].active:
+            await look(cell)
+        assert [a.active for a in said].count(False) == 1
+        assert "source_down:arm" not in [a["id"] for a in cell.view.status()["alarms"]]
 
 
-def test_health_tells_the_account_of_a_source(at_once):
-    async def main():
-        DEVICES["arm"].tell(answer, give(4), miss(2, "gap"), drop(1, "checksum"))
-        async with running(config_of()) as cell:
-            await DEVICES["arm"].done()
-            arm = (await look(cell, 4))["sources"]["arm"]
-            assert arm["expected"] == 7
-            assert arm["received"] + sum(arm["missed"].values()) + sum(arm["dropped"].values()) == 7
-            assert RECEIVERS["bus"].of(Alarm) == []
-
-    at_once(main())
+@at_once
+async def test_health_tells_the_account_of_a_source():
+    DEVICES["arm"].tell(answer, give(4), miss(2, "gap"), drop(1, "checksum"))
+    async with running(config_of()) as cell:
+        await DEVICES["arm"].done()
+        arm = (await look(cell, 4))["sources"]["arm"]
+        assert arm["expected"] == 7
+        assert arm["received"] + sum(arm["missed"].values()) + sum(arm["dropped"].values()) == 7
+        assert RECEIVERS["bus"].of(Alarm) == []
 
 
-def test_samples_nobody_accounts_for_are_an_alarm(at_once):
+@at_once
+async def test_samples_nobody_accounts_for_are_an_alarm():
     async def forgets(driver):
         driver.inlet.account.expect(3)
 
-    async def main():
-        DEVICES["arm"].tell(answer, give(4), forgets)
-        async with running(config_of()) as cell:
-            await DEVICES["arm"].done()
-            await look(cell, 4)
-            (found,) = RECEIVERS["bus"].of(Alarm)
-            assert found.statement == "Source arm: 3 samples are not accounted for."
-            assert (found.evidence["expected"], found.evidence["received"]) == (7, 4)
-
-    at_once(main())
+    DEVICES["arm"].tell(answer, give(4), forgets)
+    async with running(config_of()) as cell:
+        await DEVICES["arm"].done()
+        await look(cell, 4)
+        (found,) = RECEIVERS["bus"].of(Alarm)
+        assert found.statement == "Source arm: 3 samples are not accounted for."
+        assert (found.evidence["expected"], found.evidence["received"]) == (7, 4)
 
 
 async def test_an_alarm_of_a_stage_reaches_outlets_record_and_health(tmp_path):

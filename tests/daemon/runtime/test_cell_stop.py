@@ -9,6 +9,7 @@ import pytest
 
 from cellwatt import Alarm, Frames
 from cellwatt.record import Recording
+from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
     DEVICES,
     JUDGES,
@@ -54,25 +55,24 @@ async def test_everything_accepted_is_judged_published_and_recorded(tmp_path):
     assert not list(tmp_path.glob("*.part")), "the file is closed"
 
 
-def test_frames_that_waited_for_a_silent_source_are_given_at_the_end(at_once):
+@at_once
+async def test_frames_that_waited_for_a_silent_source_are_given_at_the_end():
     def newest():
         # A block may hold nothing of the arm: where it comes late, ticks give out frames without it.
         columns = [f.values[:, f.layout.index("arm.bus.voltage")] for f in RECEIVERS["bus"].of(Frames)]
         return np.nanmax(np.concatenate(columns))
 
-    async def main():
-        DEVICES["board"].tell(answer, give(1))
-        async with running(config_of(sources=sources("arm", "board"))):
-            await DEVICES["board"].done()
-            DEVICES["arm"].tell(answer, give(20))
-            await DEVICES["arm"].done()
-            assert newest() < 16, "the last 100 ms wait"
-        assert newest() > 18, "up to the last sample, 19 V"
-
-    at_once(main())
+    DEVICES["board"].tell(answer, give(1))
+    async with running(config_of(sources=sources("arm", "board"))):
+        await DEVICES["board"].done()
+        DEVICES["arm"].tell(answer, give(20))
+        await DEVICES["arm"].done()
+        assert newest() < 16, "the last 100 ms wait"
+    assert newest() > 18, "up to the last sample, 19 V"
 
 
-def test_outlets_are_open_until_the_last_item(at_once, monkeypatch):
+@at_once
+async def test_outlets_are_open_until_the_last_item(monkeypatch):
     offered = []
     offer = FakeOutlet.offer
 
@@ -81,42 +81,35 @@ def test_outlets_are_open_until_the_last_item(at_once, monkeypatch):
         offer(self, item)
 
     monkeypatch.setattr(FakeOutlet, "offer", noting)
-
-    async def main():
-        DEVICES["arm"].tell(answer, give(5))
-        async with running(config_of()):
-            await DEVICES["arm"].done()
-        assert set(offered) == {1}
-        assert RECEIVERS["bus"].open == 0
-
-    at_once(main())
+    DEVICES["arm"].tell(answer, give(5))
+    async with running(config_of()):
+        await DEVICES["arm"].done()
+    assert set(offered) == {1}
+    assert RECEIVERS["bus"].open == 0
 
 
-def test_sources_give_nothing_once_it_stops(at_once):
-    async def main():
-        async with running(config_of()) as cell:
-            DEVICES["arm"].tell(answer, give(3))
-            await DEVICES["arm"].done()
-            cell.stop()
-            await until(lambda: not RECEIVERS["bus"].open)
-            DEVICES["arm"].tell(give(3))
-        assert RECEIVERS["bus"].values == [0, 1, 2]
-
-    at_once(main())
+@at_once
+async def test_sources_give_nothing_once_it_stops():
+    async with running(config_of()) as cell:
+        DEVICES["arm"].tell(answer, give(3))
+        await DEVICES["arm"].done()
+        cell.stop()
+        await until(lambda: not RECEIVERS["bus"].open)
+        DEVICES["arm"].tell(give(3))
+    assert RECEIVERS["bus"].values == [0, 1, 2]
 
 
-def test_health_is_told_once_more_at_the_end(at_once):
-    async def main():
-        async with running(config_of()) as cell:
-            DEVICES["arm"].tell(answer, give(3))
-            await DEVICES["arm"].done()
-        assert cell.view.status()["sources"]["arm"]["received"] == 3
-        assert RECEIVERS["bus"].health[-1]["sources"]["arm"]["received"] == 3
-
-    at_once(main())
+@at_once
+async def test_health_is_told_once_more_at_the_end():
+    async with running(config_of()) as cell:
+        DEVICES["arm"].tell(answer, give(3))
+        await DEVICES["arm"].done()
+    assert cell.view.status()["sources"]["arm"]["received"] == 3
+    assert RECEIVERS["bus"].health[-1]["sources"]["arm"]["received"] == 3
 
 
-def test_a_outlet_that_never_drains_is_cut_off(at_once, monkeypatch, caplog):
+@at_once
+async def test_a_outlet_that_never_drains_is_cut_off(monkeypatch, caplog):
     async def hangs(self):
         try:
             await asyncio.Event().wait()
@@ -124,17 +117,14 @@ def test_a_outlet_that_never_drains_is_cut_off(at_once, monkeypatch, caplog):
             await asyncio.Event().wait()
 
     monkeypatch.setattr(FakeOutlet, "run", hangs)
-
-    async def main():
-        async with asyncio.timeout(60):
-            async with running(config_of()):
-                pass
-
-    at_once(main())
+    async with asyncio.timeout(60):
+        async with running(config_of()):
+            pass
     assert "outlet bus did not end within 5 s" in caplog.text
 
 
-def test_a_driver_that_does_not_let_go_is_cut_off(at_once, monkeypatch, caplog):
+@at_once
+async def test_a_driver_that_does_not_let_go_is_cut_off(monkeypatch, caplog):
     async def stays(self):
         try:
             await asyncio.Event().wait()
@@ -142,19 +132,16 @@ def test_a_driver_that_does_not_let_go_is_cut_off(at_once, monkeypatch, caplog):
             await asyncio.Event().wait()
 
     monkeypatch.setattr(FakeDriver, "run", stays)
-
-    async def main():
-        async with asyncio.timeout(60):
-            async with running(config_of()):
-                pass
-        assert RECEIVERS["bus"].health, "the rest is ended in order"
-
-    at_once(main())
+    async with asyncio.timeout(60):
+        async with running(config_of()):
+            pass
+    assert RECEIVERS["bus"].health, "the rest is ended in order"
     assert "source arm did not end within 5 s" in caplog.text
 
 
-def test_a_cell_that_is_cancelled_lets_its_devices_go(at_once):
-    async def main():
+@at_once
+async def test_a_cell_that_is_cancelled_lets_its_devices_go():
+    with pytest.raises(asyncio.CancelledError):
         async with running(config_of()) as cell:
             task = next(t for t in asyncio.all_tasks() if "Cell.run" in repr(t.get_coro()))
             await until(lambda: DEVICES["arm"].open)
@@ -164,25 +151,18 @@ def test_a_cell_that_is_cancelled_lets_its_devices_go(at_once):
             assert (DEVICES["arm"].open, RECEIVERS["bus"].open) == (0, 0)
             assert cell.view.status()["state"]
 
-    with pytest.raises(asyncio.CancelledError):
-        at_once(main())
+
+@at_once
+async def test_stopped_while_a_source_pauses():
+    DEVICES["arm"].tell(fail(OSError("gone")))
+    async with running(config_of()):
+        await until(lambda: "lost" in RECEIVERS["bus"].told)
+    assert len(DEVICES["arm"].runs) == 1
 
 
-def test_stopped_while_a_source_pauses(at_once):
-    async def main():
-        DEVICES["arm"].tell(fail(OSError("gone")))
-        async with running(config_of()):
-            await until(lambda: "lost" in RECEIVERS["bus"].told)
-        assert len(DEVICES["arm"].runs) == 1
-
-    at_once(main())
-
-
-def test_stopped_before_it_is_ready(at_once):
-    async def main():
-        cell = Cell(config_of())
-        cell.stop()
-        await cell.run()
-        assert (DEVICES["arm"].open, RECEIVERS["bus"].open) == (0, 0)
-
-    at_once(main())
+@at_once
+async def test_stopped_before_it_is_ready():
+    cell = Cell(config_of())
+    cell.stop()
+    await cell.run()
+    assert (DEVICES["arm"].open, RECEIVERS["bus"].open) == (0, 0)

@@ -11,6 +11,7 @@ import pytest
 
 from cellwatt import Batch, ConnectError, DeviceError, Event, ProtocolError, Quality, Reading, WrongDeviceError
 from cellwatt.runtime.source import Source, next_pause
+from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
     DEVICES,
     STREAM,
@@ -69,100 +70,86 @@ async def tries(n):
     return np.diff(DEVICES["arm"].runs[:n]).tolist()
 
 
-def test_a_source_starts(at_once):
-    async def main():
-        async with running(answer, give(3)) as cellar:
-            assert cellar.source.status()["state"] == "starting"
-            await DEVICES["arm"].done()
-            status = cellar.source.status()
-            assert (status["state"], status["error"]) == ("ok", None)
-            assert status["identity"]["model"] == "Model"
-            assert cellar.told == ["connected"]
-            assert cellar.events[0].text == "arm: Maker Model 2.3 answers"
-            assert [b.sequence for b in cellar.batches] == [0, 1, 2]
-            assert status["last_sequence"] == {"supply": 2}
-
-    at_once(main())
+@at_once
+async def test_a_source_starts():
+    async with running(answer, give(3)) as cellar:
+        assert cellar.source.status()["state"] == "starting"
+        await DEVICES["arm"].done()
+        status = cellar.source.status()
+        assert (status["state"], status["error"]) == ("ok", None)
+        assert status["identity"]["model"] == "Model"
+        assert cellar.told == ["connected"]
+        assert cellar.events[0].text == "arm: Maker Model 2.3 answers"
+        assert [b.sequence for b in cellar.batches] == [0, 1, 2]
+        assert status["last_sequence"] == {"supply": 2}
 
 
-def test_a_source_is_well_with_its_first_number(at_once):
-    async def main():
-        async with running(answer, give(1), fail(NOBODY), answer) as cellar:
-            source = cellar.source
-            await DEVICES["arm"].done()
-            assert source.status()["state"] == "starting", "it answers again, and has given no number since"
-            assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage", "bus.current"]
-            source.emit(Reading(STREAM, np.full((1, 2), np.nan), 1))
-            assert source.status()["state"] == "starting"
-            source.emit(Reading(STREAM, np.array([[np.nan, 1.0], [np.nan, np.nan]]), 2))
-            assert source.status()["state"] == "ok"
-            assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage"]
-            source.emit(Reading(STREAM, np.array([[230.0, np.nan]]), 3))
-            assert source.status()["streams"]["supply"]["blank"] == []
-            source.account.expect(4)
-
-    at_once(main())
+@at_once
+async def test_a_source_is_well_with_its_first_number():
+    async with running(answer, give(1), fail(NOBODY), answer) as cellar:
+        source = cellar.source
+        await DEVICES["arm"].done()
+        assert source.status()["state"] == "starting", "it answers again, and has given no number since"
+        assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage", "bus.current"]
+        source.emit(Reading(STREAM, np.full((1, 2), np.nan), 1))
+        assert source.status()["state"] == "starting"
+        source.emit(Reading(STREAM, np.array([[np.nan, 1.0], [np.nan, np.nan]]), 2))
+        assert source.status()["state"] == "ok"
+        assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage"]
+        source.emit(Reading(STREAM, np.array([[230.0, np.nan]]), 3))
+        assert source.status()["streams"]["supply"]["blank"] == []
+        source.account.expect(4)
 
 
-def test_a_channel_that_gives_no_number_any_more_is_named(at_once, monkeypatch):
+@at_once
+async def test_a_channel_that_gives_no_number_any_more_is_named(monkeypatch):
     monkeypatch.setattr("cellwatt.runtime.source.LOOK", 0.0)
+    async with running(answer, give(1)) as cellar:
+        source = cellar.source
+        await DEVICES["arm"].done()
 
-    async def main():
-        async with running(answer, give(1)) as cellar:
-            source = cellar.source
-            await DEVICES["arm"].done()
+        def looked_at(voltage):
+            for _ in range(5):
+                source.emit(Reading(STREAM, np.array([[voltage, 1.0]]), 1))
+                source.account.expect(1)
+            source.settle()
+            return source.status()["streams"]["supply"]["blank"]
 
-            def looked_at(voltage):
-                for _ in range(5):
-                    source.emit(Reading(STREAM, np.array([[voltage, 1.0]]), 1))
-                    source.account.expect(1)
-                source.settle()
-                return source.status()["streams"]["supply"]["blank"]
-
-            assert looked_at(230.0) == []
-            assert looked_at(np.nan) == ["bus.voltage"]
-            source.emit(Reading(STREAM, np.array([[230.0, 1.0]]), 3))
-            source.account.expect(1)
-            assert source.status()["streams"]["supply"]["blank"] == []
-
-    at_once(main())
+        assert looked_at(230.0) == []
+        assert looked_at(np.nan) == ["bus.voltage"]
+        source.emit(Reading(STREAM, np.array([[230.0, 1.0]]), 3))
+        source.account.expect(1)
+        assert source.status()["streams"]["supply"]["blank"] == []
 
 
-def test_nobody_answers(at_once, no_jitter):
-    async def main():
-        async with running(*[fail(NOBODY)] * 7) as cellar:
-            assert await tries(8) == pytest.approx([0.5, 1, 2, 4, 8, 10, 10])
-            status = cellar.source.status()
-            assert (status["state"], status["error"]) == ("retrying", str(NOBODY))
-            assert status["counters"]["restarts"] == 7
-            assert cellar.told == ["lost"], "the same reason is told once"
-            assert cellar.events[0].text == f"arm: {NOBODY}; trying again in 0.5 s"
-
-    at_once(main())
+@at_once
+async def test_nobody_answers(no_jitter):
+    async with running(*[fail(NOBODY)] * 7) as cellar:
+        assert await tries(8) == pytest.approx([0.5, 1, 2, 4, 8, 10, 10])
+        status = cellar.source.status()
+        assert (status["state"], status["error"]) == ("retrying", str(NOBODY))
+        assert status["counters"]["restarts"] == 7
+        assert cellar.told == ["lost"], "the same reason is told once"
+        assert cellar.events[0].text == f"arm: {NOBODY}; trying again in 0.5 s"
 
 
-def test_another_reason_is_told(at_once):
-    async def main():
-        busy = DeviceError("the controller has no free connection")
-        async with running(fail(NOBODY), fail(busy), fail(busy), fail(NOBODY)) as cellar:
-            await tries(5)
-            assert [e.text.split(";")[0] for e in cellar.events] == [f"arm: {e}" for e in (NOBODY, busy, NOBODY)]
-
-    at_once(main())
+@at_once
+async def test_another_reason_is_told():
+    busy = DeviceError("the controller has no free connection")
+    async with running(fail(NOBODY), fail(busy), fail(busy), fail(NOBODY)) as cellar:
+        await tries(5)
+        assert [e.text.split(";")[0] for e in cellar.events] == [f"arm: {e}" for e in (NOBODY, busy, NOBODY)]
 
 
 @pytest.mark.parametrize(("jitter", "factor"), [(0.0, 0.8), (1.0, 1.2)])
-def test_pauses_spread_by_a_fifth(at_once, monkeypatch, jitter, factor):
+@at_once
+async def test_pauses_spread_by_a_fifth(monkeypatch, jitter, factor):
     monkeypatch.setattr(random, "random", lambda: jitter)
-
-    async def main():
-        async with running(*[fail(NOBODY)] * 12):
-            pauses = await tries(12)
-            assert pauses[0] == pytest.approx(0.5 * factor)
-            assert pauses[1] == pytest.approx(2 * pauses[0] * factor)
-            assert pauses[-1] == pytest.approx(10 * factor)
-
-    at_once(main())
+    async with running(*[fail(NOBODY)] * 12):
+        pauses = await tries(12)
+        assert pauses[0] == pytest.approx(0.5 * factor)
+        assert pauses[1] == pytest.approx(2 * pauses[0] * factor)
+        assert pauses[-1] == pytest.approx(10 * factor)
 
 
 @pytest.mark.parametrize("error", [NOBODY, WrongDeviceError("another arm"), KeyError("mistake")])
@@ -173,144 +160,117 @@ def test_no_pause_is_longer_than_a_fifth_above_the_longest(error):
         assert 0.4 <= pause <= 12.0
 
 
-def test_a_wrong_device_is_tried_slowly_from_the_start(at_once, no_jitter):
-    async def main():
-        wrong = WrongDeviceError("192.0.2.1 is a UR5e, the settings say UR10e")
-        async with running(fail(wrong), fail(wrong)) as cellar:
-            assert await tries(3) == pytest.approx([10, 10])
-            assert cellar.source.status()["error"] == str(wrong)
-
-    at_once(main())
+@at_once
+async def test_a_wrong_device_is_tried_slowly_from_the_start(no_jitter):
+    wrong = WrongDeviceError("192.0.2.1 is a UR5e, the settings say UR10e")
+    async with running(fail(wrong), fail(wrong)) as cellar:
+        assert await tries(3) == pytest.approx([10, 10])
+        assert cellar.source.status()["error"] == str(wrong)
 
 
-def test_a_connection_that_lasted_resets_the_pause(at_once, no_jitter):
-    async def main():
-        async with running(*[fail(NOBODY)] * 5, answer, last(6.0), fail(NOBODY)):
-            pauses = await tries(7)
-            assert pauses[4:] == pytest.approx([8.0, 6.0 + 0.5])
-
-    at_once(main())
+@at_once
+async def test_a_connection_that_lasted_resets_the_pause(no_jitter):
+    async with running(*[fail(NOBODY)] * 5, answer, last(6.0), fail(NOBODY)):
+        pauses = await tries(7)
+        assert pauses[4:] == pytest.approx([8.0, 6.0 + 0.5])
 
 
-def test_a_connection_that_is_lost_at_once_does_not(at_once, no_jitter):
-    async def main():
-        flap = (answer, last(4.0), fail(NOBODY))
-        async with running(*flap, *flap, *flap):
-            assert await tries(4) == pytest.approx([4.5, 5, 6])
-
-    at_once(main())
+@at_once
+async def test_a_connection_that_is_lost_at_once_does_not(no_jitter):
+    flap = (answer, last(4.0), fail(NOBODY))
+    async with running(*flap, *flap, *flap):
+        assert await tries(4) == pytest.approx([4.5, 5, 6])
 
 
-def test_a_failure_in_mid_stream_breaks_no_numbers(at_once):
-    async def main():
-        garbage = ProtocolError("a frame of 7 bytes, expected 9")
-        async with running(answer, give(3), fail(garbage), answer, give(2)) as cellar:
-            await DEVICES["arm"].done()
-            assert cellar.told == ["connected", "lost", "reconnected"]
-            assert [b.sequence for b in cellar.batches] == [0, 1, 2, 3, 4]
-            assert [b.values[0, 0] for b in cellar.batches] == [0, 1, 2, 3, 4]
-            status = cellar.source.status()
-            assert (status["state"], status["error"]) == ("ok", None)
-            assert (status["expected"], status["received"], status["residue"]) == (5, 5, 0)
-
-    at_once(main())
+@at_once
+async def test_a_failure_in_mid_stream_breaks_no_numbers():
+    garbage = ProtocolError("a frame of 7 bytes, expected 9")
+    async with running(answer, give(3), fail(garbage), answer, give(2)) as cellar:
+        await DEVICES["arm"].done()
+        assert cellar.told == ["connected", "lost", "reconnected"]
+        assert [b.sequence for b in cellar.batches] == [0, 1, 2, 3, 4]
+        assert [b.values[0, 0] for b in cellar.batches] == [0, 1, 2, 3, 4]
+        status = cellar.source.status()
+        assert (status["state"], status["error"]) == ("ok", None)
+        assert (status["expected"], status["received"], status["residue"]) == (5, 5, 0)
 
 
-def test_a_source_that_hangs_is_starting_for_ever_and_can_be_ended(at_once):
-    async def main():
-        async with running(hang) as cellar:
-            await until(lambda: DEVICES["arm"].open)
-            await asyncio.sleep(3600.0)
-            status = cellar.source.status()
-            assert (status["state"], status["since_s"]) == ("starting", pytest.approx(3600, abs=1))
-            assert len(DEVICES["arm"].runs) == 1
-
-    at_once(main())
-
-
-def test_a_source_can_be_ended_while_it_pauses(at_once):
-    async def main():
-        async with running(fail(NOBODY)) as cellar:
-            await until(lambda: cellar.source.status()["state"] == "retrying")
+@at_once
+async def test_a_source_that_hangs_is_starting_for_ever_and_can_be_ended():
+    async with running(hang) as cellar:
+        await until(lambda: DEVICES["arm"].open)
+        await asyncio.sleep(3600.0)
+        status = cellar.source.status()
+        assert (status["state"], status["since_s"]) == ("starting", pytest.approx(3600, abs=1))
         assert len(DEVICES["arm"].runs) == 1
 
-    at_once(main())
+
+@at_once
+async def test_a_source_can_be_ended_while_it_pauses():
+    async with running(fail(NOBODY)) as cellar:
+        await until(lambda: cellar.source.status()["state"] == "retrying")
+    assert len(DEVICES["arm"].runs) == 1
 
 
-def test_a_driver_with_a_mistake_is_run_again(at_once, caplog):
-    async def main():
-        async with running(answer, fail(KeyError("joint_7")), answer) as cellar:
-            await DEVICES["arm"].done()
-            assert cellar.told == ["connected", "lost", "reconnected"]
-            assert cellar.source.status()["counters"]["driver bugs"] == 1
-
-    at_once(main())
+@at_once
+async def test_a_driver_with_a_mistake_is_run_again(caplog):
+    async with running(answer, fail(KeyError("joint_7")), answer) as cellar:
+        await DEVICES["arm"].done()
+        assert cellar.told == ["connected", "lost", "reconnected"]
+        assert cellar.source.status()["counters"]["driver bugs"] == 1
     assert "arm: the FakeDriver driver broke" in caplog.text
     assert "Traceback" in caplog.text
 
 
-def test_an_error_without_words_is_named(at_once):
-    async def main():
-        async with running(fail(ValueError())) as cellar:
-            await tries(2)
-            assert cellar.events[0].text.startswith("arm: ValueError; trying again")
-
-    at_once(main())
+@at_once
+async def test_an_error_without_words_is_named():
+    async with running(fail(ValueError())) as cellar:
+        await tries(2)
+        assert cellar.events[0].text.startswith("arm: ValueError; trying again")
 
 
-def test_a_driver_that_ends_is_run_again(at_once, monkeypatch):
+@at_once
+async def test_a_driver_that_ends_is_run_again(monkeypatch):
     async def ends(self):
         DEVICES["arm"].runs.append(asyncio.get_running_loop().time())
 
     monkeypatch.setattr(FakeDriver, "run", ends)
-
-    async def main():
-        async with running() as cellar:
-            await tries(3)
-            assert "the driver ended though nobody stopped it" in cellar.source.status()["error"]
-
-    at_once(main())
+    async with running() as cellar:
+        await tries(3)
+        assert "the driver ended though nobody stopped it" in cellar.source.status()["error"]
 
 
-def test_a_driver_cancelled_by_its_own_library_is_run_again(at_once):
-    async def main():
-        async with running(answer, give(1), fail(asyncio.CancelledError()), answer, give(1)) as cellar:
-            await until(lambda: len(cellar.batches) == 2)
-            assert cellar.told == ["connected", "lost", "reconnected"]
-
-    at_once(main())
+@at_once
+async def test_a_driver_cancelled_by_its_own_library_is_run_again():
+    async with running(answer, give(1), fail(asyncio.CancelledError()), answer, give(1)) as cellar:
+        await until(lambda: len(cellar.batches) == 2)
+        assert cellar.told == ["connected", "lost", "reconnected"]
 
 
-def test_what_was_expected_is_received_missed_or_dropped(at_once):
-    async def main():
-        async with running(answer, give(5), miss(3, "gap"), drop(2, "checksum"), give(1)) as cellar:
-            await DEVICES["arm"].done()
-            status = cellar.source.status()
-            assert (status["expected"], status["received"]) == (11, 6)
-            assert (status["missed"], status["dropped"], status["residue"]) == ({"gap": 3}, {"checksum": 2}, 0)
-
-    at_once(main())
+@at_once
+async def test_what_was_expected_is_received_missed_or_dropped():
+    async with running(answer, give(5), miss(3, "gap"), drop(2, "checksum"), give(1)) as cellar:
+        await DEVICES["arm"].done()
+        status = cellar.source.status()
+        assert (status["expected"], status["received"]) == (11, 6)
+        assert (status["missed"], status["dropped"], status["residue"]) == ({"gap": 3}, {"checksum": 2}, 0)
 
 
-def test_what_is_not_accounted_for_is_seen(at_once):
+@at_once
+async def test_what_is_not_accounted_for_is_seen():
     async def forgets(driver):
         driver.inlet.account.expect(2)
 
-    async def main():
-        async with running(answer, give(1), forgets) as cellar:
-            await DEVICES["arm"].done()
-            assert cellar.source.status()["residue"] == 2
-
-    at_once(main())
+    async with running(answer, give(1), forgets) as cellar:
+        await DEVICES["arm"].done()
+        assert cellar.source.status()["residue"] == 2
 
 
-def test_numbers_go_on_where_a_source_of_the_name_was_replaced(at_once):
-    async def main():
-        async with running(answer, give(1), sequence={"supply": 70, "gone": 3}) as cellar:
-            await DEVICES["arm"].done()
-            assert [b.sequence for b in cellar.batches] == [70]
-
-    at_once(main())
+@at_once
+async def test_numbers_go_on_where_a_source_of_the_name_was_replaced():
+    async with running(answer, give(1), sequence={"supply": 70, "gone": 3}) as cellar:
+        await DEVICES["arm"].done()
+        assert [b.sequence for b in cellar.batches] == [70]
 
 
 def test_samples_without_a_number_are_marked_missing():

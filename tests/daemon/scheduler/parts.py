@@ -69,15 +69,6 @@ def threads(number: int) -> int:
     return max(library["num_threads"] for library in threadpool_info())
 
 
-def dies_once(item: Item) -> int:
-    """The third kills its worker the first time."""
-    mark = item.folder / "died"
-    if item.number == 3 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return item.number
-
-
 def dies(item: Item) -> int:
     with (item.folder / "calls").open("a") as file:
         file.write(f"{item.number}\n")

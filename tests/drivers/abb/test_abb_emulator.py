@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import shutil
 import urllib.request
 from xml.etree import ElementTree
@@ -72,45 +71,13 @@ async def test_pages_have_what_rws2_reads():
     """``rws2`` takes the mode from the first of several entries, the state from the first of several spans."""
     async with emulated(robotware="7") as (_, place):
         url = f"http://127.0.0.1:{place['port']}/rw"
-        ask = ["/rapid/execution?json=1", "/panel/opmode", "/panel/ctrl-state"]
+        ask = ["/rapid/execution", "/panel/opmode", "/panel/ctrl-state"]
         execution, mode, state = [
             listed(await asyncio.to_thread(fetch, url + path, False, "application/xhtml+xml;v=2.0")) for path in ask
         ]
     assert execution == [["running", "forever"]]
     assert mode[0] == ["AUTO"] and len(mode) > 1
     assert state == [["motoron"]]
-
-
-@pytest.mark.parametrize("robotware", ["6", "7"])
-async def test_pages_in_json(robotware):
-    """``?json=1`` of RobotWare 6 has the entries in ``_embedded``, ``Accept`` of RobotWare 7 has them in ``state``."""
-    old = robotware == "6"
-    async with emulated(robotware=robotware) as (emulator, place):
-        emulator.epoch -= 5.0  # five measurements of energy have been made
-        url = f"http://127.0.0.1:{place['port']}/rw"
-
-        async def entries(path: str) -> list[dict]:
-            whole = (f"{url}{path}?json=1", True) if old else (url + path, False, "application/hal+json;v=2.0")
-            found = json.loads(await asyncio.to_thread(fetch, *whole))
-            return found["_embedded"]["_state"] if old else found["state"]
-
-        (execution,) = await entries("/rapid/execution")
-        mode = await entries("/panel/opmode")
-        (energy,) = await entries("/system/energy")
-        (system,) = await entries("/system")
-    assert execution == {
-        "_type": "rap-execution",
-        "_title": "execution",
-        "ctrlexecstate": "running",
-        "cycle": "forever",
-    }
-    assert mode[0] == {"_type": "pnl-opmode", "_title": "opmode", "opmode": "AUTO"}
-    assert energy["interval-length"] == "1.0"
-    (robot,) = energy["mechunits"]
-    assert robot["_title"] == "ROB_1"
-    assert [axis["_title"] for axis in robot["axes"]] == ["1", "2", "3", "4", "5", "6"]
-    assert float(robot["axes"][1]["interval-energy"]) == 5.0  # 10 Nm at 0.5 rad/s for a second
-    assert system["rwversion"].startswith(robotware)
 
 
 @pytest.mark.parametrize(("robotware", "scheme"), [("6", "--digest"), ("7", "--basic")])

@@ -42,9 +42,6 @@ def settings(place: str, **changes: object) -> CanSensorSettings:
     kind, _, rest = place.partition(":")
     if place.startswith("/"):
         base: dict[str, object] = {"interface": "slcan", "channel": place}
-    elif kind == "udp_multicast":
-        group, _, port = rest.rpartition(":")
-        base = {"interface": kind, "channel": group, "port": int(port)}
     else:
         base = {"interface": kind, "channel": rest}
     if "map" not in changes:

@@ -17,21 +17,9 @@ from tests.patience import PATIENCE
 from ..inlet import CollectingInlet
 from .rig import STILL, emulated, running, settings, virtual
 
-GROUP = "udp_multicast:239.74.163.2:43917"
 
-
-def multicast_or_skip() -> None:
-    try:
-        with can.Bus(interface="udp_multicast", channel="239.74.163.2", port=43918, hop_limit=0) as bus:
-            bus.send(can.Message(arbitration_id=1))
-    except (can.CanError, OSError) as error:
-        pytest.skip(f"no multicast here: {error}")
-
-
-@pytest.mark.parametrize("address", [None, "pty", GROUP])
+@pytest.mark.parametrize("address", [None, "pty"])
 async def test_samples_in_si_units_on_the_bus_time(address):
-    if address == GROUP:
-        await asyncio.to_thread(multicast_or_skip)
     async with emulated(address) as (_, place), running(settings(place)) as run:
         await run.inlet.until(lambda o: o.account.received >= 30)
     assert run.stream("current")[:, 0] == pytest.approx(-2.5)

@@ -212,7 +212,7 @@ def test_streams_follow_the_settings():
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"read": []}, "at least one group"),
+        ({"read": []}, "at least one"),
         ({"read": ["joints", "joints"]}, "each once"),
         ({"read": ["temperature"]}, "joints"),
         ({"rate": "300 Hz"}, "whole part"),

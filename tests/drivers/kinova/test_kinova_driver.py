@@ -130,7 +130,7 @@ def test_streams_follow_the_settings():
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"read": []}, "at least one of"),
+        ({"read": []}, "at least one"),
         ({"read": ["arm", "arm"]}, "each once"),
         ({"read": ["tool"]}, "add 'joints'"),
         ({"axes": 8}, "less than or equal to 7"),

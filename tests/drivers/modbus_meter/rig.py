@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from typing import Any
+
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import SimData, SimDevice
 
 from cellwatt.errors import SourceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
@@ -22,6 +26,17 @@ async def emulated(address: str = "127.0.0.1:0", **options: str) -> AsyncIterato
     emulator = ModbusMeterEmulator(STILL, address, seed=3, options=options)
     async with served(emulator) as address:
         yield emulator, address
+
+
+@asynccontextmanager
+async def answering(*registers: SimData, **more: Any) -> AsyncIterator[str]:
+    """pymodbus's own server with these registers for any unit, and where it listens."""
+    server = ModbusTcpServer(SimDevice(0, simdata=list(registers)), address=("127.0.0.1", 0), **more)
+    await server.serve_forever(background=True)
+    try:
+        yield f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
+    finally:
+        await server.shutdown()
 
 
 def settings(place: str, **changes: object) -> ModbusMeterSettings:

@@ -5,8 +5,7 @@ import socket
 
 import numpy as np
 import pytest
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
+from pymodbus.simulator import DataType, SimData
 
 from cellwatt.channel import Quality
 from cellwatt.errors import ConnectError, WrongDeviceError
@@ -15,7 +14,7 @@ from cellwatt_drivers.modbus_meter.meter_map import METERS
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
-from .rig import emulated, running, settings
+from .rig import answering, emulated, running, settings
 
 TRUTH = {
     "phase_1.voltage": 230.0,
@@ -77,17 +76,10 @@ async def test_against_a_server_that_we_did_not_write():
         SimData(0x0BF3, values=[2.5], datatype=DataType.FLOAT32),
         SimData(0x0C83, values=[123_456_789], datatype=DataType.INT64),
     ]
-    server = ModbusTcpServer(SimDevice(0, simdata=holding), address=("127.0.0.1", 0))
-    await server.serve_forever(background=True)
-    port = server.transport.sockets[0].getsockname()[1]
-    wanted = settings(
-        f"127.0.0.1:{port}", meter="schneider_iem3000", read=["supply.energy_imported", "supply.power"], unit=7
-    )
-    try:
+    async with answering(*holding) as place:
+        wanted = settings(place, meter="schneider_iem3000", read=["supply.energy_imported", "supply.power"], unit=7)
         async with running(wanted) as run:
             await run.inlet.until(lambda o: len(o.readings) >= 2)
-    finally:
-        await server.shutdown()
     assert run.inlet.values[0] == pytest.approx([123_456_789 * 3600.0, 2500.0])
 
 
@@ -112,11 +104,7 @@ async def test_blocks_that_are_refused_are_read_apart():
 
 
 async def test_a_value_that_the_meter_lacks_is_told_once_and_stays_nan():
-    data = [SimData(0x34, values=[500.0], datatype=DataType.FLOAT32)]
-    server = ModbusTcpServer(SimDevice(0, simdata=data), address=("127.0.0.1", 0))
-    await server.serve_forever(background=True)
-    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
-    try:
+    async with answering(SimData(0x34, values=[500.0], datatype=DataType.FLOAT32)) as place:
         async with running(settings(place, read=["supply.power", "supply.phase"])) as run:
             await run.inlet.until(lambda o: len(o.readings) >= 3)
         assert next(text for kind, text, _ in run.inlet.events if kind == "value_refused").startswith(
@@ -128,23 +116,15 @@ async def test_a_value_that_the_meter_lacks_is_told_once_and_stays_nan():
         other = ModbusMeterDriver("m", settings(place, read=["phase_1.voltage"]), CollectingInlet())
         with pytest.raises(WrongDeviceError, match="not a SDM630: it has none of its registers"):
             await other.run()
-    finally:
-        await server.shutdown()
 
 
 async def test_another_word_order_is_the_wrong_meter():
     words = [0] * 76
     words[0x46:0x48] = [0x0000, 0x4248]  # 50.0, its words exchanged
-    data = [SimData(0, values=words, datatype=DataType.REGISTERS)]
-    server = ModbusTcpServer(SimDevice(0, simdata=data), address=("127.0.0.1", 0))
-    await server.serve_forever(background=True)
-    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
-    try:
+    async with answering(SimData(0, values=words, datatype=DataType.REGISTERS)) as place:
         driver = ModbusMeterDriver("m", settings(place), CollectingInlet())
         with pytest.raises(WrongDeviceError, match=r"not a SDM630: supply\.frequency reads .* expected 40 to 70"):
             await driver.identify()
-    finally:
-        await server.shutdown()
 
 
 async def test_meters_on_one_serial_line_take_turns():
@@ -203,16 +183,9 @@ async def test_overload_and_no_value(tmp_path):
         "  phase_1.power: {address: 5, unit: W}\n"
     )
     words = [0x0000, 0x7FFF, 0x0000, 0x8000, 0xFFFF, 0x0000, 0x8000]
-    server = ModbusTcpServer(
-        SimDevice(0, simdata=[SimData(0, values=words, datatype=DataType.REGISTERS)]), address=("127.0.0.1", 0)
-    )
-    await server.serve_forever(background=True)
-    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
-    try:
-        async with running(settings(place, map=str(file))) as run:
-            await run.inlet.until(lambda o: len(o.readings) >= 3)
-    finally:
-        await server.shutdown()
+    registers = SimData(0, values=words, datatype=DataType.REGISTERS)
+    async with answering(registers) as place, running(settings(place, map=str(file))) as run:
+        await run.inlet.until(lambda o: len(o.readings) >= 3)
     assert np.isnan(run.inlet.values).all()
     assert run.inlet.readings[0].quality.tolist() == [Quality.CLIPPED]
     assert run.inlet.account.counters["overloads"] == len(run.inlet.readings)

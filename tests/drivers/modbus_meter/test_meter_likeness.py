@@ -9,8 +9,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from pymodbus import ModbusDeviceIdentification
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
+from pymodbus.simulator import DataType, SimData
 
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
@@ -18,7 +17,7 @@ from cellwatt_drivers.modbus_meter.likeness import contradiction, doubt
 from cellwatt_drivers.modbus_meter.meter_map import METERS, packaged_map
 
 from ..inlet import CollectingInlet
-from .rig import emulated, settings
+from .rig import answering, emulated, settings
 
 ALIKE = {"schneider_iem3000", "schneider_pm5000"}
 """Their voltages and frequency stand in the same registers."""
@@ -33,13 +32,8 @@ async def serving(floats: dict[int, float], order: str = "big", says: tuple[str,
         words[address : address + 2] = pair if order == "big" else pair[::-1]
     # pymodbus keeps one identity for all servers of a process
     identity = ModbusDeviceIdentification(info_name={"VendorName": says[0], "ProductCode": says[1]})
-    device = SimDevice(0, simdata=[SimData(0, values=words, datatype=DataType.REGISTERS)])
-    server = ModbusTcpServer(device, address=("127.0.0.1", 0), identity=identity)
-    await server.serve_forever(background=True)
-    try:
-        yield f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
-    finally:
-        await server.shutdown()
+    async with answering(SimData(0, values=words, datatype=DataType.REGISTERS), identity=identity) as place:
+        yield place
 
 
 def words_of(value: float) -> list[int]:
@@ -93,16 +87,10 @@ def em24(cosine: float, kilowatts: float) -> list[int]:
 @pytest.mark.parametrize("cosine", [0.41, 0.5, 0.69])
 @pytest.mark.parametrize("kilowatts", [0.03, 0.1, 3.0, 12.0])
 async def test_an_em24_whose_power_factor_looks_like_a_frequency_is_no_em340(cosine, kilowatts):
-    device = SimDevice(0, simdata=[SimData(0, values=em24(cosine, kilowatts), datatype=DataType.REGISTERS)])
-    server = ModbusTcpServer(device, address=("127.0.0.1", 0))
-    await server.serve_forever(background=True)
-    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
-    try:
+    async with answering(SimData(0, values=em24(cosine, kilowatts), datatype=DataType.REGISTERS)) as place:
         for read in (None, ["supply.power"]):
             with pytest.raises(WrongDeviceError, match=r"is not a EM340: phase_\d\.power_factor reads"):
                 await identify(place, meter="gavazzi_em340", read=read)
-    finally:
-        await server.shutdown()
 
 
 def phase(voltage: float, current: float, power: float, factor: float) -> dict[str, float]:

@@ -8,15 +8,14 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
 import pytest
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
+from pymodbus.simulator import DataType, SimData
 
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.shared.modbus import Numbering
 
 from ..inlet import CollectingInlet
-from .rig import running, settings
+from .rig import answering, running, settings
 
 MAP = """maker: Acme
 model: A1
@@ -40,13 +39,8 @@ async def numbering(number: Callable[[int], int]) -> AsyncIterator[str]:
         answered += 1
         return struct.pack(">H", number(answered)) + data[2:]
 
-    device = SimDevice(0, simdata=[SimData(0, values=[230, 50], datatype=DataType.REGISTERS)])
-    server = ModbusTcpServer(device, address=("127.0.0.1", 0), trace_packet=trace)
-    await server.serve_forever(background=True)
-    try:
-        yield f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
-    finally:
-        await server.shutdown()
+    async with answering(SimData(0, values=[230, 50], datatype=DataType.REGISTERS), trace_packet=trace) as place:
+        yield place
 
 
 async def test_answers_with_another_number_are_told_and_counted_apart(tmp_path):

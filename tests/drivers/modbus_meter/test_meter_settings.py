@@ -56,7 +56,7 @@ def test_only_what_is_wanted_is_read_in_the_order_of_the_settings():
         (GOOD | {"framing": "ascii"}, "'tcp' or 'rtu'"),
         (GOOD | {"rate": "5"}, "number with its unit"),
         (GOOD | {"timeout": "0 s"}, "greater than 0"),
-        (GOOD | {"read": []}, "at least one channel"),
+        (GOOD | {"read": []}, "at least one"),
         (GOOD | {"read": ["supply.power", "supply.power"]}, "each once"),
         (GOOD | {"registers": 3}, "Extra inputs"),
     ],

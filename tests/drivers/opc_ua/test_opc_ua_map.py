@@ -104,7 +104,7 @@ def test_tags_are_read_beside_a_map_and_in_the_order_of_read():
         ({"tags": {"a.x": {"node": "P", "unit": "W"}}}, "a node id ends in"),
         ({"tags": {"a.x": {"node": "i=1", "path": "P", "unit": "W"}}}, "write either 'node'"),
         ({"tags": {"a.x": {"node": "i=1", "unit": "kWatt"}}}, "'kWatt' is not a unit"),
-        ({"read": []}, "names at least one channel"),
+        ({"read": []}, "at least one"),
     ],
 )
 def test_what_does_not_fit_is_refused(changes, text):

@@ -15,8 +15,9 @@ from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, w
 from cellwatt_drivers.power_board import port as port_module
 from cellwatt_drivers.power_board.payload import build
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
-from tests.drivers.power_board.rig import Inlet, running
+from tests.drivers.power_board.rig import Inlet
 from tests.drivers.power_board.samples import NETWORK, SENDER, packet
+from tests.drivers.running import going
 from tests.patience import PATIENCE, eventually
 
 
@@ -45,7 +46,7 @@ async def failure(running_driver: PowerBoardDriver) -> SourceError:
 async def listening(line: VirtualPort, **settings):
     """A driver that has the port open, and its inlet."""
     made = driver(line.path, silence="20 s", **settings)
-    async with running(made.run()):
+    async with going(made.run()):
         await eventually(lambda: line.opened and not line.read() and line.flushed)
         yield made, made.inlet
 
@@ -162,16 +163,16 @@ async def test_several_boards_share_a_port(line: VirtualPort) -> None:
 async def test_one_of_several_boards_falls_silent(line: VirtualPort) -> None:
     made = driver(line.path, boards=[3, 4], silence="300 ms")
     number = 0
-    async with running(made.run()):
-        while len(made.inlet.events) < 1:
+    async with going(made.run()):
+        while len(made.inlet.texts) < 1:
             number += 1
             line.write(frame(number, board=3))
             await asyncio.sleep(0.01)
-        while len(made.inlet.events) < 2:
+        while len(made.inlet.texts) < 2:
             number += 1
             line.write(frame(number, board=3) + frame(number, board=4))
             await asyncio.sleep(0.01)
-    assert made.inlet.events == ["board: board 4: silent", "board: board 4: heard again"]
+    assert made.inlet.texts == ["board: board 4: silent", "board: board 4: heard again"]
 
 
 async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> None:
@@ -180,7 +181,7 @@ async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> Non
         await eventually(lambda: inlet.account.received == 5)
         assert inlet.resets == ["it restarted"]
         assert inlet.account.missed == {"gap": 1}
-        assert inlet.device_time().tolist()[2:] == [0, 8_130_000, 24_390_000]
+        assert inlet.device_time.tolist()[2:] == [0, 8_130_000, 24_390_000]
 
 
 async def test_gap_is_given_up_without_another_byte(line: VirtualPort) -> None:
@@ -229,7 +230,7 @@ async def test_latency_timer_is_noted(line: VirtualPort, tmp_path: Path, monkeyp
         ({"port": "/dev/ttyUSB0", "baud": 300}, "baud"),
         ({"port": "/dev/ttyUSB0", "mode": "AP1"}, "'api', 'api_escaped' or 'transparent'"),
         ({"port": "/dev/ttyUSB0", "boards": 256}, "boards"),
-        ({"port": "/dev/ttyUSB0", "boards": []}, "one or more board numbers"),
+        ({"port": "/dev/ttyUSB0", "boards": []}, "at least one"),
         ({"port": "/dev/ttyUSB0", "boards": [7, 7]}, "each once"),
         ({"port": "/dev/ttyUSB0", "boards": "seven"}, "boards"),
         ({"port": "/dev/ttyUSB0", "phases": 4}, "phases"),

@@ -80,7 +80,8 @@ async def test_a_stall_is_ridden_out():
 async def test_a_short_stall_costs_polls_and_no_connection():
     async with struck(Fault("stall", seconds=0.1), times=1, timeout="2 s") as (_, inlet):
         assert counters(inlet) == {}
-        assert inlet.account.missed["slow answers"] >= 3
+        missed = inlet.account.missed  # a busy test machine counts some as its own
+        assert missed["slow answers"] + missed["host stalled"] >= 3
 
 
 async def test_a_closed_connection_is_opened_anew():

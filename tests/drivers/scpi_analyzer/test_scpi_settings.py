@@ -26,7 +26,7 @@ def test_the_stream_follows_the_functions():
     [
         ({}, "either 'host' or 'serial'"),
         ({"host": "192.0.2.1", "serial": "/dev/ttyACM0"}, "either 'host' or 'serial'"),
-        ({"host": "192.0.2.1", "functions": []}, "at least one function"),
+        ({"host": "192.0.2.1", "functions": []}, "at least one"),
         ({"host": "192.0.2.1", "functions": ["P", "P"]}, "each once"),
         ({"host": "192.0.2.1", "functions": ["POWER"]}, "URMS"),
         ({"host": "192.0.2.1", "integrate": True}, "add WH to functions"),

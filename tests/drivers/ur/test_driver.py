@@ -1,4 +1,4 @@
-"""The driver against the emulator in a process of its own."""
+"""The driver against the emulator."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cellwatt.emulation import EmulatorProcess, Fault, load_signals
+from cellwatt.emulation import ArmSignals, Fault, load_signals
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt_drivers.ur import UrDriver, wire
+from cellwatt_drivers.ur.emulator import UrEmulator
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
+from ..running import served
 from .recordings import COLUMNS, write
 
 CHANNELS = ("actual_q", "actual_qd", "actual_current", "actual_robot_voltage", "actual_robot_current", "robot_mode")
@@ -58,11 +60,19 @@ async def watching(address: str, **settings: object) -> AsyncIterator[Watched]:
 
 
 @asynccontextmanager
-async def served(path, rows: int = ROWS, *arguments: str):
-    """An emulator process that serves a recording on the grid of 500 Hz, and its table."""
+async def emulated(recording: Path | None = None, **options: str) -> AsyncIterator[UrEmulator]:
+    """An emulator, at the address where it listens, that serves a recording or the built-in arm."""
+    signals = load_signals(recording) if recording else ArmSignals(seed=3)
+    emulator = UrEmulator(signals, "127.0.0.1:0", options=options)
+    async with served(emulator) as emulator.address:
+        yield emulator
+
+
+@asynccontextmanager
+async def serving(path: Path, rows: int = ROWS, **options: str) -> AsyncIterator[tuple[UrEmulator, np.ndarray]]:
+    """An emulator that serves a recording on the grid of 500 Hz, and its table."""
     table = write(path / "served.csv", 1000.402 + 0.002 * np.arange(rows))
-    command = ("--listen", "127.0.0.1:0", "--recording", str(path / "served.csv"), *arguments)
-    async with EmulatorProcess("ur", *command) as emulator:
+    async with emulated(path / "served.csv", **options) as emulator:
         yield emulator, table
 
 
@@ -74,7 +84,7 @@ def stamps(table: np.ndarray) -> np.ndarray:
     return np.rint(table[:, 0] * 1e9).astype(np.int64)
 
 
-HOLD = ("--option", "at_end=hold")
+HOLD = {"at_end": "hold"}
 """The recording's last row goes on for ever, so that what was lost before is always followed by something."""
 
 
@@ -91,22 +101,22 @@ def check_values(inlet: CollectingInlet, table: np.ndarray) -> None:
     np.testing.assert_array_equal(inlet.device_time[inside], stamps(table)[rows[inside]])
 
 
-async def end_of(fault: Fault, emulator: EmulatorProcess, inlet: CollectingInlet) -> dict[str, int]:
+async def end_of(fault: Fault, emulator: UrEmulator, inlet: CollectingInlet) -> dict[str, int]:
     """End a fault and wait for packages made after it; the emulator's counts."""
-    await emulator.inject(fault)
-    counts = dict(await emulator.counts())
+    emulator.inject(fault)
+    counts = dict(emulator.counts)
     await inlet.until(lambda o: numbers(o.device_time[-1:])[0] >= counts["made"] + 5)
     return counts
 
 
-async def finish(emulator: EmulatorProcess, inlet: CollectingInlet, last: int) -> dict[str, int]:
+async def finish(emulator: UrEmulator, inlet: CollectingInlet, last: int) -> dict[str, int]:
     """Wait for the package with this controller time, ns; the emulator's counts."""
     await inlet.until(lambda o: bool(o.readings) and o.readings[-1].device_time[-1] >= last)
-    return dict(await emulator.counts())
+    return dict(emulator.counts)
 
 
 async def test_what_arrives_is_the_file_exactly(tmp_path):
-    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path) as (emulator, table), watching(emulator.address) as watched:
         counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     inlet = watched.inlet
     np.testing.assert_array_equal(inlet.values, expected_values(table))
@@ -118,7 +128,7 @@ async def test_what_arrives_is_the_file_exactly(tmp_path):
 
 
 async def test_brackets_hold_the_true_time(tmp_path):
-    async with served(tmp_path, 2000) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path, 2000) as (emulator, table), watching(emulator.address) as watched:
         await finish(emulator, watched.inlet, stamps(table)[-1])
     inlet = watched.inlet
     arrival = {t: r.arrival for r in inlet.readings for t in r.device_time.tolist()}
@@ -137,8 +147,7 @@ async def test_uneven_recordings_lose_nothing(tmp_path, delimiter):
         1076.957 + np.cumsum(chance.choice([0.009, 0.010, 0.012, 0.034], 200, p=[0.2, 0.5, 0.28, 0.02])), 4
     )
     table = write(tmp_path / "uneven.csv", times, delimiter)
-    command = ("--listen", "127.0.0.1:0", "--recording", str(tmp_path / "uneven.csv"))
-    async with EmulatorProcess("ur", *command) as emulator, watching(emulator.address, rate="100 Hz") as watched:
+    async with emulated(tmp_path / "uneven.csv") as emulator, watching(emulator.address, rate="100 Hz") as watched:
         counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     np.testing.assert_array_equal(watched.inlet.values, expected_values(table))
     np.testing.assert_array_equal(watched.inlet.device_time, stamps(table))
@@ -157,9 +166,8 @@ async def test_recordings_of_real_robots_arrive_exactly(name, rate):
     recording = load_signals(SHARED / name)
     columns = [c for f in fields for c in (f, *(f"{f}_{i}" for i in range(6))) if c in recording.columns]
     table = np.column_stack([recording.columns[c] for c in columns])
-    command = ("--listen", "127.0.0.1:0", "--recording", str(SHARED / name))
     async with (
-        EmulatorProcess("ur", *command) as emulator,
+        emulated(SHARED / name) as emulator,
         watching(emulator.address, rate=rate, channels=fields) as watched,
     ):
         await watched.inlet.until(lambda o: o.account.received == len(table))
@@ -170,10 +178,10 @@ async def test_recordings_of_real_robots_arrive_exactly(name, rate):
 
 @pytest.mark.parametrize("probability", [0.02, 0.3])
 async def test_losses_are_counted_one_by_one(tmp_path, probability):
-    async with served(tmp_path, ROWS, *HOLD) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path, ROWS, **HOLD) as (emulator, table), watching(emulator.address) as watched:
         inlet = watched.inlet
         await inlet.until(lambda o: o.account.received > WARM)
-        await emulator.inject(Fault("loss", probability))
+        emulator.inject(Fault("loss", probability))
         await inlet.until(lambda o: o.account.received > WARM + 250)
         counts = await end_of(Fault("loss", 0.0), emulator, inlet)
         account, seen = inlet.account.snapshot(), inlet.device_time
@@ -186,15 +194,13 @@ async def test_losses_are_counted_one_by_one(tmp_path, probability):
 
 
 async def test_losses_from_the_first_package_on_are_counted(tmp_path):
-    fault = "loss:probability=10%"
-    async with (
-        served(tmp_path, ROWS, *HOLD, "--fault", fault) as (emulator, _),
-        watching(emulator.address) as watched,
-    ):
-        inlet = watched.inlet
-        await inlet.until(lambda o: o.account.received > WARM)
-        counts = await end_of(Fault("loss", 0.0), emulator, inlet)
-        account, seen = inlet.account.snapshot(), inlet.device_time
+    async with serving(tmp_path, ROWS, **HOLD) as (emulator, _):
+        emulator.inject(Fault("loss", 0.1))
+        async with watching(emulator.address) as watched:
+            inlet = watched.inlet
+            await inlet.until(lambda o: o.account.received > WARM)
+            counts = await end_of(Fault("loss", 0.0), emulator, inlet)
+            account, seen = inlet.account.snapshot(), inlet.device_time
     # Nobody can know of packages lost before the first one came.
     assert counts["loss"] > 0
     assert account["missed"] == {"gap": counts["loss"] - numbers(seen)[0]}
@@ -202,9 +208,9 @@ async def test_losses_from_the_first_package_on_are_counted(tmp_path):
 
 
 async def test_delays_lose_nothing(tmp_path):
-    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path) as (emulator, table), watching(emulator.address) as watched:
         await watched.inlet.until(lambda o: o.account.received > WARM)
-        await emulator.inject(Fault("delay", 0.05, seconds=0.03, duration=0.6))
+        emulator.inject(Fault("delay", 0.05, seconds=0.03, duration=0.6))
         counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert counts["delay"] > 0
     np.testing.assert_array_equal(watched.inlet.values, expected_values(table))
@@ -213,9 +219,9 @@ async def test_delays_lose_nothing(tmp_path):
 
 
 async def test_a_short_stall_is_reported_and_loses_nothing(tmp_path):
-    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path) as (emulator, table), watching(emulator.address) as watched:
         await watched.inlet.until(lambda o: o.account.received > WARM)
-        await emulator.inject(Fault("stall", seconds=0.6))
+        emulator.inject(Fault("stall", seconds=0.6))
         counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert counts["stall"] == 1
     assert watched.inlet.kinds()[-2:] == ["stream stopped", "stream resumed"]
@@ -227,11 +233,11 @@ async def test_a_short_stall_is_reported_and_loses_nothing(tmp_path):
 @pytest.mark.slow
 async def test_a_long_stall_ends_the_connection_and_is_an_outage(tmp_path):
     async with (
-        served(tmp_path, 2 * ROWS) as (emulator, table),
+        serving(tmp_path, 2 * ROWS) as (emulator, table),
         watching(emulator.address, timeout=0.5) as watched,
     ):
         await watched.inlet.until(lambda o: o.account.received > WARM)
-        await emulator.inject(Fault("stall", seconds=1.5))
+        emulator.inject(Fault("stall", seconds=1.5))
         counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert "no data for 0.5 s" in str(watched.errors[0])
     assert watched.inlet.account.expected == counts["made"] == 2 * ROWS
@@ -241,9 +247,9 @@ async def test_a_long_stall_ends_the_connection_and_is_an_outage(tmp_path):
 
 
 async def test_a_disconnection_is_an_outage(tmp_path):
-    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path) as (emulator, table), watching(emulator.address) as watched:
         await watched.inlet.until(lambda o: o.account.received > WARM)
-        await emulator.inject(Fault("disconnect", seconds=0.4))
+        emulator.inject(Fault("disconnect", seconds=0.4))
         counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert counts["disconnect"] == 1
     assert isinstance(watched.errors[0], ConnectError)
@@ -258,10 +264,10 @@ async def test_a_disconnection_is_an_outage(tmp_path):
     [("half_frame", "half frame", ConnectError), ("garbage", "protocol error", ProtocolError)],
 )
 async def test_broken_bytes_end_the_connection_and_are_counted(tmp_path, kind, counter, error):
-    async with served(tmp_path, ROWS, *HOLD) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path, ROWS, **HOLD) as (emulator, table), watching(emulator.address) as watched:
         inlet = watched.inlet
         await inlet.until(lambda o: o.account.received > WARM)
-        await emulator.inject(Fault(kind, 0.02))
+        emulator.inject(Fault(kind, 0.02))
         await inlet.until(lambda o: o.account.counters[counter] >= 3)
         counts = await end_of(Fault(kind, 0.0), emulator, inlet)
         account, seen = inlet.account.snapshot(), inlet.device_time
@@ -275,11 +281,11 @@ async def test_broken_bytes_end_the_connection_and_are_counted(tmp_path, kind, c
 
 @pytest.mark.parametrize("jump", [pytest.param(100.0, marks=pytest.mark.slow), -5.0, 0.5])
 async def test_a_jump_of_the_clock_is_one_reset_and_no_loss(tmp_path, jump):
-    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+    async with serving(tmp_path) as (emulator, table), watching(emulator.address) as watched:
         await watched.inlet.until(lambda o: o.account.received > WARM)
-        await emulator.inject(Fault("clock_jump", seconds=jump))
+        emulator.inject(Fault("clock_jump", seconds=jump))
         await watched.inlet.until(lambda o: o.account.received == ROWS)
-        counts = await emulator.counts()
+        counts = emulator.counts
     assert counts["clock_jump"] == 1
     assert len(watched.inlet.resets) == 1
     assert watched.inlet.account.expected == watched.inlet.account.received == counts["made"] == counts["sent"]
@@ -287,10 +293,10 @@ async def test_a_jump_of_the_clock_is_one_reset_and_no_loss(tmp_path, jump):
 
 
 async def test_a_reboot_is_a_reset_and_invents_no_loss(tmp_path):
-    async with served(tmp_path) as (emulator, _), watching(emulator.address) as watched:
+    async with serving(tmp_path) as (emulator, _), watching(emulator.address) as watched:
         inlet = watched.inlet
         await inlet.until(lambda o: o.account.received > WARM)
-        await emulator.disturb(reboot=0.4)
+        emulator.disturb({"reboot": 0.4})
         await inlet.until(lambda o: bool(o.resets) and o.account.received > WARM + 250)
     assert len(inlet.resets) == 1
     assert inlet.device_time[-1] < 10**10
@@ -299,9 +305,9 @@ async def test_a_reboot_is_a_reset_and_invents_no_loss(tmp_path):
 
 async def test_messages_and_states_are_events(tmp_path):
     channels = ("actual_q", "runtime_state")
-    async with served(tmp_path) as (emulator, table), watching(emulator.address, channels=channels) as watched:
+    async with serving(tmp_path) as (emulator, table), watching(emulator.address, channels=channels) as watched:
         await watched.inlet.until(lambda o: o.account.received > WARM)
-        await emulator.disturb(message="joint 3 is hot")
+        emulator.disturb({"message": "joint 3 is hot"})
         await finish(emulator, watched.inlet, stamps(table)[-1])
     said = {kind: text for kind, text, _ in watched.inlet.events}
     assert said["message"] == "controller warning from emulator: joint 3 is hot"
@@ -310,8 +316,7 @@ async def test_messages_and_states_are_events(tmp_path):
 
 
 async def test_a_cb3_gives_the_rate_it_has():
-    options = ("--listen", "127.0.0.1:0", "--option", "polyscope=3.15.0")
-    async with EmulatorProcess("ur", *options) as emulator, watching(emulator.address, gaps="requested") as watched:
+    async with emulated(polyscope="3.15.0") as emulator, watching(emulator.address, gaps="requested") as watched:
         await watched.inlet.until(lambda o: o.account.received > 60)
     assert watched.inlet.kinds().count("rate") == 1
     assert watched.inlet.events[0][2]["rate"] == 125
@@ -321,7 +326,7 @@ async def test_a_cb3_gives_the_rate_it_has():
 
 async def test_the_default_channels_of_the_built_in_arm():
     async with (
-        EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--seed", "3") as emulator,
+        emulated() as emulator,
         watching(emulator.address, channels=UrDriver.Settings(host="x").channels) as watched,
     ):
         await watched.inlet.until(lambda o: o.account.received > 100)
@@ -335,8 +340,7 @@ async def test_the_default_channels_of_the_built_in_arm():
 
 
 async def test_fields_that_the_controller_lacks_are_named():
-    options = ("--listen", "127.0.0.1:0", "--option", "polyscope=5.8.0")
-    async with EmulatorProcess("ur", *options) as emulator:
+    async with emulated(polyscope="5.8.0") as emulator:
         watched = Watched(emulator.address, channels=("actual_q", "joint_1.torque", "ft_raw_wrench"))
         with pytest.raises(DeviceError) as caught:
             await watched.driver.run()
@@ -347,7 +351,7 @@ async def test_fields_that_the_controller_lacks_are_named():
 
 
 async def test_identify_asks_and_leaves():
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--option", "polyscope=3.15.4.1") as emulator:
+    async with emulated(polyscope="3.15.4.1") as emulator:
         identity = await Watched(emulator.address).driver.identify()
     assert (identity.maker, identity.model, identity.firmware) == ("Universal Robots", "CB3", "PolyScope 3.15.4.1")
 
@@ -411,10 +415,10 @@ async def test_only_questions_are_ever_sent(tmp_path):
     """Everything the driver writes, over disconnections and to the end, is one of the five kinds it declares."""
     sent = bytearray()
 
-    async with served(tmp_path) as (emulator, table):
+    async with serving(tmp_path) as (emulator, table):
         host, _, port = emulator.address.rpartition(":")
 
-        gone = asyncio.Event()
+        taps = set()
 
         async def pipe(reader, writer, keep):
             with contextlib.suppress(ConnectionError):
@@ -425,20 +429,19 @@ async def test_only_questions_are_ever_sent(tmp_path):
             writer.close()
 
         async def tap(reader, writer):
+            taps.add(asyncio.current_task())
             there, out = await asyncio.open_connection(host, int(port))
-            gone.clear()
             await asyncio.gather(pipe(reader, out, True), pipe(there, writer, False))
-            gone.set()
 
         server = await asyncio.start_server(tap, "127.0.0.1", 0)
         async with server:
             address = "{}:{}".format(*server.sockets[0].getsockname())
             async with watching(address) as watched:
                 await watched.inlet.until(lambda o: o.account.received > WARM)
-                await emulator.inject(Fault("disconnect"))
+                emulator.inject(Fault("disconnect"))
                 await finish(emulator, watched.inlet, stamps(table)[-1])
             async with asyncio.timeout(PATIENCE):
-                await gone.wait()
+                await asyncio.gather(*taps)
     kinds = []
     for item, used in wire.scan(memoryview(bytes(sent)), wire.FROM_CLIENT):
         kinds.append(chr(item.kind))
@@ -458,14 +461,14 @@ async def test_only_questions_are_ever_sent(tmp_path):
 
 
 async def test_cancelling_releases_the_connection():
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as emulator:
+    async with emulated() as emulator:
         async with watching(emulator.address) as watched:
             await watched.inlet.until(lambda o: o.account.received > 10)
         async with asyncio.timeout(PATIENCE):  # until no package is made for anybody
-            before, after = None, await emulator.counts()
+            before, after = None, dict(emulator.counts)
             while before != after:
                 await asyncio.sleep(0.02)
-                before, after = after, await emulator.counts()
+                before, after = after, emulator.counts
 
 
 @pytest.mark.parametrize(

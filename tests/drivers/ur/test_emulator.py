@@ -124,47 +124,6 @@ async def test_fields_depend_on_the_version(polyscope, found):
         assert (await peer.ask(question))[4:].decode() == found
 
 
-async def test_an_input_has_one_writer():
-    async with serving() as (_, connect):
-        question = bytes.fromhex("002a49") + b"speed_slider_mask,speed_slider_fraction,"[:-1]
-        first, second = await connect(), await connect()
-        assert (await first.ask(question)).hex() == "0011490155494e5433322c444f55424c45"
-        assert (await second.ask(question))[4:] == b"IN_USE,IN_USE"
-        await first.close()
-        answers = [await second.ask(question) for _ in range(500)]
-        assert answers[-1][4:] == b"UINT32,DOUBLE"
-
-
-async def test_input_recipes_are_numbered_so_that_a_client_can_tell_them_apart():
-    """UR's own client keeps its recipes by number; with one number for both, its first is lost (KeyError)."""
-    async with serving() as (emulator, connect):
-        first, second = await connect(), await connect()
-        slider = bytes.fromhex("002a49") + b"speed_slider_mask,speed_slider_fraction"
-        register = bytes.fromhex("001b49") + b"input_int_register_20,,,"[:24]
-        assert (await first.ask(slider)).hex() == "0011490155494e5433322c444f55424c45"
-        assert (await first.ask(bytes.fromhex("001849") + b"input_int_register_20"))[:4].hex() == "00094902"
-        assert (await first.ask(register))[3] == 0  # a name that there is not takes no number
-        assert (await first.ask(bytes.fromhex("001b49") + b"input_double_register_20"))[:4].hex() == "000a4903"
-        assert (await second.ask(bytes.fromhex("001849") + b"input_int_register_21"))[:4].hex() == "00094901"
-        for package in (
-            "0010550100000001" + "3fe0000000000000",
-            "0008550200000007",
-            "0008550300000007",
-            "0008550900000007",
-        ):
-            first._writer.write(bytes.fromhex(package))
-        await eventually(lambda: emulator.counts.get("strange inputs") == 2, "two packages that fit no recipe")
-        assert emulator.counts["inputs"] == 2
-
-
-async def test_a_connection_has_at_most_255_input_recipes():
-    async with serving() as (_, connect):
-        peer = await connect()
-        question = bytes.fromhex("001849") + b"input_int_register_20"
-        numbers = [(await peer.ask(question))[3] for _ in range(256)]
-        assert numbers == [*range(1, 256), 0]
-
-
 @pytest.mark.parametrize(("polyscope", "rate", "step"), [("5.12.0", 500, 2), ("5.12.0", 100, 10), ("3.15.0", 125, 8)])
 async def test_packages_keep_the_grid_of_the_controller(polyscope, rate, step):
     async with serving(polyscope=polyscope) as (emulator, connect):

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from cellwatt.emulation import EmulatorProcess
-from cellwatt_drivers.ur import UrDriver
-from tests.patience import PATIENCE, eventually
+from tests.patience import PATIENCE
 
-from ..inlet import CollectingInlet
 from .recordings import write
 
 pytest.importorskip("rtde_receive", reason="the ur-rtde library is not installed")
@@ -48,19 +46,6 @@ for name in ("RobotMode", "SafetyMode", "RuntimeState", "ActualRobotVoltage", "J
         answer[name] = None
 library.disconnect()
 print(json.dumps(answer))
-"""
-
-
-WRITE = """
-import sys
-from rtde_io import RTDEIOInterface
-library = RTDEIOInterface(sys.argv[1])
-assert library.setSpeedSlider(0.5)
-assert library.setStandardDigitalOut(3, True)
-assert library.setAnalogOutputVoltage(0, 0.5)
-assert library.setInputIntRegister(20, 7)
-assert library.setInputDoubleRegister(20, 7.5)
-library.disconnect()
 """
 
 
@@ -129,40 +114,3 @@ async def test_chosen_variables_and_its_recorder(tmp_path):
         whole += matches[0]
         assert row["robot_mode"] == "7" and row["joint_mode_0"] == "253"
     assert whole > 0.9 * len(written)
-
-
-@pytest.mark.slow
-async def test_what_its_recorder_wrote_can_be_served(tmp_path):
-    write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(700))
-    path = tmp_path / "written.csv"
-    options = ("--listen", f"127.0.31.4:{PORT}", "--recording", str(tmp_path / "served.csv"))
-    async with EmulatorProcess("ur", *options):
-        await read("127.0.31.4", 500.0, ["timestamp", "actual_q"], path)
-    written = np.genfromtxt(path, delimiter=",", skip_header=1)
-    # Its recorder runs on a timer of its own: it repeats some packages and passes over others.
-    written = written[np.diff(written[:, 0], prepend=0.0) > 0]
-    header = path.read_text().partition("\n")[0]
-    np.savetxt(path, written, "%.6f", ",", header=header, comments="")
-    inlet = CollectingInlet()
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--recording", str(path)) as emulator:
-        host, _, port = emulator.address.rpartition(":")
-        settings = UrDriver.Settings(host=host, port=int(port), channels=("actual_q",))
-        task = asyncio.create_task(UrDriver("arm", settings, inlet).run())
-        await inlet.until(lambda o: o.account.received == len(written))
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-    np.testing.assert_array_equal(inlet.values, written[:, 1:])
-    np.testing.assert_array_equal(inlet.device_time, np.rint(written[:, 0] * 1e9))
-
-
-async def test_its_input_recipes_have_the_numbers_that_it_takes_for_granted():
-    async with EmulatorProcess("ur", "--listen", f"127.0.31.7:{PORT}") as emulator:
-        child = await asyncio.create_subprocess_exec(sys.executable, "-c", WRITE, "127.0.31.7")
-        async with asyncio.timeout(PATIENCE):
-            assert await child.wait() == 0
-
-        async def written() -> bool:
-            return (await emulator.counts()).get("inputs") == 5
-
-        await eventually(written, "five packages of inputs, each of its recipe's size")
-        assert "strange inputs" not in await emulator.counts()

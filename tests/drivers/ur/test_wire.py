@@ -41,9 +41,6 @@ def test_questions_are_the_worked_bytes():
     assert wire.START.hex() == "000353"
     assert wire.PAUSE.hex() == "000350"
     assert wire.ask_outputs(500.0, NAMES).hex() == ASK_OUTPUTS
-    assert wire.ask_inputs(("speed_slider_mask", "speed_slider_fraction")).hex() == (
-        "002a49" + b"speed_slider_mask,speed_slider_fraction".hex()
-    )
 
 
 def test_answers_are_the_worked_bytes():
@@ -51,7 +48,6 @@ def test_answers_are_the_worked_bytes():
     assert wire.accept_reply(Kind.START, True).hex() == "00045301"
     assert wire.controller_reply(ControllerVersion(5, 12, 0, 1101319)).hex() == VERSION
     assert wire.recipe_reply(Kind.SETUP_OUTPUTS, 1, ("DOUBLE", "VECTOR6D", "INT32")).hex() == TYPES
-    assert wire.recipe_reply(Kind.SETUP_INPUTS, 1, ("UINT32", "DOUBLE")).hex() == "0011490155494e5433322c444f55424c45"
     assert wire.text_message(TextMessage("hello", "ctl", 2)).hex() == TEXT
 
 
@@ -106,6 +102,25 @@ IMPOSSIBLE = (
 def test_impossible_headers_are_refused_before_the_rest_has_come(header):
     with pytest.raises(ProtocolError):
         frames(bytes.fromhex(header))
+
+
+SIZES = {
+    "controller": {"V": (4, 4), "v": (19, 19), "M": (6, 516), "O": (4, 16388), "I": (4, 16388), "S": (4, 4)},
+    "client": {"V": (5, 5), "v": (3, 3), "M": (6, 516), "O": (11, 2059), "I": (3, 2051), "S": (3, 3), "P": (3, 3)},
+}
+"""Smallest and largest frame of each kind: a head of 3 bytes and what RTDE has in it, texts of 255, lists of names."""
+
+
+@pytest.mark.parametrize(("sender", "kind"), [(sender, kind) for sender, sizes in SIZES.items() for kind in sizes])
+def test_frames_of_a_kind_are_as_long_as_they_may_be(sender, kind):
+    limits = wire.FROM_CLIENT if sender == "client" else wire.FROM_CONTROLLER
+    shortest, longest = SIZES[sender][kind]
+    for size in {shortest, longest}:
+        [(found, used)] = frames(struct.pack(">HB", size, ord(kind)) + bytes(size - 3), limits)
+        assert (chr(found.kind), used) == (kind, size)
+    for size in (shortest - 1, longest + 1):
+        with pytest.raises(ProtocolError):
+            frames(struct.pack(">HB", size, ord(kind)) + bytes(max(size - 3, 0)), limits)
 
 
 def test_names_and_frames_have_their_limits():
@@ -169,7 +184,7 @@ def test_recipes_round_trip(rate, fields):
     assert wire.parse_ask_outputs(found.payload) == (rate, tuple(fields))
 
 
-@given(st.integers(0, 255), st.lists(st.sampled_from([*wire.ELEMENTS, wire.NOT_FOUND, wire.IN_USE]), min_size=1))
+@given(st.integers(0, 255), st.lists(st.sampled_from([*wire.ELEMENTS, wire.NOT_FOUND]), min_size=1))
 def test_recipe_replies_round_trip(recipe, types):
     [(found, _)] = frames(wire.recipe_reply(Kind.SETUP_OUTPUTS, recipe, types))
     assert wire.parse_recipe(found.payload) == (recipe, tuple(types))
@@ -207,7 +222,6 @@ PARSERS = {
     Kind.CONTROLLER_VERSION: wire.parse_controller,
     Kind.TEXT_MESSAGE: wire.parse_text,
     Kind.SETUP_OUTPUTS: wire.parse_recipe,
-    Kind.SETUP_INPUTS: wire.parse_recipe,
     Kind.START: wire.parse_accept,
     Kind.PAUSE: wire.parse_accept,
 }
@@ -272,6 +286,6 @@ def test_random_bytes_from_a_client_are_frames_or_refused(data):
     try:
         for item, _ in wire.scan(memoryview(data), wire.FROM_CLIENT):
             assert isinstance(item, Frame)
-            parsers.get(item.kind, wire.parse_ask_inputs)(item.payload)
+            parsers.get(item.kind, wire.parse_text)(item.payload)
     except ProtocolError as error:
         assert str(error)

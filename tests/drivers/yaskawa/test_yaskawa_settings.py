@@ -77,7 +77,7 @@ def test_quantities_are_written_with_units():
         ({"zero": ["1"] * 6}, "number with its unit"),
         ({"coupling": [[1.0] * 6] * 5}, "coupling has 5 entries"),
         ({"coupling": [[1.0] * 5] * 6}, "6 rows of 6 values"),
-        ({"read": []}, "at least one of"),
+        ({"read": []}, "at least one"),
         ({"read": ["torque", "torque"]}, "each once"),
         ({"read": ["speed"]}, "position"),
         ({"read": ["position", "alarm"]}, "add 'status'"),

@@ -39,7 +39,7 @@ ascii_text = st.text(st.characters(min_codepoint=33, max_codepoint=126), max_siz
         (wire.Request(wire.POSITION), "7500 0100 00 01 0000"),
         (wire.Request(wire.POSITION, 101), "7500 6500 00 01 0000"),
         (wire.Request(wire.TORQUE), "7700 0100 00 01 0000"),
-        (wire.Request(0x7A, 5, 1, wire.GET_ONE), "7a00 0500 01 0e 0000"),
+        (wire.Request(0x7A, 5, 1, 0x0E), "7a00 0500 01 0e 0000"),
     ],
 )
 def test_requests_as_worked_out_by_hand(request_, tail):
@@ -74,19 +74,18 @@ def test_any_hold_bit_is_a_hold(word, hold):
 
 def test_position_answer():
     position = payload.decode_position(wire.decode_answer(POSITION_ANSWER).data, payload.PULSE)
-    assert position.axes == (13414, -26828, 1341, 1000, -2000, 622, 0, 0)
+    assert position == (13414, -26828, 1341, 1000, -2000, 622, 0, 0)
 
 
 def test_cartesian_answer():
     position = payload.decode_position(CARTESIAN_DATA, payload.BASE)
-    assert position.axes[:6] == (123456, -50000, 789012, 1800000, -900000, 5000)
-    assert position.figure == 4
+    assert position[:6] == (123456, -50000, 789012, 1800000, -900000, 5000)
 
 
 @pytest.mark.parametrize("n", [6, 7, 8])
 def test_shorter_positions_and_torques_are_read_by_their_length(n):
     full = (13414, -26828, 1341, 1000, -2000, 622, 0, 0)
-    assert payload.decode_position(POSITION_DATA[: 20 + 4 * n], payload.PULSE).axes == full[:n]
+    assert payload.decode_position(POSITION_DATA[: 20 + 4 * n], payload.PULSE) == full[:n]
     assert payload.decode_axes(TORQUE_DATA[: 4 * n]) == (12, -45, 30, -3, 7, -1, 0, 0)[:n]
 
 
@@ -204,10 +203,9 @@ def test_answers_round_trip(number, service, status, added, data):
     assert answer.text.endswith(")")
 
 
-@given(st.sampled_from([payload.PULSE, payload.BASE]), axes, int32, int32, int32, int32)
-def test_positions_round_trip(kind, values, figure, tool, user_frame, extended):
-    position = payload.Position(kind, values, figure, tool, user_frame, extended)
-    assert payload.decode_position(payload.encode_position(position), kind) == position
+@given(st.sampled_from([payload.PULSE, payload.BASE]), axes)
+def test_positions_round_trip(kind, values):
+    assert payload.decode_position(payload.encode_position(kind, values), kind) == values
 
 
 @given(axes)
@@ -245,7 +243,7 @@ def decoded_as_its_bytes_say(datagram: bytes) -> bool:
     assert (answer.number, answer.service, answer.status) == (datagram[11], datagram[24], datagram[25])
     assert answer.added == int.from_bytes(datagram[28:30], "little")
     for decode, sizes, start in (
-        (lambda data: payload.decode_position(data, payload.PULSE).axes, {44, 48, 52}, 52),
+        (lambda data: payload.decode_position(data, payload.PULSE), {44, 48, 52}, 52),
         (payload.decode_axes, {24, 28, 32}, 32),
     ):
         try:
@@ -293,11 +291,3 @@ def test_mutated_frames():
     accepted, refused = fuzz(20_000)
     assert accepted > 1_000
     assert refused > 1_000
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_a_million_mutated_frames():
-    accepted, refused = fuzz(1_000_000)
-    assert accepted > 50_000
-    assert refused > 50_000

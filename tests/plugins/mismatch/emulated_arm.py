@@ -8,11 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from cellwatt.emulation.arm import ArmSignals, Move
 from cellwatt.frames import FrameChannel, Frames, Layout
@@ -91,10 +88,9 @@ def rigid_torque(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Recorded:
-    """Samples (N,) s of the arm: position, velocity, torque (N, 6), power (N,), and the motion that was planned."""
+    """Samples (N,) s of the arm: position, velocity, torque (N, 6) and power (N,)."""
 
     time: np.ndarray
-    planned: tuple[np.ndarray, np.ndarray, np.ndarray]
     position: np.ndarray
     velocity: np.ndarray
     torque: np.ndarray
@@ -120,29 +116,11 @@ def recorded(
     power = STANDBY + np.sum(torque * qd + RESISTANCE * (torque / CONSTANT) ** 2, axis=1)
     return Recorded(
         time=t,
-        planned=(q, qd, qdd),
         position=q + 2e-5 * random.standard_normal(q.shape),
         velocity=qd + 1e-3 * random.standard_normal(q.shape),
         torque=torque + 0.3 * NOISE * random.standard_normal(q.shape),
         power=power + 1.0 * random.standard_normal(len(t)),
     )
-
-
-def write_rtde(path: Path, arm: Recorded) -> Path:
-    """The recording in the columns of a controller's records, with the planned motion."""
-    columns = {"t": arm.time}
-    tables = {
-        "actual_q": arm.position,
-        "actual_qd": arm.velocity,
-        "actual_current": arm.torque / CONSTANT,
-        "target_q": arm.planned[0],
-        "target_qd": arm.planned[1],
-        "target_qdd": arm.planned[2],
-    }
-    for name, table in tables.items():
-        columns |= {f"{name}_{i}": table[:, i] for i in range(JOINTS)}
-    pq.write_table(pa.table(columns), path)
-    return path
 
 
 def layout(rate: float = 50.0, *, torque: str = "torque", power: bool = True) -> Layout:

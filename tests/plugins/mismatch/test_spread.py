@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import signal
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Thread
 
 import numpy as np
 import psutil
@@ -20,7 +17,6 @@ from cellwatt.scheduler import scheduled, spread
 from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.model import save_model
-from tests.patience import wait_until
 from tests.plugins.mismatch import plant
 
 OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
@@ -81,24 +77,6 @@ def test_the_first_recording_that_cannot_be_used_is_named_as_in_serial_work(
     changed = [shutil.copy(path, tmp_path / f"{i}.parquet") for i, path in zip((1, 0, 2), simulations, strict=True)]
     with pytest.raises(RecordingError, match="run_1: the recording follows the simulation of run_2, not its own"):
         api.explain(recordings, robot=cell, simulation=sorted(changed))
-
-
-@pytest.mark.slow
-def test_a_worker_that_dies_in_the_middle_changes_nothing(cell: Path, serial: tuple[str, str], tmp_path: Path) -> None:
-    with scheduled("local:2"):
-        spread(abs, [1, 2], "start")
-        first = min(_workers(), key=psutil.Process.create_time)
-        begun = sum(first.cpu_times()[:2])
-
-        def kill() -> None:
-            wait_until(lambda: sum(first.cpu_times()[:2]) > begun + 1.0, "a worker in the middle of its work")
-            os.kill(first.pid, signal.SIGKILL)
-
-        killer = Thread(target=kill)
-        killer.start()
-        found = explained(cell)
-        killer.join()
-    assert written(found, tmp_path) == serial
 
 
 def _workers() -> list[psutil.Process]:

@@ -9,9 +9,11 @@ import signal
 import socket
 import sys
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
-from cellwatt.errors import CellwattError, OutletError
+from cellwatt.errors import CellwattError, OutletError, ProtocolError
+from cellwatt.frames import Frames, Layout
 from cellwatt.log_lines import log_to_stderr
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import LIMIT, Kind
@@ -25,6 +27,15 @@ ANSWER: Final = 5.0
 """Longest time, s, for the daemon's answer to an order."""
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What is done with what the daemon says: with frames, the kind and fields of a result or event, and health."""
+
+    frames: Callable[[Frames], Awaitable[None] | None] | None = None
+    item: Callable[[str, Mapping[str, Any]], Awaitable[None] | None] | None = None
+    health: Callable[[Mapping[str, Any]], Awaitable[None] | None] | None = None
+
+
 class Daemon:
     """The daemon at the other end of a socket."""
 
@@ -33,38 +44,49 @@ class Daemon:
         self._numbers = itertools.count()
         self._asked: dict[int, asyncio.Future[Mapping[str, Any]]] = {}
         self._broken = 0
+        self._layout = Layout((), 1.0)
 
     def say(self, kind: Kind, body: Any) -> None:
         """Send a message, unless the daemon has gone."""
         if not self._writer.is_closing():
             self._writer.write(wire.json_message(kind, body))
 
-    async def serve(
-        self, url: str, counts: Callable[[], Mapping[str, int]], take: Callable[[Kind, bytes], Awaitable[None]]
-    ) -> None:
-        """Say that all is ready at ``url``, and each second that all is well; hand on what the daemon says.
-
-        A message that breaks ``take`` costs only itself.
-        """
+    async def serve(self, url: str, counts: Callable[[], Mapping[str, int]], shown: Shown) -> None:
+        """Say that all is ready at ``url``, and each second that all is well; have what the daemon says ``shown``."""
         self.say(Kind.READY, {"url": url})
         beating = asyncio.create_task(self._beat(counts))
         try:
-            await self.hear(take)
+            await self.hear(shown)
         finally:
             beating.cancel()
 
-    async def hear(self, take: Callable[[Kind, bytes], Awaitable[None]]) -> None:
-        """Hand on what the daemon says until it goes."""
+    async def hear(self, shown: Shown) -> None:
+        """Have what the daemon says shown until it goes; a message that cannot be costs only itself."""
         while (got := await wire.receive(self._reader)) is not None:
             try:
-                if got[0] is Kind.ANSWER:
-                    self._answered(parse_json(got[1]))
-                else:
-                    await take(*got)
+                if (work := self._shown(shown, *got)) is not None:
+                    await work
             except Exception:  # of one message: the others are worth showing
                 self._broken += 1
                 if self._broken == 1:
                     log.exception("a message of kind %s cannot be shown", got[0].name)
+
+    def _shown(self, shown: Shown, kind: Kind, body: bytes) -> Awaitable[None] | None:
+        match kind:
+            case Kind.ANSWER:
+                self._answered(parse_json(body))
+            case Kind.LAYOUT:
+                self._layout = wire.read_layout(body)
+            case Kind.FRAMES if shown.frames is not None:
+                return shown.frames(wire.read_frames(body, self._layout))
+            case Kind.ITEM if shown.item is not None:
+                told = parse_json(body)
+                return shown.item(told["kind"], told["body"])
+            case Kind.HEALTH if shown.health is not None:
+                return shown.health(parse_json(body))
+            case _:
+                raise ProtocolError(f"the daemon does not say {kind.name}")
+        return None
 
     def _answered(self, told: Mapping[str, Any]) -> None:
         waiting = self._asked.get(told["number"])

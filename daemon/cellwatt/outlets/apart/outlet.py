@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Final, TypeVar
 from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError, OutletError, ProtocolError
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
+from cellwatt.outlet import CellView, Item, Outlet, OutletSettings, revealed
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind, begin, end_of, ending
 from cellwatt.outlets.together import until_one_ends
@@ -54,9 +54,11 @@ class Apart(Outlet[S]):
         self._spent = 0.0  # s of processor time, at its last sign of life
         self._counted: dict[str, int] = {}
 
-    @abstractmethod
     def hello(self) -> Mapping[str, Any]:
         """What the process is told first, JSON-ready."""
+        view, record = self.view, self.view.record_folder
+        about = {"site": view.site, "cell": view.cell, "session": view.session}
+        return {"settings": revealed(self.settings), **about, "record": None if record is None else str(record)}
 
     @abstractmethod
     def answer(self, question: Mapping[str, Any]) -> Any:
@@ -156,14 +158,6 @@ class ApartOutlet(Apart[S]):
         self._status: Mapping[str, Any] | None = None
         self._fresh = asyncio.Event()
 
-    @abstractmethod
-    def columns(self, layout: Layout) -> bytes:
-        """The message about the columns of the frames that follow."""
-
-    @abstractmethod
-    def rows(self, block: Frames) -> bytes:
-        """The messages about frames. May raise ``TypeError``, ``ValueError`` or ``AttributeError``."""
-
     def takes(self, item: Result | Event) -> bool:
         """True for a result or event that the process is told."""
         return True
@@ -223,8 +217,8 @@ class ApartOutlet(Apart[S]):
                     block = self._blocks.popleft()
                     if block.layout is not layout:
                         layout = block.layout
-                        writer.write(self.columns(layout))
-                    self._put(writer, len(block), partial(self.rows, block))
+                        writer.write(wire.layout(layout))
+                    self._put(writer, len(block), partial(wire.frames, block))
                 if self._status is not None and not self._results:  # it says how alarms stand after those
                     status, self._status = self._status, None
                     writer.write(wire.json_message(Kind.HEALTH, status))

@@ -72,24 +72,6 @@ _THICK: Final = 0.04
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
-    """A joint of an arm in space; ``parent`` is the frame that it sits in.
-
-    Its value is ``multiplier`` times that of ``channel`` plus ``offset``; of one that follows no other, just that.
-    """
-
-    frame: str
-    parent: str
-    xyz: Vector
-    rpy: Vector
-    axis: Vector
-    kind: str
-    channel: str | None
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True, slots=True)
 class Pose:
     """Where a frame stands in its parent: m, and a quaternion (x, y, z, w)."""
 
@@ -99,34 +81,30 @@ class Pose:
     rotation: Quaternion
 
 
-def joints_of(skeleton: Mapping[str, Any]) -> tuple[Joint, ...]:
-    """The joints of a skeleton, each in a frame ``<source>/<joint>``, the base in ``<source>/base``."""
+def joints_of(skeleton: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The joints of a skeleton, each with its ``frame`` ``<source>/<joint>`` and, as ``parent``, the one it sits in.
+
+    The base is ``<source>/base``.
+    """
     source, joints = skeleton["source"], skeleton["joints"]
     frames = [f"{source}/{joint['name']}" for joint in joints]
-    return tuple(
-        Joint(
-            frame,
-            f"{source}/base" if joint["parent"] < 0 else frames[joint["parent"]],
-            _vector(joint["xyz"]),
-            _vector(joint["rpy"]),
-            _vector(joint["axis"]),
-            joint["type"],
-            joint["channel"],
-            joint.get("multiplier", 1.0),
-            joint.get("offset", 0.0),
-        )
+    parents = [*frames, f"{source}/base"]  # of the first joint the parent is -1
+    return [
+        {**joint, "frame": frame, "parent": parents[joint["parent"]]}
         for frame, joint in zip(frames, joints, strict=True)
-    )
+    ]
 
 
-def poses(joints: Iterable[Joint], values: Mapping[str, float]) -> list[Pose]:
+def poses(joints: Iterable[Mapping[str, Any]], values: Mapping[str, float]) -> list[Pose]:
     """The poses of all joints whose values are known; one without a channel stands at 0."""
     found = []
     for joint in joints:
-        value = 0.0 if joint.channel is None else values.get(joint.channel, math.nan) * joint.multiplier + joint.offset
+        value = 0.0
+        if joint["channel"] is not None:
+            value = values.get(joint["channel"], math.nan) * joint.get("multiplier", 1.0) + joint.get("offset", 0.0)
         if math.isfinite(value):
-            place, rotation = joint_pose(joint.xyz, joint.rpy, joint.axis, joint.kind, value)
-            found.append(Pose(joint.frame, joint.parent, place, rotation))
+            place, rotation = joint_pose(joint["xyz"], joint["rpy"], joint["axis"], joint["type"], value)
+            found.append(Pose(joint["frame"], joint["parent"], place, rotation))
     return found
 
 
@@ -134,7 +112,7 @@ class Arms:
     """The arms of a cell; they stand side by side, since the settings do not tell where."""
 
     def __init__(self, skeletons: Sequence[Mapping[str, Any]]) -> None:
-        self._joints = tuple(joint for skeleton in skeletons for joint in joints_of(skeleton))
+        self._joints = [joint for skeleton in skeletons for joint in joints_of(skeleton)]
         self._bases = [
             Pose(f"{skeleton['source']}/base", WORLD, (0.0, APART * i, 0.0), IDENTITY)
             for i, skeleton in enumerate(skeletons)
@@ -150,8 +128,8 @@ class Arms:
                 timestamp=stamp,
                 parent_frame_id=pose.parent,
                 child_frame_id=pose.frame,
-                translation=_drawn(pose.place),
-                rotation=own().Quaternion(**dict(zip("xyzw", pose.rotation, strict=True))),
+                translation=own().Vector3(**_axes(pose.place)),
+                rotation=own().Quaternion(**_axes(pose.rotation)),
             )
             for pose in (*self._bases, *poses(self._joints, values))
         ]
@@ -163,34 +141,33 @@ class Arms:
         return Outgoing(self._scene, time, own().SceneUpdate(entities=entities).encode(), "links")
 
 
-def _link(joint: Joint, stamp: Any) -> Any:
+def _link(joint: Mapping[str, Any], stamp: Any) -> Any:
     """A line in the parent's frame from its origin to the joint, and a ball at the joint."""
-    x, y, z = joint.xyz
     line = own().LinePrimitive(
         type=own().LinePrimitiveLineType.LineStrip,
         pose=_still((0.0, 0.0, 0.0)),
         thickness=_THICK,
-        points=[own().Point3(x=0.0, y=0.0, z=0.0), own().Point3(x=x, y=y, z=z)],
+        points=[own().Point3(x=0.0, y=0.0, z=0.0), own().Point3(**_axes(joint["xyz"]))],
         color=own().Color(r=0.45, g=0.5, b=0.56, a=1.0),
     )
     ball = own().SpherePrimitive(
-        pose=_still(joint.xyz),
+        pose=_still(joint["xyz"]),
         size=own().Vector3(x=2 * _THICK, y=2 * _THICK, z=2 * _THICK),
         color=own().Color(r=0.9, g=0.45, b=0.1, a=1.0),
     )
     return own().SceneEntity(
-        timestamp=stamp, frame_id=joint.parent, id=joint.frame, frame_locked=True, lines=[line], spheres=[ball]
+        timestamp=stamp,
+        frame_id=joint["parent"],
+        id=joint["frame"],
+        frame_locked=True,
+        lines=[line],
+        spheres=[ball],
     )
 
 
 def _still(place: Vector) -> Any:
-    return own().Pose(position=_drawn(place), orientation=own().Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+    return own().Pose(position=own().Vector3(**_axes(place)), orientation=own().Quaternion(**_axes(IDENTITY)))
 
 
-def _drawn(place: Vector) -> Any:
-    return own().Vector3(x=place[0], y=place[1], z=place[2])
-
-
-def _vector(values: Sequence[float]) -> Vector:
-    x, y, z = map(float, values)
-    return x, y, z
+def _axes(values: Sequence[float]) -> dict[str, float]:
+    return dict(zip("xyzw", values, strict=False))

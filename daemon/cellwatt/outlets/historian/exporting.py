@@ -5,10 +5,8 @@ What is about to be written is on disk before it is: where that was not finished
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellwatt.errors import OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
-from cellwatt.outlets.historian.pieces import Piece, Place, Position, merged, next_frames, next_results, parquet, root
+from cellwatt.outlets.historian.pieces import Piece, Place, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
 from cellwatt.outlets.past import ARCHIVED
@@ -26,32 +24,20 @@ FILE: Final = "historian-lake.json"
 
 
 class Intent(BaseModel):
-    """A file of a table that is about to be written: up to a frame, or up to a result."""
+    """A file of a table that is about to be written, up to ``end``."""
 
     table: str
-    frame: Position | None = None
-    result: Place | None = None
-
-
-class Join(BaseModel):
-    """Files in ``folder`` that are about to be joined ``into`` one."""
-
-    folder: str
-    names: list[str]
-    into: str
+    end: Place
 
 
 class Progress(BaseModel):
-    """Position of each table in the lake ``lake``; ``days`` are folders that may have small files."""
+    """How far each table in the lake ``lake`` reaches."""
 
     model_config = ConfigDict(extra="forbid")
 
     lake: str
-    frames: Position | None = None
-    results: dict[str, Place] = {}
+    reached: dict[str, Place] = {}
     intent: Intent | None = None
-    join: Join | None = None
-    days: list[str] = []
 
     def save(self, folder: Path) -> None:
         """Bring it to disk, whole or not at all. Raises ``OutletError``."""
@@ -94,67 +80,44 @@ class Export:
 
     def run(self) -> Iterator[Done]:
         """Write all that is new; give each file when it is done. Raises ``OutletError``."""
-        if self._progress.join is not None:
-            self._join(self._progress.join)
         if self._progress.intent is not None:
-            yield from self._again(self._progress.intent)
-        yield from self._all("frames", self._frames)
-        for table in ARCHIVED if self._settings.results else ():
-            yield from self._all(table, partial(self._results, table))
-        if self._settings.compact:
-            self._compact()
+            yield from self._again(self._progress.intent.table, self._progress.intent.end)
+        for table in ("frames", *(ARCHIVED if self._settings.results else ())):
+            while (piece := self._next(table)) is not None:
+                yield self._commit(table, piece)
+                if piece.last:  # what comes meanwhile is for the next run: it would never end, in files of a few rows
+                    break
 
-    def _all(self, table: str, following: Callable[[], Piece | None]) -> Iterator[Done]:
-        while (piece := following()) is not None:
-            yield self._commit(table, piece)
-            if piece.last:  # what comes meanwhile is for the next run: it would never end, in files of a few rows
-                return
-
-    def _frames(self, until: Position | None = None) -> Piece | None:
-        place = self._record, self._site, self._cell
-        return next_frames(*place, self._settings, self._progress.frames, until)
-
-    def _results(self, table: str, until: Place | None = None) -> Piece | None:
-        place = self._record, self._site, self._cell
-        return next_results(*place, table, self._progress.results.get(table), until)
+    def _next(self, table: str, until: Place | None = None) -> Piece | None:
+        place, after = (self._record, self._site, self._cell), self._progress.reached.get(table)
+        if table == "frames":
+            return next_frames(*place, self._settings, after, until)
+        return next_results(*place, table, after, until)
 
     def _commit(self, table: str, piece: Piece) -> Done:
-        progress, end = self._progress, piece.end
         if piece.table is not None:
-            progress.intent = (
-                Intent(table=table, frame=end) if isinstance(end, Position) else Intent(table=table, result=end)
-            )
-            progress.save(self._record)
+            self._progress.intent = Intent(table=table, end=piece.end)
+            self._progress.save(self._record)
             self._store.put(piece.path, parquet(piece.table, self._about(table)))
-            if self._settings.compact:
-                day = piece.path.rpartition("/")[0]
-                progress.days = [*(d for d in progress.days if d != day), day]
-        self._reach(table, end)
+        self._reach(table, piece.end)
         return Done(table, piece.rows, piece.lost)
 
-    def _reach(self, table: str, end: Position | Place) -> None:
-        progress = self._progress
-        if isinstance(end, Position):
-            progress.frames = end
-        else:
-            progress.results[table] = end
-        progress.intent = None
-        progress.save(self._record)
+    def _reach(self, table: str, end: Place) -> None:
+        self._progress.reached[table] = end
+        self._progress.intent = None
+        self._progress.save(self._record)
 
-    def _again(self, intent: Intent) -> Iterator[Done]:
+    def _again(self, table: str, end: Place) -> Iterator[Done]:
         """Write the file that was begun, once more and as it was to be."""
-        end: Position | Place | None = intent.frame or intent.result
-        assert end is not None
-        piece = self._frames(intent.frame) if intent.frame else self._results(intent.table, intent.result)
-        if piece is not None and _at(piece.end) == _at(end):
-            yield self._commit(intent.table, piece)
+        piece = self._next(table, end)
+        if piece is not None and piece.end == end:
+            yield self._commit(table, piece)
         else:  # the record has removed it meanwhile: what is there is there
-            before = self._progress.frames
-            self._reach(intent.table, end)
-            known = self._found()
-            reached = known.frames if intent.frame else known.results.get(intent.table)
-            if (reached is None or _at(reached) < _at(end)) and intent.frame and before is not None:
-                yield Done(intent.table, 0, max(intent.frame.sequence - before.sequence, 0))
+            before = self._progress.reached.get(table)
+            self._reach(table, end)
+            there = self._found().reached.get(table)
+            if (there is None or there < end) and table == "frames" and before is not None:
+                yield Done(table, 0, max(end.number - before.number, 0))
 
     def _about(self, table: str) -> dict[str, Any]:
         units = {} if self._settings.units == Units() else {"units": self._settings.units.model_dump()}
@@ -164,65 +127,18 @@ class Export:
         """Progress by the names of the files in the lake, where what is known of it is lost."""
         progress = Progress(lake=self._settings.folder)
         for table in ("frames", *ARCHIVED):
-            numbers = [_numbers(name) for name in self._store.names(root(table, self._site, self._cell))]
-            if table == "frames":
-                last = max(((n[0], n[2]) for n in numbers if len(n) == 3), default=None)
-                progress.frames = Position(*last, 0) if last is not None else None
-            elif found := [Place(n[0], n[1], n[3]) for n in numbers if len(n) == 4]:
-                progress.results[table] = max(found, key=_at)
+            found = map(_place, self._store.names(root(table, self._site, self._cell)))
+            if places := [place for place in found if place is not None]:
+                progress.reached[table] = max(places)
         return progress
 
-    # files of a day -------------------------------------------------------------------------------
 
-    def _compact(self) -> None:
-        """Join the files of the days that are over."""
-        newest = {folder.split("/", 1)[0]: folder for folder in sorted(self._progress.days)}
-        for folder in [folder for folder in self._progress.days if folder not in newest.values()]:
-            for names, into in self._joinable(folder):
-                self._progress.join = Join(folder=folder, names=names, into=into)
-                self._progress.save(self._record)
-                self._join(self._progress.join)
-            self._progress.days.remove(folder)
-            self._progress.save(self._record)
-
-    def _joinable(self, folder: str) -> Iterator[tuple[list[str], str]]:
-        """Files of a day by session, with the name of what they become."""
-        sessions: dict[int, list[str]] = {}
-        for name in self._store.names(folder):
-            sessions.setdefault(_numbers(name)[0], []).append(name)
-        for names in sessions.values():
-            contents = [self._store.get(f"{folder}/{name}") for name in names]
-            for numbers, _ in merged(contents):
-                group = sorted((names[n] for n in numbers), key=_numbers)
-                # Files of frames are joined; results of several files of the record keep their own names.
-                if len(group) > 1 and len(_numbers(group[0])) == 3:
-                    first, last = _numbers(group[0]), _numbers(group[-1])
-                    yield group, f"{first[0]}_{first[1]}_{last[2]}.parquet"
-
-    def _join(self, join: Join) -> None:
-        """Write the joined file, then remove the others; where it is there already, only the latter."""
-        if join.into not in self._store.names(join.folder):
-            contents = [self._store.get(f"{join.folder}/{name}") for name in join.names]
-            ((_, table),) = merged(contents)
-            table_name = join.folder.split("/", 1)[0]
-            self._store.put(f"{join.folder}/{join.into}", parquet(table, self._about(table_name)))
-        for name in join.names:
-            self._store.remove(f"{join.folder}/{name}")
-        self._progress.join = None
-        self._progress.save(self._record)
-
-
-def _at(end: Position | Place) -> tuple[int, ...]:
-    """The part of a position that orders it."""
-    return (end.session, end.sequence) if isinstance(end, Position) else (end.session, end.number, end.count)
-
-
-def _numbers(path: str) -> tuple[int, ...]:
-    """Numbers in the name of a file; none where it is not ours."""
+def _place(path: str) -> Place | None:
+    """The place that the name of a file tells, the last in it; ``None`` where it is not ours."""
     words = path.rpartition("/")[2].removesuffix(".parquet").split("_")
-    return tuple(int(word) for word in words) if all(word.isdecimal() for word in words) else ()
-
-
-def as_line(done: Done) -> str:
-    """A file that was written, as a line for the process that waits."""
-    return json.dumps({"table": done.table, "rows": done.rows, "lost": done.lost})
+    match [int(word) for word in words if word.isdecimal()]:
+        case [session, _, last] if len(words) == 3:
+            return Place(session, last)
+        case [session, number, _, last] if len(words) == 4:
+            return Place(session, number, last)
+    return None

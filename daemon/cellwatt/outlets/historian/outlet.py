@@ -6,8 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import signal
-import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
@@ -15,11 +13,10 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from cellwatt.account import Account
-from cellwatt.child import ends_with_parent
-from cellwatt.errors import OutletError, why
+from cellwatt.child import output
+from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import put_aside
 from cellwatt.outlet import CellView, Item, Outlet, revealed
-from cellwatt.outlets.apart.wire import ending
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
 from cellwatt.outlets.historian.client import Client, result_line, row_line
@@ -29,6 +26,8 @@ from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
 
 MODULE: Final = "cellwatt.outlets.historian.worker"
+LONGEST, NICENESS = 86400.0, 5
+"""s that a run may take, the first of all the record; and its priority."""
 PAUSE: Final = 30.0
 """s until the next try after one that failed, at most."""
 
@@ -54,42 +53,23 @@ class Lake:
 
     async def once(self) -> str | None:
         """Export what is new; return the reason where that failed."""
-        problem: str | None = None
-        process = await self._begin()
-        async with ending(process):
-            assert process.stdin is not None
-            assert process.stdout is not None
-            process.stdin.write(json.dumps(self._told).encode())
-            process.stdin.close()
-            async for line in process.stdout:
-                problem = self._heard(line) or problem
-            code = await process.wait()
-        return problem if code == 0 or problem is not None else f"lake: the process that writes it ended with {code}"
-
-    def _heard(self, line: bytes) -> str | None:
-        """Count a line of the process; return the reason where it tells one."""
         try:
-            said = json.loads(line)
-        except ValueError:
-            return None
-        if "error" in said:
-            return str(said["error"])
-        self._account.expect(said["rows"] + said["lost"])
-        self._account.receive(said["rows"])
-        self._account.miss(said["lost"], "lake: no longer in the record")
-        if said["rows"] or not said["lost"]:
-            what = f"files of {said['table']}" if said["rows"] else "sessions without any of its channels"
-            self._account.count(f"lake: {what}")
+            await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._told).encode(), heard=self._heard)
+        except CellwattError as error:
+            return f"lake: {str(error).removeprefix('lake: ')}"
         return None
 
-    async def _begin(self) -> asyncio.subprocess.Process:
-        pipe = asyncio.subprocess.PIPE
-        try:
-            return await asyncio.create_subprocess_exec(
-                sys.executable, "-m", MODULE, stdin=pipe, stdout=pipe, preexec_fn=ends_with_parent(signal.SIGKILL)
-            )
-        except OSError as error:
-            raise OutletError(f"lake: the process that writes it cannot be started: {error.strerror}") from error
+    def _heard(self, line: str) -> None:
+        """Count a file that the process tells of."""
+        with contextlib.suppress(ValueError, TypeError, KeyError):  # its last words
+            said = json.loads(line)
+            rows, lost, table = said["rows"], said["lost"], said["table"]
+            self._account.expect(rows + lost)
+            self._account.receive(rows)
+            self._account.miss(lost, "lake: no longer in the record")
+            if rows or not lost:
+                what = f"files of {table}" if rows else "sessions without any of its channels"
+                self._account.count(f"lake: {what}")
 
 
 if find_spec("aiohttp") is None:  # a lake alone does without it, but what is missing is told at once

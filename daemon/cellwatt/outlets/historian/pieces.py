@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -30,25 +30,21 @@ from cellwatt.version import __version__
 T = TypeVar("T", Alarm, Task, Energy)
 
 
-@dataclass(frozen=True, slots=True)
-class Position:
-    """The last frame that was dealt with: ``session``, its ``sequence`` and its ``time`` UTC ns."""
-
-    session: int
-    sequence: int
-    time: int
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, order=True)
 class Place:
-    """The last result of a kind that was dealt with: how many of its file, which is ``number`` in ``session``."""
+    """The last frame or result that was dealt with.
+
+    Of a frame ``number`` is its sequence, and ``time`` its time, UTC ns, if it is known; of a result ``number`` is that
+    of its file in the session, and ``count`` how many of the file are dealt with.
+    """
 
     session: int
     number: int
-    count: int
+    count: int = 0
+    time: int = field(default=0, compare=False)
 
 
-def frames_after(folder: Path, cell: str, position: Position | None) -> Iterator[tuple[int, Frames]]:
+def frames_after(folder: Path, cell: str, position: Place | None) -> Iterator[tuple[int, Frames]]:
     """Blocks of frames after ``position``, each with its session; all there are without one."""
     for kept in files_of(folder, cell):
         session = kept.name.session
@@ -59,7 +55,7 @@ def frames_after(folder: Path, cell: str, position: Position | None) -> Iterator
         if recording is None or (after is not None and recording.end <= after.time):
             continue
         for block in (recording if after is None else recording.between(after.time + 1, EVER)).frames():
-            known = 0 if after is None else after.sequence + 1 - block.sequence
+            known = 0 if after is None else after.number + 1 - block.sequence
             if known < len(block):
                 yield session, cut(block, known, len(block))
 
@@ -95,7 +91,7 @@ class Piece:
     path: str
     rows: int
     table: Any
-    end: Position | Place
+    end: Place
     lost: int = 0
     last: bool = False
 
@@ -113,14 +109,14 @@ def day_of(time: int) -> str:
 class _Rows:
     """Rows of one file: of one session, one layout and one day."""
 
-    def __init__(self, selection: Selection, session: int, first: Frames, until: Position | None) -> None:
+    def __init__(self, selection: Selection, session: int, first: Frames, until: Place | None) -> None:
         self.picker = Picker(selection, first.layout)
         self.session, self.first = session, first.sequence
         self.rows: list[Row] = []
         self.full = False
-        self.seen = Position(session, first.sequence - 1, 0)
+        self.seen = Place(session, first.sequence - 1)
         self._gaps: list[tuple[int, int]] = []
-        self._until = until.sequence if until is not None else None
+        self._until = until.number if until is not None else None
         self._most = max(1, VALUES // (len(self.picker.units) + 4))
 
     def fits(self, session: int, block: Frames) -> bool:
@@ -128,9 +124,9 @@ class _Rows:
         return session == self.session and (block.layout is layout or block.layout == layout)
 
     def add(self, block: Frames) -> None:
-        if block.sequence > self.seen.sequence + 1:
-            self._gaps.append((block.sequence, block.sequence - self.seen.sequence - 1))
-        self.seen = Position(self.session, block.sequence + len(block) - 1, int(block.time[-1]))
+        if block.sequence > self.seen.number + 1:
+            self._gaps.append((block.sequence, block.sequence - self.seen.number - 1))
+        self.seen = Place(self.session, block.sequence + len(block) - 1, time=int(block.time[-1]))
         self.take(list(self.picker.rows(block)))
 
     def take(self, rows: list[Row]) -> None:
@@ -142,13 +138,13 @@ class _Rows:
                 return
             self.rows.append(row)
 
-    def lost(self, end: Position, before: Position | None) -> int:
-        ahead = self.first - before.sequence - 1 if before is not None and before.session == self.session else 0
-        return ahead + sum(n for at, n in self._gaps if at <= end.sequence)
+    def lost(self, end: Place, before: Place | None) -> int:
+        ahead = self.first - before.number - 1 if before is not None and before.session == self.session else 0
+        return ahead + sum(n for at, n in self._gaps if at <= end.number)
 
 
 def next_frames(
-    folder: Path, site: str, cell: str, selection: Selection, after: Position | None, until: Position | None = None
+    folder: Path, site: str, cell: str, selection: Selection, after: Place | None, until: Place | None = None
 ) -> Piece | None:
     """The next file of frames; up to ``until`` where that was begun before. ``None`` where no row is whole yet."""
     rows: _Rows | None = None
@@ -170,12 +166,14 @@ def next_frames(
     return _framed(rows, site, cell, after, over)
 
 
-def _framed(rows: _Rows, site: str, cell: str, after: Position | None, over: bool) -> Piece:
+def _framed(rows: _Rows, site: str, cell: str, after: Place | None, over: bool) -> Piece:
     if not rows.rows:  # none of its channels is asked for
         return Piece("", 0, None, rows.seen, 0)
     last = rows.rows[-1]
     # All frames of a session or layout that is over are dealt with, also those behind the last row.
-    end = rows.seen if over and not rows.full else Position(rows.session, last.sequence, min(last.time, rows.seen.time))
+    end = (
+        rows.seen if over and not rows.full else Place(rows.session, last.sequence, time=min(last.time, rows.seen.time))
+    )
     table = frame_table(rows.rows, rows.picker.units, rows.session)
     name = f"{rows.session}_{rows.first}_{last.sequence}.parquet"
     path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
@@ -261,25 +259,6 @@ def parquet(table: pa.Table, about: Mapping[str, Any]) -> bytes:
     pq.write_table(table.replace_schema_metadata({"cellwatt": told}), out, compression="zstd")
     content: bytes = out.getvalue().to_pybytes()
     return content
-
-
-def merged(files: Sequence[bytes]) -> list[tuple[list[int], pa.Table]]:
-    """Tables of the same columns and units joined, each with the numbers of its files; the first names the metadata."""
-    groups: list[tuple[list[int], list[pa.Table]]] = []
-    for number, content in enumerate(files):
-        table = pq.read_table(pa.BufferReader(content))
-        for numbers, tables in groups:
-            if tables[0].schema.equals(table.schema, check_metadata=False) and _units(tables[0]) == _units(table):
-                numbers.append(number)
-                tables.append(table)
-                break
-        else:
-            groups.append(([number], [table]))
-    return [(numbers, pa.concat_tables([t.replace_schema_metadata(None) for t in ts])) for numbers, ts in groups]
-
-
-def _units(table: pa.Table) -> list[Any]:
-    return [(field.metadata or {}).get(b"unit") for field in table.schema]
 
 
 def _worst(row: Row) -> int:

@@ -92,8 +92,6 @@ class LakeSettings(Selection):
     """Time between two files."""
     results: bool = True
     """Write alarms, tasks and energies, too."""
-    compact: bool = False
-    """Join the files of a day when it is over."""
     endpoint: str | None = None
     """Address of a store that speaks S3, like ``https://minio.plant.example:9000``; where absent Amazon's."""
     region: str | None = None

@@ -28,21 +28,11 @@ class FolderStore:
             target.parent.mkdir(parents=True, exist_ok=True)
             replace_bytes(target, content)
 
-    def get(self, path: str) -> bytes:
-        """Read a file."""
-        with _told(self._folder / path):
-            return (self._folder / path).read_bytes()
-
     def names(self, folder: str) -> list[str]:
         """Names of the files in a folder and those below, relative to it, sorted; none where it is not there."""
         root = self._folder / folder
         with _told(root):
             return sorted(str(path.relative_to(root)) for path in root.rglob("*.parquet") if path.is_file())
-
-    def remove(self, path: str) -> None:
-        """Remove a file, if it is there."""
-        with _told(self._folder / path):
-            (self._folder / path).unlink(missing_ok=True)
 
 
 class BucketStore:
@@ -60,12 +50,6 @@ class BucketStore:
         with _told(path), self._fs.open_output_stream(self._at(path)) as out:
             out.write(content)
 
-    def get(self, path: str) -> bytes:
-        """See ``FolderStore.get``."""
-        with _told(path), self._fs.open_input_stream(self._at(path)) as source:
-            content: bytes = source.read()
-            return content
-
     def names(self, folder: str) -> list[str]:
         """See ``FolderStore.names``."""
         root = self._at(folder)
@@ -73,11 +57,6 @@ class BucketStore:
             found = self._fs.get_file_info(self._fs_module.FileSelector(root, allow_not_found=True, recursive=True))
         kept = (info.path for info in found if info.is_file and info.path.endswith(".parquet"))
         return sorted(path.removeprefix(f"{root}/") for path in kept)
-
-    def remove(self, path: str) -> None:
-        """See ``FolderStore.remove``."""
-        with _told(path), contextlib.suppress(FileNotFoundError):
-            self._fs.delete_file(self._at(path))
 
     def _at(self, path: str) -> str:
         return f"{self._place}/{path}"

@@ -8,16 +8,15 @@ from __future__ import annotations
 import fcntl
 import json
 import logging
-import os
-import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.errors import CellwattError, OutletError
-from cellwatt.outlets.historian.exporting import Export, as_line
+from cellwatt.outlets.historian.exporting import Export
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import BucketStore, FolderStore, Store, s3_options
 
@@ -42,7 +41,7 @@ def work(told: dict[str, Any]) -> None:
     store = store_of(settings, Path(told["folder"]))
     with _alone(record / LOCK):
         for done in Export(record, told["site"], told["cell"], settings, store).run():
-            print(as_line(done), flush=True)
+            print(json.dumps(asdict(done)), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -61,13 +60,11 @@ def _alone(path: Path) -> Iterator[None]:
 
 def main() -> int:
     """Export; return the exit code."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the daemon's processes ignore it, and so would we
     logging.disable(logging.WARNING)  # a file that is still being written is no news here
-    os.nice(5)
     try:
         work(json.load(sys.stdin))
     except CellwattError as error:
-        print(json.dumps({"error": " ".join(str(error).split())}), flush=True)
+        print(" ".join(str(error).split()), file=sys.stderr)
         return 1
     return 0
 

@@ -15,7 +15,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlet import CellView, Item, Outlet, revealed
+from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.apart.outlet import Apart
 from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family, Reading, lives_of, of_health
 from cellwatt.outlets.metrics.settings import MetricsSettings
@@ -237,11 +237,6 @@ class MetricsOutlet(Apart[MetricsSettings]):
         super().__init__(name, settings, view)
         self._meter = Meter(settings.channels, settings.series, view.session)
         self._collector = CellCollector(self._meter, settings.labels)
-
-    def hello(self) -> Mapping[str, Any]:
-        """See ``Apart.hello``."""
-        told: dict[str, Any] = revealed(self.settings)
-        return told
 
     def offer(self, item: Item) -> None:
         """Keep the newest frame, and sum energies."""

@@ -19,8 +19,7 @@ from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
 from cellwatt.door.tries import Guard
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.apart.daemon import Daemon, main
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.metrics.settings import MetricsSettings
 
 STALE: Final = 10.0
@@ -165,19 +164,15 @@ def _line(text: str, status: int, headers: dict[str, str] | None = None) -> web.
     return web.Response(text=f"{' '.join(text.split())[:_LONGEST]}\n", status=status, headers=headers)
 
 
-async def serve(daemon: Daemon, settings: Mapping[str, Any]) -> None:
+async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     """Serve what the daemon answers, until it goes. Raises ``OutletError`` if that cannot be."""
-    read = MetricsSettings.model_validate(settings)
+    read = MetricsSettings.model_validate(hello["settings"])
     endpoint = Endpoint(read, daemon.order)
     url = await endpoint.door.start(await asyncio.to_thread(tls_context, read))
     try:
-        await daemon.serve(url, lambda: endpoint.door.counts, _ignore)
+        await daemon.serve(url, lambda: endpoint.door.counts, Shown())
     finally:
         await endpoint.door.stop()
-
-
-async def _ignore(kind: Kind, _: bytes) -> None:
-    raise CellwattError(f"the daemon does not say {kind.name}")
 
 
 if __name__ == "__main__":

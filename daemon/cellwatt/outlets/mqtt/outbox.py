@@ -13,6 +13,7 @@ import numpy as np
 from cellwatt.account import Account
 from cellwatt.channel import Quality
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.mqtt.message import Labels
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.results import Event, Prediction, Result
@@ -49,12 +50,12 @@ class Foreseen:
 class Outbox:
     """Queues of ``most`` entries each; where one is full, its oldest is dropped and counted.
 
-    ``recorded``: rows that nobody hears are left to the record, and given to ``missed`` alone. ``wake`` is set when
-    there is something to send.
+    With a ``cursor`` over the record, rows that nobody hears are owed from there, and given to ``missed`` alone.
+    ``wake`` is set when there is something to send.
     """
 
     def __init__(
-        self, selection: Selection, most: int, account: Account, recorded: bool, missed: Callable[[Row], None]
+        self, selection: Selection, most: int, account: Account, cursor: Cursor | None, missed: Callable[[Row], None]
     ) -> None:
         self.rows: deque[Live] = deque()
         self.results: deque[Told] = deque()
@@ -73,40 +74,38 @@ class Outbox:
         self._every = selection.model_copy(update={"channels": ("*",)})
         self._most = most
         self._account = account
-        self._recorded = recorded
+        self._cursor = cursor
         self._missed = missed
         self._picker: Picker | None = None
         self._models: dict[str, Picker] = {}
-        self._left = 0
 
     def leave(self) -> None:
         """Nobody hears us: leave the rows to the record, if there is one."""
         self.serving = False
-        if self._recorded:
-            self._leave(len(self.rows))
+        if self._cursor is not None:
             for live in self.rows:
-                self._missed(live.row)
+                self._leave(self._cursor, live)
             self.rows.clear()
         self.rows = deque(replace(live, late=True) for live in self.rows)
         self.results = deque(replace(told, late=True) for told in self.results)
         self._dropped("predictions", len(self.predictions))
         self.predictions.clear()
 
-    def take_left(self) -> int:
-        """Number of rows that were left to the record since it was asked last."""
-        left, self._left = self._left, 0
-        self._account.owed -= left
-        return left
-
-    def left_again(self) -> None:
-        """Leave a row to the record that may not have arrived."""
-        self._left += 1
+    def again(self, entry: Live | Told) -> None:
+        """Take back what may not have arrived: a row is owed from the record, all else goes before others."""
+        if isinstance(entry, Live) and self._cursor is not None:
+            self._owe(self._cursor, entry)
+            return
+        queue: deque[Any] = self.rows if isinstance(entry, Live) else self.results
+        if len(queue) < self._most:
+            queue.appendleft(replace(entry, late=True))
+        else:
+            self._dropped("rows" if queue is self.rows else "results", 1)
 
     def succeed(self, before: Outbox) -> None:
         """Take over what waits in the outbox before this one."""
-        self._left = before.take_left()
-        self._account.expect(self._left + len(before.rows))
-        self._account.owed += self._left + len(before.rows)
+        self._account.expect(len(before.rows))
+        self._account.owed += len(before.rows)
         self.results.extendleft(reversed(before.results))
         self.rows.extendleft(reversed(before.rows))
         self.last, self.begun = before.last, before.begun
@@ -129,15 +128,14 @@ class Outbox:
         span = 0 if picker is None else picker.span
         if self.last is None:
             self.begun = self.last = row.time - span
-        before = self.last
+        live = Live(row, self.last, not self.serving)
         self.last = row.time
         self._account.expect()
         self._account.owed += 1
-        if not self.serving and self._recorded:
-            self._leave(1)
-            self._missed(row)
-            return
-        self._put(self.rows, Live(row, before, not self.serving), "rows")
+        if live.late and self._cursor is not None:
+            self._leave(self._cursor, live)
+        else:
+            self._put(self.rows, live, "rows")
 
     def prediction(self, item: Prediction) -> None:
         """Make rows of a model's output, if anybody hears them."""
@@ -155,14 +153,6 @@ class Outbox:
         """Take a result or event."""
         self._put(self.results, Told(item, not self.serving), "results")
 
-    def again(self, entry: Live | Told) -> None:
-        """Put back what may not have arrived, before all others of its kind."""
-        queue: deque[Any] = self.rows if isinstance(entry, Live) else self.results
-        if len(queue) < self._most:
-            queue.appendleft(replace(entry, late=True))
-        else:
-            self._dropped("rows" if queue is self.rows else "results", 1)
-
     def _put(self, queue: deque[T], entry: T, what: str) -> None:
         if len(queue) >= self._most:
             queue.popleft()
@@ -177,10 +167,14 @@ class Outbox:
             self._account.owed -= count
             self._account.drop(count, "queue")
 
-    def _leave(self, count: int) -> None:
-        if count:
-            self._left += count
-            self._account.count("rows left to the record", count)
+    def _leave(self, cursor: Cursor, live: Live) -> None:
+        self._owe(cursor, live)
+        self._account.count("rows left to the record")
+        self._missed(live.row)
+
+    def _owe(self, cursor: Cursor, live: Live) -> None:
+        self._account.owed -= 1
+        cursor.owe(live.before, live.row.time, 1)
 
 
 def _as_frames(item: Prediction, rate: float) -> Frames:

@@ -41,9 +41,8 @@ class MqttOutlet(Outlet[MqttSettings]):
             path = self._record / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
         self._cursor = Cursor(path, self.account)
         self._format: Format | None = None
-        self._outbox = Outbox(
-            settings, settings.queue, self.account, self._record is not None, lambda row: self._missed(row)
-        )
+        cursor = None if self._record is None else self._cursor
+        self._outbox = Outbox(settings, settings.queue, self.account, cursor, self._missed)
         self._session: Session | None = None
         self._turn = 0
         """Number of connections that failed: it tells which broker comes next."""

@@ -190,77 +190,51 @@ def name_of(root: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", root)
 
 
+_OF_CELL: Final = (
+    ("problem", "Problem", "health", "{{ 'OFF' if value_json['state'] == 'green' else 'ON' }}", "problem", None),
+    ("task", "Task", "task", "{{ value_json['name'] }}", None, None),
+    ("task_energy", "Energy of the last task", "energy", "{{ value_json['total'] }}", "energy", "J"),
+)
+"""What the cell as a whole says: key, name, topic, template, class and unit."""
+
+
 def device(root: str, site: str, cell: str, labels: Labels, by_channel: bool) -> dict[str, Any]:
     """The discovery message of a cell whose topics are below ``root``; ``by_channel``: each channel has its own."""
     id_ = name_of(root)
+    sensors = [_sensor(name, labels, by_channel) for name in labels.units]
+    sensors += [
+        (key, name, topic, {"value_template": template, "device_class": class_, "unit_of_measurement": unit})
+        for key, name, topic, template, class_, unit in _OF_CELL
+    ]
     components = {
-        f"{id_}_{name_of(name)}": _sensor(id_, root, name, labels, by_channel) for name in labels.units
-    } | _state(id_, root)
+        f"{id_}_{key}": {
+            "platform": "binary_sensor" if key == "problem" else "sensor",
+            "unique_id": f"{id_}_{key}",
+            "name": name,
+            "state_topic": f"{root}/{topic}",
+            **{key: value for key, value in more.items() if value is not None},
+        }
+        for key, name, topic, more in sensors
+    }
+    about = {"identifiers": [id_], "name": f"{site} {cell}", "manufacturer": "cellwatt", "sw_version": __version__}
     return {
-        "device": {
-            "identifiers": [id_],
-            "name": f"{site} {cell}",
-            "manufacturer": "cellwatt",
-            "sw_version": __version__,
-        },
+        "device": about,
         "origin": {"name": "cellwatt", "sw_version": __version__},
         "availability_topic": f"{root}/availability",
         "components": components,
     }
 
 
-def _sensor(id_: str, root: str, name: str, labels: Labels, by_channel: bool) -> dict[str, Any]:
+def _sensor(name: str, labels: Labels, by_channel: bool) -> tuple[str, str, str, dict[str, Any]]:
+    """Key, name, topic and more of a channel."""
     unit = _SHOWN.get(labels.units[name], labels.units[name])
-    class_, kind = _CLASS_OF.get(unit or ""), labels.kinds[name]
+    quoted = name.replace("\\", "\\\\").replace("'", "\\'")
     # A row may lack a channel: the sensor then stays as it is. Jinja's dot would find a method of the dict.
-    template = (
-        "{{ value_json['value'] }}"
-        if by_channel
-        else f"{{{{ value_json['values'].get({_quoted(name)}, this.state) }}}}"
-    )
-    told = {
-        "platform": "sensor",
-        "unique_id": f"{id_}_{name_of(name)}",
-        "name": name,
-        "state_topic": f"{root}/frame/{level(name)}" if by_channel else f"{root}/frame",
-        "value_template": template,
+    of_row = f"{{{{ value_json['values'].get('{quoted}', this.state) }}}}"
+    more = {
+        "value_template": "{{ value_json['value'] }}" if by_channel else of_row,
         "unit_of_measurement": unit,
-        "device_class": class_,
-        "state_class": {"continuous": "measurement", "counter": "total_increasing"}.get(kind),
+        "device_class": _CLASS_OF.get(unit or ""),
+        "state_class": {"continuous": "measurement", "counter": "total_increasing"}.get(labels.kinds[name]),
     }
-    return {key: value for key, value in told.items() if value is not None}
-
-
-def _state(id_: str, root: str) -> dict[str, Any]:
-    """What the cell as a whole says: its health, and its task."""
-    return {
-        f"{id_}_problem": {
-            "platform": "binary_sensor",
-            "unique_id": f"{id_}_problem",
-            "name": "Problem",
-            "device_class": "problem",
-            "state_topic": f"{root}/health",
-            "value_template": "{{ 'OFF' if value_json['state'] == 'green' else 'ON' }}",
-        },
-        f"{id_}_task": {
-            "platform": "sensor",
-            "unique_id": f"{id_}_task",
-            "name": "Task",
-            "state_topic": f"{root}/task",
-            "value_template": "{{ value_json['name'] }}",
-        },
-        f"{id_}_task_energy": {
-            "platform": "sensor",
-            "unique_id": f"{id_}_task_energy",
-            "name": "Energy of the last task",
-            "device_class": "energy",
-            "unit_of_measurement": "J",
-            "state_topic": f"{root}/energy",
-            "value_template": "{{ value_json['total'] }}",
-        },
-    }
-
-
-def _quoted(name: str) -> str:
-    escaped = name.replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
+    return name_of(name), name, f"frame/{level(name)}" if by_channel else "frame", more

@@ -157,8 +157,7 @@ class Session:
             await sending.send(format_.result(told.item, told.late, now), noted)
         elif out.rows:
             entry = out.rows.popleft()
-            back = out.left_again if self._backfill else partial(out.again, entry)
-            noted = Parcel(partial(self._delivered, entry.row.time, entry.before), back)
+            noted = Parcel(partial(self._delivered, entry.row.time), partial(out.again, entry))
             await sending.send(format_.row(entry.row, entry.late, now), noted)
         elif out.predictions:
             seen = out.predictions.popleft()
@@ -174,8 +173,7 @@ class Session:
         self._birth_due = False
         if not self._outbox.serving:
             self._outbox.serving = True
-            if self._backfill is not None and self._outbox.last is not None:
-                self._cursor.owe_since(self._outbox.last, self._outbox.take_left())
+            self._owe_before()
         await self._sending.send(self._format.birth(now))
         self._account.count("births")
 
@@ -189,13 +187,18 @@ class Session:
         await self._sending.send(messages, Parcel(past.arrived))
         return True
 
-    def _delivered(self, time_: int, before: int) -> None:
+    def _delivered(self, time_: int) -> None:
         self._account.count("rows sent")
         self._account.receive()
         self._account.owed -= 1
+        self._owe_before()
         if self._backfill is not None:
-            self._cursor.owe_since(before, self._outbox.take_left())
             self._cursor.deliver(time_)
+
+    def _owe_before(self) -> None:
+        """What was made before this start and never arrived is owed."""
+        if self._backfill is not None and self._outbox.last is not None:
+            self._cursor.owe_since(self._outbox.begun)
 
     # listening ------------------------------------------------------------------------------------
 

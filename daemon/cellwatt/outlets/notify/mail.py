@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from email.message import EmailMessage
 from email.policy import SMTP as SMTP_POLICY
 from email.utils import format_datetime
@@ -44,8 +44,10 @@ class Mail:
         client = await self._client()
         try:
             async with asyncio.timeout(self._timeout):
-                await self._connect(client)
-                refused = await _hand_over(client, self._settings.sender, left, self._content(message))
+                with self._told(final=False):
+                    await client.connect()
+                with self._told(final=True):
+                    refused = await _hand_over(client, self._settings.sender, left, self._content(message))
             with contextlib.suppress(SMTPException, OSError):
                 await client.quit(timeout=GOODBYE)
         except TimeoutError:
@@ -71,15 +73,18 @@ class Mail:
             timeout=self._timeout,
         )
 
-    async def _connect(self, client: aiosmtplib.SMTP) -> None:
+    @contextlib.contextmanager
+    def _told(self, *, final: bool) -> Iterator[None]:
+        """Say why the server did not do its part; ``final``: what it refuses for good is refused."""
         try:
-            await client.connect()
+            yield
         except SMTPAuthenticationError as error:
             raise FailedError(f"the login as {self._settings.user} is refused: {error.code} {error.message}") from None
         except SMTPTimeoutError as error:
             raise FailedError(f"no answer: {error.message}") from None
         except SMTPResponseException as error:
-            raise FailedError(f"{error.code} {error.message}") from None
+            reason = f"{error.code} {error.message}"
+            raise (RefusedError(reason) if final and error.code >= _FOR_EVER else FailedError(reason)) from None
         except SMTPException as error:
             cause = error.__cause__
             if isinstance(cause, OSError) and not isinstance(cause, SMTPException):
@@ -114,13 +119,4 @@ async def _hand_over(
         refused, _ = await client.sendmail(sender, to, content)
     except SMTPRecipientsRefused as error:
         return {refusal.recipient: (refusal.code, refusal.message) for refusal in error.recipients}
-    except SMTPResponseException as error:
-        reason = f"{error.code} {error.message}"
-        raise (RefusedError(reason) if error.code >= _FOR_EVER else FailedError(reason)) from None
-    except SMTPTimeoutError as error:
-        raise FailedError(f"no answer: {error.message}") from None
-    except SMTPException as error:
-        raise FailedError(error.message) from None
-    except OSError as error:
-        raise FailedError(distrusted(error)) from None
     return {address: (answer.code, answer.message) for address, answer in refused.items()}

@@ -11,13 +11,15 @@ from typing import Any, Final
 from asyncua import Node, Server, ua
 from asyncua.server.event_generator import EventGenerator
 
+from cellwatt.errors import CellwattError
+
 USER: ContextVar[str | None] = ContextVar("user", default=None)
 """Name of the user whose client calls a method now."""
 _SEVERITY: Final = {"info": 200, "warning": 500, "error": 800}
 _LONGEST_NOTE: Final = 1000
 
-Order = Callable[[str, str, str], Awaitable[str | None]]
-"""Acknowledges an alarm by its id for a user with a note; returns why not."""
+Order = Callable[[Mapping[str, Any]], Awaitable[Any]]
+"""Has the daemon do something; raises ``CellwattError`` with the reason why not."""
 
 
 @dataclass
@@ -132,5 +134,9 @@ class Conditions:
         if not user:
             return ua.StatusCode(codes.BadUserAccessDenied)
         text = comment.Value.Text if isinstance(comment.Value, ua.LocalizedText) else None
-        why_not = await self._order(name, user, (text or "")[:_LONGEST_NOTE])
-        return ua.StatusCode(codes.BadInvalidState if why_not else codes.Good)
+        note = (text or "")[:_LONGEST_NOTE]
+        try:
+            await self._order({"what": "acknowledge", "alarm": name, "name": user, "note": note})
+        except CellwattError:
+            return ua.StatusCode(codes.BadInvalidState)
+        return ua.StatusCode(codes.Good)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, Final, Self
+from typing import ClassVar, Final, Self
 
 from pydantic import Field, FilePath, SecretStr
 from pydantic import model_validator as model_check
 
 from cellwatt.door.settings import Listening
-from cellwatt.frames import Frames, Layout
-from cellwatt.outlet import CellView, revealed
 from cellwatt.outlets.apart.outlet import ApartOutlet
-from cellwatt.outlets.apart.wire import Kind, json_message
-from cellwatt.outlets.selection import Picker, Row, Selection
+from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz
 from cellwatt.results import Alarm, Energy, Event, Result
 
@@ -70,31 +66,6 @@ class OpcUaOutlet(ApartOutlet[OpcUaOutletSettings]):
     memory = 512 << 20
     forgets = Energy
 
-    def __init__(self, name: str, settings: OpcUaOutletSettings, view: CellView) -> None:
-        super().__init__(name, settings, view)
-        self._picker: Picker | None = None
-
-    def hello(self) -> Mapping[str, Any]:
-        """See ``ApartOutlet.hello``."""
-        s, view = self.settings, self.view
-        return {**revealed(s), "host": s.host, "port": s.port, "site": view.site, "cell": view.cell}
-
     def takes(self, item: Result | Event) -> bool:
         """True for what the server has a node for: alarms, words about them and energies."""
         return isinstance(item, Alarm | Energy) or (isinstance(item, Event) and item.kind == ACKNOWLEDGED)
-
-    def columns(self, layout: Layout) -> bytes:
-        """See ``ApartOutlet.columns``."""
-        self._picker = picker = Picker(self.settings, layout)
-        channels = [{"name": name, "unit": unit} for name, unit in picker.units.items()]
-        return json_message(Kind.LAYOUT, {"channels": channels})
-
-    def rows(self, block: Frames) -> bytes:
-        """See ``ApartOutlet.rows``: those of the rate that clients are to see, one message each."""
-        assert self._picker is not None
-        return b"".join(json_message(Kind.FRAMES, _row(row)) for row in self._picker.rows(block))
-
-
-def _row(row: Row) -> dict[str, Any]:
-    values = {name: value for name, value in row.values.items() if math.isfinite(value)}
-    return {"time": row.time, "values": values, "quality": row.quality}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import socket
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from hmac import compare_digest
-from pathlib import Path
 from typing import Any, Final
 
 from asyncua import Node, ua
@@ -19,15 +19,16 @@ from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
 from cellwatt.channel import Quality
-from cellwatt.errors import CellwattError, OutletError
-from cellwatt.outlets.apart.daemon import Daemon, main
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.errors import OutletError
+from cellwatt.frames import Frames
+from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.bounds import BoundedServer
 from cellwatt.outlets.opc_ua.conditions import Conditions, Order
-from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED
+from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED, OpcUaOutletSettings
 from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
-from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.outlets.selection import Picker
+from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.version import __version__
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -42,37 +43,39 @@ _STATUS: Final = {
 
 
 class CellServer:
-    """A server for one cell; ``settings`` are those of ``OpcUaOutlet.hello``."""
+    """A server for one cell."""
 
-    def __init__(self, settings: Mapping[str, Any], order: Order) -> None:
-        self._settings = settings
+    def __init__(self, settings: OpcUaOutletSettings, site: str, cell: str, order: Order) -> None:
+        self._settings, self._site, self._cell_name = settings, site, cell
         self._order = order
-        self._server = BoundedServer(_Users(settings["users"]))
+        users = {name: password.get_secret_value() for name, password in settings.users.items()}
+        self._server = BoundedServer(_Users(users))
+        self._picker: Picker | None = None
         self._channels: dict[str, list[Node]] = {}
         self._tasks: dict[str, Node] = {}
 
     async def open(self) -> str:
         """Make the nodes that every cell has, and listen; return the address. Raises ``OSError`` or ``ValueError``."""
         s, server = self._settings, self._server
-        host, port = s["host"], _free(s["host"], s["port"])
+        host, port = s.host, _free(s.host, s.port)
         server.iserver.bind_condition_methods = True  # clients that come later ask for the standing alarms
         await server.init()
         shown = f"[{host}]" if ":" in host else host
-        url = f"opc.tcp://{shown}:{port}{s['path']}"
+        url = f"opc.tcp://{shown}:{port}{s.path}"
         server.set_endpoint(url)
         server.socket_address = (host, port)
-        server.set_server_name(f"cellwatt {s['site']}/{s['cell']}")
+        server.set_server_name(f"cellwatt {self._site}/{self._cell_name}")
         await server.set_application_uri(await self._secure())
         await server.set_build_info("urn:cellwatt", "cellwatt", "cellwatt", __version__, "", datetime.now(UTC))
-        if s["users"]:
+        if s.users:
             server.set_identity_tokens([ua.UserNameIdentityToken])
         else:
             server.set_identity_tokens([ua.AnonymousIdentityToken])
-        own = f"urn:cellwatt:{s['site']}:{s['cell']}"
+        own = f"urn:cellwatt:{self._site}:{self._cell_name}"
         numbers = [await server.register_namespace(uri) for uri in (DI, ROBOTICS, own)]
         self._spaces = spaces = Spaces(*numbers)
-        self._arms = Arms(server, spaces, await add_types(server, spaces), s["cell"])
-        self._cell = await server.nodes.objects.add_object(ua.NodeId("cell", spaces.own), self._name(s["cell"]))
+        self._arms = Arms(server, spaces, await add_types(server, spaces), self._cell_name)
+        self._cell = await server.nodes.objects.add_object(ua.NodeId("cell", spaces.own), self._name(self._cell_name))
         self._values = await self._folder("Values")
         self._energies = await self._folder("Energy")
         self._health = await self._cell.add_variable(ua.NodeId("Health", spaces.own), self._name("Health"), "{}")
@@ -92,32 +95,22 @@ class CellServer:
 
     # what the cell says ---------------------------------------------------------------------------
 
-    async def layout(self, told: Mapping[str, Any]) -> None:
-        """Have a variable for each channel, and the arms; those that were there before are made anew."""
-        for nodes in self._channels.values():
-            for node in nodes:
-                await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
-        units = {c["name"]: c["unit"] for c in told["channels"] if c["name"] not in self._channels}
-        arms = await self._arms.build(units) if not self._channels else {}
-        for name, unit in units.items():
-            plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
-            await plain.add_property(0, "EngineeringUnits", unit_of(unit))
-            self._channels[name] = [plain, *([arms[name]] if name in arms else [])]
-            for node in self._channels[name]:
-                await self._set(node, ua.Variant(None), ua.StatusCodes.BadWaitingForInitialData, None)
+    async def frames(self, frames: Frames) -> None:
+        """Give channels their values, at the rate that clients are to see."""
+        if self._picker is None or self._picker.layout is not frames.layout:
+            self._picker = Picker(self._settings, frames.layout)
+            await self._lay_out(self._picker.units)
+        for row in self._picker.rows(frames):
+            for name, quality in row.quality.items():
+                value = row.values.get(name, math.nan)
+                known = math.isfinite(value)
+                status = _STATUS[Quality(quality)] if known else ua.StatusCodes.BadNoCommunication
+                variant = ua.Variant(value, ua.VariantType.Double) if known else ua.Variant(None)
+                for node in self._channels.get(name, ()):
+                    await self._set(node, variant, status, row.time)
 
-    async def row(self, told: Mapping[str, Any]) -> None:
-        """Give channels their values of one moment."""
-        for name, quality in told["quality"].items():
-            value = told["values"].get(name)
-            status = _STATUS[Quality(quality)] if value is not None else ua.StatusCodes.BadNoCommunication
-            variant = ua.Variant(value, ua.VariantType.Double) if value is not None else ua.Variant(None)
-            for node in self._channels.get(name, ()):
-                await self._set(node, variant, status, told["time"])
-
-    async def item(self, told: Mapping[str, Any]) -> None:
+    async def item(self, kind: str, body: Mapping[str, Any]) -> None:
         """Tell an alarm as a condition, who acknowledged one, or the energy of a task."""
-        kind, body = told["kind"], told["body"]
         if kind == "alarm":
             await self._conditions.tell(body)
         elif kind == "energy":
@@ -135,11 +128,26 @@ class CellServer:
         value = ua.Variant(float(told["total"]), ua.VariantType.Double)
         await self._set(self._tasks[name], value, ua.StatusCodes.Good, told["end"])
 
-    async def health(self, told: str) -> None:
-        """Give the cell's health, which is JSON."""
-        await self._set(self._health, ua.Variant(told, ua.VariantType.String), ua.StatusCodes.Good, None)
+    async def health(self, told: Mapping[str, Any]) -> None:
+        """Give the cell's health, as JSON."""
+        text = encode_json(told).decode()
+        await self._set(self._health, ua.Variant(text, ua.VariantType.String), ua.StatusCodes.Good, None)
 
     # inside ---------------------------------------------------------------------------------------
+
+    async def _lay_out(self, units: Mapping[str, str]) -> None:
+        """Have a variable for each channel, and the arms; those that were there before are made anew."""
+        for nodes in self._channels.values():
+            for node in nodes:
+                await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
+        units = {name: unit for name, unit in units.items() if name not in self._channels}
+        arms = await self._arms.build(units) if not self._channels else {}
+        for name, unit in units.items():
+            plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
+            await plain.add_property(0, "EngineeringUnits", unit_of(unit))
+            self._channels[name] = [plain, *([arms[name]] if name in arms else [])]
+            for node in self._channels[name]:
+                await self._set(node, ua.Variant(None), ua.StatusCodes.BadWaitingForInitialData, None)
 
     async def _set(self, node: Node, value: ua.Variant, status: int, time: int | None) -> None:
         moment = datetime.now(UTC) if time is None else _EPOCH + timedelta(microseconds=time // 1000)
@@ -156,17 +164,17 @@ class CellServer:
     async def _secure(self) -> str:
         """Set policies and certificates; return the application's URI, which the certificate names."""
         s, server = self._settings, self._server
-        uri = f"urn:cellwatt:{s['site']}:{s['cell']}:server"
-        if s["certificate"] is None:
+        uri = f"urn:cellwatt:{self._site}:{self._cell_name}:server"
+        if s.certificate is None or s.key is None:
             server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
             return uri
         server.set_security_policy(
             [ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt, ua.SecurityPolicyType.Basic256Sha256_Sign]
         )
-        await server.load_certificate(Path(s["certificate"]), "pem")
-        await server.load_private_key(Path(s["key"]), format="pem")
-        if s["trusted"]:
-            wanted = {der_from_x509(await load_certificate(Path(file), "pem")) for file in s["trusted"]}
+        await server.load_certificate(s.certificate, "pem")
+        await server.load_private_key(s.key, format="pem")
+        if s.trusted:
+            wanted = {der_from_x509(await load_certificate(file, "pem")) for file in s.trusted}
 
             async def check(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
                 if der_from_x509(certificate) not in wanted:
@@ -207,33 +215,17 @@ def _free(host: str, port: int) -> int:
         return int(probe.getsockname()[1])
 
 
-async def serve(daemon: Daemon, settings: Mapping[str, Any]) -> None:
+async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     """Serve what the daemon tells, until it goes. Raises ``OutletError`` if that cannot be."""
-
-    async def order(alarm: str, name: str, note: str) -> str | None:
-        """Have an alarm acknowledged by the daemon; return why not."""
-        try:
-            await daemon.order({"what": "acknowledge", "alarm": alarm, "name": name, "note": note})
-        except CellwattError as error:
-            return str(error)
-        return None
-
-    server = CellServer(settings, order)
-    takes = {Kind.LAYOUT: server.layout, Kind.FRAMES: server.row, Kind.ITEM: server.item}
-
-    async def take(kind: Kind, body: bytes) -> None:
-        if kind is Kind.HEALTH:
-            await server.health(body.decode())
-        else:
-            await takes[kind](parse_json(body))
-
+    settings = OpcUaOutletSettings.model_validate(hello["settings"])
+    server = CellServer(settings, hello["site"], hello["cell"], daemon.order)
     try:
         url = await server.open()
     except (OSError, ValueError) as error:
         told = getattr(error, "strerror", None) or str(error)
         raise OutletError(f"the OPC UA server cannot listen or be made: {told}") from error
     try:
-        await daemon.serve(url, lambda: server.counts, take)
+        await daemon.serve(url, lambda: server.counts, Shown(server.frames, server.item, server.health))
     finally:
         await server.close()
 

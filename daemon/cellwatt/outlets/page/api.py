@@ -6,15 +6,18 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
 from aiohttp import web
 
 from cellwatt.outlets.page.access import VISITOR, Visitor, answer, refusal
-from cellwatt.outlets.page.rooms import Room, Rooms, prefix
+from cellwatt.outlets.page.rooms import Room, prefix
 from cellwatt.outlets.page.streams import encoded
 from cellwatt.outlets.zenoh.messages import parse_json
+
+if TYPE_CHECKING:
+    from cellwatt.outlets.page.plant import Rooms
 
 CELL: Final = "/api/cells/{site}/{cell}"
 REPORT_POLICY: Final = (

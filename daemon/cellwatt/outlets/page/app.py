@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import web
 from aiohttp.typedefs import Handler
@@ -25,10 +25,12 @@ from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
 from cellwatt.outlets.page.drop_api import DropApi
 from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.rooms import Rooms
 from cellwatt.outlets.page.sessions import LONGEST, Sessions
 from cellwatt.outlets.page.streams import Browsers, encoded
 from cellwatt.version import __version__
+
+if TYPE_CHECKING:
+    from cellwatt.outlets.page.plant import Rooms
 
 PAGES: Final = (
     "/",

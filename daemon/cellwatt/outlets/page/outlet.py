@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal
+from typing import ClassVar, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 
 from cellwatt.door.settings import Listening
-from cellwatt.frames import Frames, Layout
 from cellwatt.host import check_host
-from cellwatt.outlet import revealed
-from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.outlet import ApartOutlet
 from cellwatt.outlets.page.sessions import parse
 from cellwatt.quantity import Bytes
@@ -114,22 +111,3 @@ class PageOutlet(ApartOutlet[PageSettings]):
     what = "the process that serves the page"
     memory = 2 << 30
     forgets = Prediction
-
-    def hello(self) -> Mapping[str, Any]:
-        """See ``ApartOutlet.hello``."""
-        view = self.view
-        return {
-            "settings": revealed(self.settings),
-            "site": view.site,
-            "cell": view.cell,
-            "session": view.session,
-            "record": None if view.record_folder is None else str(view.record_folder),
-        }
-
-    def columns(self, layout: Layout) -> bytes:
-        """See ``ApartOutlet.columns``."""
-        return wire.layout(layout)
-
-    def rows(self, block: Frames) -> bytes:
-        """See ``ApartOutlet.rows``."""
-        return wire.frames(block)

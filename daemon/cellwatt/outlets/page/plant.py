@@ -16,7 +16,7 @@ from urllib.parse import unquote
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.page.archive import Desk
 from cellwatt.outlets.page.followed import UNREADABLE, Followed
-from cellwatt.outlets.page.rooms import Mode, Room, page_of, plant_cell
+from cellwatt.outlets.page.rooms import Mode, OneRoom, Room, page_of, plant_cell
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.keys import PREFIX, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
@@ -51,7 +51,7 @@ class _Cell:
 
 
 class Plant:
-    """The cells of a site behind a link, as ``Rooms``; ``run`` follows them.
+    """The cells of a site behind a link, as ``OneRoom`` has one; ``run`` follows them.
 
     Zenoh calls back in threads of its own: what they bring is taken on the loop.
     """
@@ -74,21 +74,21 @@ class Plant:
 
     @property
     def cells(self) -> Sequence[tuple[str, str]]:
-        """See ``Rooms.cells``."""
+        """See ``OneRoom.cells``."""
         return [(self._name, cell) for cell in sorted(self._known)]
 
     async def room(self, site: str, cell: str) -> Room:
-        """See ``Rooms.room``."""
+        """See ``OneRoom.room``."""
         if site != self._name or cell not in self._known:
             raise KeyError(cell)
         return self._followed.room(site, cell, self._known[cell].health)
 
     def summary(self) -> list[dict[str, Any]]:
-        """See ``Rooms.summary``."""
+        """See ``OneRoom.summary``."""
         return [self._summary(cell) for cell in sorted(self._known)]
 
     def url_of(self, site: str, cell: str) -> str | None:
-        """See ``Rooms.url_of``."""
+        """See ``OneRoom.url_of``."""
         known = self._known.get(cell)
         return page_of(known.health.status) if known is not None and known.health is not None else None
 
@@ -194,3 +194,7 @@ class Plant:
         before = self._told.get(name)
         self._told[name] = kept = {k: v for k, v in told.items() if k != "age_s" or not quiet}
         return None if kept == before else told
+
+
+Rooms = OneRoom | Plant
+"""All cells of a page."""

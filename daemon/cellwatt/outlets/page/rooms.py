@@ -7,7 +7,7 @@ import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 from urllib.parse import quote
 
 from cellwatt.errors import CellwattError
@@ -33,46 +33,19 @@ class Room:
     order: Order | None = None
 
 
-class Rooms(Protocol):
-    """All cells of a page."""
-
-    mode: Mode
-    site: str | None
-    acts: bool
-    """True if anything can be changed from here."""
-
-    @property
-    def cells(self) -> Sequence[tuple[str, str]]:
-        """Site and name of each cell."""
-        ...
-
-    async def room(self, site: str, cell: str) -> Room:
-        """The room of a cell. Raises ``KeyError`` if there is no such cell, ``OutletError`` if it cannot be opened."""
-        ...
-
-    def summary(self) -> list[dict[str, Any]]:
-        """All cells in figures, JSON-ready."""
-        ...
-
-    @property
-    def hub(self) -> Hub | None:
-        """The changes of ``summary``; ``None`` where there is one cell."""
-        ...
-
-    def url_of(self, site: str, cell: str) -> str | None:
-        """Address of the cell's own page, if it is known."""
-        ...
-
-
 def prefix(site: str, cell: str) -> str:
     """Path of the answers about a cell."""
     return f"/api/cells/{quote(site, safe='')}/{quote(cell, safe='')}"
 
 
 class OneRoom:
-    """A page of one cell; of none, on which recordings can be dropped."""
+    """A page of one cell; of none, on which recordings can be dropped.
+
+    ``acts`` is true if anything can be changed from here.
+    """
 
     hub: Hub | None = None
+    """The changes of ``summary``, of a page of many cells."""
 
     def __init__(self, room: Room | None) -> None:
         self._room = room
@@ -82,17 +55,17 @@ class OneRoom:
 
     @property
     def cells(self) -> Sequence[tuple[str, str]]:
-        """See ``Rooms.cells``."""
+        """Site and name of each cell."""
         return () if self._room is None else ((self._room.feed.site, self._room.feed.cell),)
 
     async def room(self, site: str, cell: str) -> Room:
-        """See ``Rooms.room``."""
+        """The room of a cell. Raises ``KeyError`` if there is no such cell, ``OutletError`` if it cannot be opened."""
         if self._room is None or (site, cell) not in self.cells:
             raise KeyError(cell)
         return self._room
 
     def summary(self) -> list[dict[str, Any]]:
-        """See ``Rooms.summary``."""
+        """All cells in figures, JSON-ready."""
         if self._room is None:
             return []
         feed = self._room.feed
@@ -100,7 +73,7 @@ class OneRoom:
         return [plant_cell(feed.site, feed.cell, feed.live.status, age)]
 
     def url_of(self, site: str, cell: str) -> str | None:
-        """See ``Rooms.url_of``."""
+        """Address of the cell's own page, if it is known."""
         return None
 
 

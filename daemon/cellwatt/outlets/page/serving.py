@@ -10,11 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from cellwatt.errors import ProtocolError
-from cellwatt.frames import Layout
-from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.daemon import Daemon, main
-from cellwatt.outlets.apart.wire import Kind
+from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.page.app import served
 from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.feed import Feed
@@ -22,7 +18,6 @@ from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.rooms import OneRoom, Room, follow_arms, prefix
 from cellwatt.outlets.page.sessions import FILE
 from cellwatt.outlets.page.streams import Browsers, Hub
-from cellwatt.outlets.zenoh.messages import parse_json
 
 NICENESS: Final = 10
 """Data come before browsers: stages, which judge them, have 5."""
@@ -36,23 +31,7 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     feed.live.session = hello["session"]
     folder = None if hello["record"] is None else Path(hello["record"])
     archive = Archive(folder, cell, settings.reports, desk, settings.levels)
-    layout = Layout((), 1.0)
-
-    async def take(kind: Kind, body: bytes) -> None:
-        nonlocal layout
-        match kind:
-            case Kind.LAYOUT:
-                layout = wire.read_layout(body)
-            case Kind.FRAMES:
-                feed.take_frames(wire.read_frames(body, layout))
-            case Kind.ITEM:
-                told = parse_json(body)
-                feed.take_item(told["kind"], told["body"])
-            case Kind.HEALTH:
-                feed.take_health(parse_json(body))
-            case _:
-                raise ProtocolError(f"the daemon does not say {kind.name}")
-
+    shown = Shown(feed.take_frames, feed.take_item, feed.take_health)
     try:
         await asyncio.to_thread(archive.start)
         room = OneRoom(Room(feed, archive, daemon.order))
@@ -61,7 +40,7 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
             gc.freeze()
             arms = asyncio.create_task(follow_arms(feed, settings.arms, desk))
             try:
-                await daemon.serve(page.url, lambda: {**page.counts, **archive.counts()}, take)
+                await daemon.serve(page.url, lambda: {**page.counts, **archive.counts()}, shown)
             finally:
                 arms.cancel()
     finally:

@@ -27,9 +27,9 @@ Body = Mapping[str, Any]
 
 
 class Group:
-    """Browsers that want the same channels at the same rate; their blocks are made once."""
+    """Browsers that want the same channels at the same rate, or, of ``None``, no frames; blocks are made once."""
 
-    def __init__(self, channels: Sequence[str], rate: float) -> None:
+    def __init__(self, channels: Sequence[str] | None, rate: float) -> None:
         self.channels, self.period = channels, 1.0 / rate
         self.members: set[Browser] = set()
         self._frames: deque[Frames] = deque(maxlen=_FRESH)
@@ -38,7 +38,8 @@ class Group:
 
     def frames(self, frames: Frames) -> None:
         """Keep a block for the next tick."""
-        self._frames.append(frames)
+        if self.channels is not None:
+            self._frames.append(frames)
 
     def prediction(self, body: Body) -> None:
         """Keep a model's output for the next tick."""
@@ -67,7 +68,7 @@ class Group:
         blocks, self._frames = self._frames, deque(maxlen=_FRESH)
         newest = [block for block in blocks if block.layout == blocks[-1].layout and len(block)]
         if newest:
-            yield encoded("frames", shapes.frames(newest, self.channels))
+            yield encoded("frames", shapes.frames(newest, self.channels or ()))
         made, self._predictions = self._predictions, {}
         for (model, _), bodies in made.items():
             yield encoded("prediction", shapes.prediction(model, bodies))
@@ -78,17 +79,13 @@ class Hub:
 
     def __init__(self, browsers: Browsers) -> None:
         self._browsers = browsers
-        self._groups: dict[tuple[tuple[str, ...], float], Group] = {}
-        self._plain: set[Browser] = set()
-        """Browsers that want no frames."""
+        self._groups: dict[tuple[tuple[str, ...] | None, float], Group] = {}
 
     def __len__(self) -> int:
-        return sum(1 for _ in self._all())
+        return sum(len(group.members) for group in self._groups.values())
 
-    def _all(self) -> Iterator[Browser]:
-        for group in self._groups.values():
-            yield from group.members
-        yield from self._plain
+    def _all(self) -> list[Browser]:
+        return [browser for group in self._groups.values() for browser in group.members]
 
     def frames(self, frames: Frames) -> None:
         """Pass on frames."""
@@ -102,7 +99,7 @@ class Hub:
 
     def tell(self, event: str, data: Any) -> None:
         """Pass on an event at once."""
-        if not self._groups and not self._plain:
+        if not self._groups:
             return
         message = encoded(event, data)
         for browser in self._all():
@@ -110,7 +107,7 @@ class Hub:
 
     def end(self) -> None:
         """End all streams of this cell; their browsers ask anew by themselves."""
-        for browser in list(self._all()):
+        for browser in self._all():
             browser.end()
 
     async def serve(
@@ -144,14 +141,7 @@ class Hub:
 
     @contextlib.contextmanager
     def _member(self, browser: Browser, channels: Sequence[str] | None, rate: float) -> Iterator[None]:
-        if channels is None:
-            self._plain.add(browser)
-            try:
-                yield
-            finally:
-                self._plain.discard(browser)
-            return
-        key = tuple(channels), rate
+        key = None if channels is None else tuple(channels), rate
         group = self._groups.get(key) or self._groups.setdefault(key, Group(*key))
         group.members.add(browser)
         try:

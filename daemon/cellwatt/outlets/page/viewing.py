@@ -14,8 +14,8 @@ from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.followed import watch
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.plant import Plant
-from cellwatt.outlets.page.rooms import OneRoom, Room, Rooms, follow_arms, prefix
+from cellwatt.outlets.page.plant import Plant, Rooms
+from cellwatt.outlets.page.rooms import OneRoom, Room, follow_arms, prefix
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.runtime.tasks import plain_errors
 from cellwatt.subscriber import LinkSettings

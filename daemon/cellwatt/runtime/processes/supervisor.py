@@ -7,9 +7,11 @@ all that is imported already there and shared.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import selectors
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -45,6 +47,8 @@ from cellwatt.runtime.processes.tell import tell
 
 log = logging.getLogger(__name__)
 
+SWITCH_INTERVAL: Final = 0.0005
+"""Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
 LOOK: Final = 1.0
 """Longest time, s, without a look at the clock."""
 RENEW: Final = 5.0
@@ -65,10 +69,19 @@ class _Reload:
 
 
 class Supervisor:
-    """The processes of one cell. ``run`` serves until SIGTERM or SIGINT; SIGHUP applies what changed in the file."""
+    """The processes of one cell. ``run`` serves until SIGTERM or SIGINT, or for ``seconds``.
 
-    def __init__(self, config: CellConfig) -> None:
+    SIGHUP applies what ``again`` gives: by default the settings file as it is now.
+    """
+
+    def __init__(
+        self, config: CellConfig, again: Callable[[], CellConfig] | None = None, seconds: float = math.inf
+    ) -> None:
         self._config = config
+        self._again = again or (lambda: load(config.path))
+        self._seconds = seconds
+        self._until = math.inf
+        """When to stop, monotonic s."""
         self._generation = 1
         self._shared = Shared.of(*declared(config))
         self._collect = Part("collect", collect, self._assign)
@@ -91,6 +104,7 @@ class Supervisor:
     def run(self) -> None:
         """Serve the cell. Raises ``CellwattError`` where a part cannot be started, or another has the record folder."""
         allow_descriptors()
+        sys.setswitchinterval(SWITCH_INTERVAL)
         record = self._config.record
         with claimed(record.folder if record is not None else None, self._config.cell) as self._claim:
             self._run()
@@ -103,6 +117,7 @@ class Supervisor:
             self._begin([self._collect])
             if self._collect.ready:
                 systemd.notify(READY="1")
+                self._until = time.monotonic() + self._seconds
             while self._serves:
                 self._turn()
                 self._go_on_reloading()
@@ -114,6 +129,11 @@ class Supervisor:
     @property
     def _serves(self) -> bool:
         return not self._stop_asked and self._failed is None
+
+    @property
+    def session(self) -> int:
+        """Time of the start, UTC ns."""
+        return self._shared.session
 
     def _begin(self, parts: Sequence[Part]) -> None:
         """Start processes and wait until all of them serve."""
@@ -192,7 +212,8 @@ class Supervisor:
         now = time.monotonic()
         serving = self._serving()
         due = [p.again_at - now for p in serving if not p.alive]
-        self._wait(min([LOOK, *due]))
+        self._wait(min([LOOK, self._until - now, *due]))
+        self._stop_asked |= time.monotonic() >= self._until
         self._shared.clock.discipline()
         if self._claim is not None and now >= self._renew_at:
             self._renew_at = now + RENEW
@@ -306,7 +327,7 @@ class Supervisor:
     def _begin_reload(self) -> None:
         systemd.reloading()
         try:
-            config = load(self._config.path)
+            config = self._again()
             change = Change.between(self._config, config)
             if not change:
                 self._config = config

@@ -1,4 +1,4 @@
-"""Rotations and joints against SciPy, and the packaged arm against SciPy's own chain of rotations."""
+"""Joints against SciPy, and the packaged arm against SciPy's own chain of rotations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from cellwatt.outlets.foxglove.arm import Vector, about, joint_pose, joints_of, of_rpy, poses, product, turned
+from cellwatt.outlets.foxglove.arm import Vector, joint_pose, joints_of, poses
 from tests.daemon.outlets.foxglove.moving import place_of, skeleton, tool
 
 ANGLE = st.floats(-10, 10)
@@ -21,24 +21,6 @@ AXIS = VECTOR.filter(lambda v: math.hypot(*v) > 1e-3)
 
 def same(found: Any, truth: Rotation) -> bool:
     return bool(np.allclose(Rotation.from_quat(found).as_matrix(), truth.as_matrix(), atol=1e-12))
-
-
-@given(VECTOR)
-def test_roll_pitch_and_yaw(rpy: Vector) -> None:
-    assert same(of_rpy(rpy), Rotation.from_euler("xyz", rpy))
-
-
-@given(AXIS, ANGLE)
-def test_a_turn_about_an_axis(axis: Vector, angle: float) -> None:
-    unit = np.array(axis) / np.linalg.norm(axis)
-    assert same(about(axis, angle), Rotation.from_rotvec(unit * angle))
-
-
-@given(VECTOR, VECTOR, VECTOR)
-def test_products_and_turned_vectors(first: Vector, second: Vector, vector: Vector) -> None:
-    a, b = Rotation.from_euler("xyz", first), Rotation.from_euler("xyz", second)
-    assert same(product(of_rpy(first), of_rpy(second)), a * b)
-    np.testing.assert_allclose(turned(of_rpy(first), vector), a.apply(vector), atol=1e-12)
 
 
 @given(VECTOR, VECTOR, AXIS, ANGLE)

@@ -30,9 +30,6 @@ class Bucket(Loopback):
                 return web.Response(status=403, text="<Error><Code>AccessDenied</Code><Message>no</Message></Error>")
             self.objects[key] = _plain(body, request.headers.get("x-amz-content-sha256", ""))
             return web.Response(headers={"ETag": '"1"'})
-        if request.method == "DELETE":
-            self.objects.pop(key, None)
-            return web.Response(status=204)
         if not key:
             return self._listed(request)
         if key not in self.objects:

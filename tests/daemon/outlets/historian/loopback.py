@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -16,16 +17,16 @@ class Loopback:
 
     url: str = ""
 
-    async def take(self, request: web.BaseRequest) -> web.Response:
+    async def take(self, request: web.BaseRequest) -> web.StreamResponse:
         raise NotImplementedError
 
     @asynccontextmanager
-    async def open(self) -> AsyncIterator[Self]:
-        runner = web.ServerRunner(web.Server(self.take))
+    async def open(self, tls: ssl.SSLContext | None = None) -> AsyncIterator[Self]:
+        runner = web.ServerRunner(web.Server(self.take), shutdown_timeout=0.1)
         await runner.setup()
-        await web.TCPSite(runner, "127.0.0.1", 0).start()
-        host, port = runner.addresses[0][:2]
-        self.url = f"http://{host}:{port}"
+        await web.TCPSite(runner, "127.0.0.1", 0, ssl_context=tls).start()
+        port = runner.addresses[0][1]
+        self.url = f"https://localhost:{port}" if tls else f"http://127.0.0.1:{port}"
         try:
             yield self
         finally:

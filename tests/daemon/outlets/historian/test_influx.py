@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,11 @@ from pydantic import ValidationError
 from cellwatt import RecordingError
 from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
 from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of, place_of, reason_of, wait_of
-from cellwatt.outlets.historian.outlet import FILE, REFUSED, HistorianOutlet
+from cellwatt.outlets.historian.outlet import REFUSED, HistorianOutlet
 from tests.daemon.outlets.historian.made import CELL, SESSION, SITE, Recorded, S, alarm, energy, frames, row_truth, task
 from tests.daemon.outlets.historian.server import Fake, fake, influxd, real
 from tests.daemon.outlets.zenoh.fake_cell import FakeView
+from tests.doing import doing
 from tests.patience import eventually
 
 
@@ -49,14 +49,9 @@ def outlet_of(url: str, record: Path | None, **settings: Any) -> HistorianOutlet
 
 @asynccontextmanager
 async def running(outlet: HistorianOutlet) -> AsyncIterator[HistorianOutlet]:
-    task = asyncio.create_task(outlet.run())
-    try:
+    async with doing(outlet.run()) as task:
         yield outlet
         assert not task.done(), task
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
 
 
 class Cell:
@@ -174,20 +169,6 @@ async def test_a_new_daemon_fills_in_what_the_one_before_left(record: Path, cell
     check(server, range(37))
     expected = sum(second % 5 == 2 for second in range(37))
     assert sum(p.measurement == "cellwatt_task" for p in server.points.values()) == expected
-
-
-async def test_what_waits_at_the_end_is_filled_in_at_the_next_start(record: Path, cell: Cell) -> None:
-    async with fake() as server:
-        server.down = True
-        async with running(outlet_of(server.url, record)) as outlet:
-            await cell.seconds(10, outlet)
-            await eventually(lambda: outlet.trouble(), "the trouble")
-        assert json.loads((record / FILE).read_text())["gaps"] == [[SESSION, SESSION + 10 * S, 9 + 6]]
-        server.down = False
-        async with running(outlet_of(server.url, record)) as outlet:
-            await cell.seconds(6, outlet)
-            await settled(server, 16)
-    check(server, range(16))
 
 
 @pytest.mark.parametrize("runs", [True, False])

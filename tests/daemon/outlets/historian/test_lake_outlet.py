@@ -69,27 +69,22 @@ async def test_a_process_that_is_killed_is_told_and_begun_again(record: Path, tm
     check(tmp_path / "lake", range(5))
 
 
-async def test_the_process_ends_with_a_daemon_that_is_killed_though_it_ignores_to_be_told(
-    record: Path, tmp_path: Path
-) -> None:
-    """As the daemon's processes do, which their supervisor ends."""
+async def test_the_process_ends_with_a_daemon_that_is_killed(record: Path, tmp_path: Path) -> None:
     told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL}
+    (tmp_path / "sleeper.py").write_text("import os, sys, time\nprint(os.getpid(), file=sys.stderr)\ntime.sleep(600)\n")
     program = f"""
-import asyncio, signal, sys
+import asyncio
 from cellwatt.account import Account
 from cellwatt.outlets.historian import outlet as lake
 from cellwatt.outlets.historian.settings import LakeSettings
-signal.signal(signal.SIGTERM, signal.SIG_IGN)
-lake.MODULE = "asyncio"  # waits for what it never hears
-outlet = lake.Lake(LakeSettings(folder={str(tmp_path / "lake")!r}), {told!r}, Account())
-async def main():
-    process = await outlet._begin()
-    async with lake.ending(process):
-        print(process.pid, flush=True)
-        await process.wait()
-asyncio.run(main())
+lake.MODULE = "sleeper"
+outlet = lake.Lake(LakeSettings(folder="lake"), {told!r}, Account())
+outlet._heard = lambda pid: print(pid, flush=True)
+asyncio.run(outlet.once())
 """
-    parent = await asyncio.create_subprocess_exec(sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE)
+    parent = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE, cwd=tmp_path
+    )
     assert parent.stdout is not None
     child = psutil.Process(int(await parent.stdout.readline()))
     parent.kill()
@@ -128,10 +123,10 @@ async def test_a_lake_in_s3(record: Path) -> None:
     assert not [line for line in store.log if line.startswith(("POST", "DELETE"))]
 
 
-async def test_files_of_a_day_are_joined_in_s3_and_found_by_their_names(record: Path) -> None:
+async def test_files_in_s3_are_found_by_their_names(record: Path) -> None:
     growing = Recorded(record, START + DAY - 5 * S)
     async with bucket() as store:
-        lake = {"folder": "s3://lake/plant", "endpoint": store.url, "compact": True, "results": False, **KEYS}
+        lake = {"folder": "s3://lake/plant", "endpoint": store.url, "results": False, **KEYS}
         told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL, "settings": lake}
         for run in range(3):
             await asyncio.to_thread(growing.seconds, 2)
@@ -139,7 +134,6 @@ async def test_files_of_a_day_are_joined_in_s3_and_found_by_their_names(record: 
             if run == 0:
                 await asyncio.to_thread((record / FILE).unlink)
     growing.close()
-    assert [key.split("/")[4] for key in frames_in(store)] == ["day=2026-11-22", "day=2026-11-21"]
     assert rows_in(store) == [START + DAY - 5 * S + (second + 1) * S for second in range(6)]
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt import OutletError
 from cellwatt.outlets.historian.store import FolderStore, s3_options
 
 PATH = "frames/day=2026-11-21/a.parquet"
@@ -16,20 +15,6 @@ PATH = "frames/day=2026-11-21/a.parquet"
 @pytest.fixture
 def store(tmp_path: Path) -> FolderStore:
     return FolderStore(tmp_path)
-
-
-def test_what_is_put_can_be_read_and_removed(store: FolderStore) -> None:
-    store.put(PATH, b"first")
-    store.put(PATH, b"second")
-    store.put("frames/day=2026-11-22/b.parquet", b"x")
-    assert store.get(PATH) == b"second"
-    assert store.names("frames") == ["day=2026-11-21/a.parquet", "day=2026-11-22/b.parquet"]
-    store.remove(PATH)
-    store.remove(PATH)
-    assert store.names("frames") == ["day=2026-11-22/b.parquet"]
-    assert store.names("nowhere") == []
-    with pytest.raises(OutletError, match=r"lake: .*a\.parquet: No such file"):
-        store.get(PATH)
 
 
 @pytest.mark.parametrize("at", ["write", "rename"])

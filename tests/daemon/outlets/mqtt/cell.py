@@ -5,19 +5,21 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, AlarmBook, FrameChannel, Frames, Layout
+from cellwatt import Alarm, FrameChannel, Frames, Layout
 from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from tests.daemon.outlets.page.recorded import Written
+from tests.daemon.outlets.zenoh import fake_cell
+from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, FakeView
+from tests.doing import doing
 
-SITE, CELL = "plant-1", "weld-3"
 ROOT = f"cellwatt/{SITE}/{CELL}"
 LAYOUT = Layout(
     (
@@ -30,18 +32,15 @@ LAYOUT = Layout(
 STEP = LAYOUT.step
 
 
-class Cell:
+class Cell(FakeView):
     """A running cell: ``frames`` makes the next ones, and writes them to the record if there is one."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        self.site, self.cell = SITE, CELL
+        super().__init__(time.time_ns() - STEP)
         self.folder = folder or Path("/nonexistent")
-        self.session = time.time_ns() - STEP
         self.start = -(-time.time_ns() // STEP) * STEP
-        self.journal = None
         self.next = 0
         self.state = "green"
-        self.alarms = AlarmBook()
         self.may_connect = asyncio.Event()
         """Cleared, the outlet is not run again: so somebody can listen before it speaks."""
         self.may_connect.set()
@@ -68,7 +67,7 @@ class Cell:
         self.alarms.take(alarm)
         return alarm
 
-    def record(self, *items: Any) -> None:
+    def tell(self, *items: Any) -> None:
         """Write results to the record alone."""
         assert self._record is not None
         self._record.chunk(*items)
@@ -87,35 +86,10 @@ class Cell:
     def config(self) -> Mapping[str, Any]:
         return {"record": None if self._record is None else {"folder": str(self.folder), "frames": True}}
 
-    def schema(self) -> Mapping[str, Any]:
-        return {}
 
-    def recordings(self) -> list[Mapping[str, Any]]:
-        return []
-
-    def history(self, *_: Any) -> list[Any]:
-        return []
-
-    frame_history = result_history = history
-
-    def acknowledge(self, *_: Any) -> None: ...
-
-    def shelve(self, *_: Any) -> None: ...
-
-    def unshelve(self, *_: Any) -> None: ...
-
-
-def alarm(number: int, active: bool = True, severity: Any = "error") -> Alarm:
-    return Alarm(
-        id=f"faults.arm.{number}",
-        kind="joint_fault",
-        severity=severity,
-        active=active,
-        since=time.time_ns(),
-        time=time.time_ns(),
-        statement=f"Joint {number} needs more power than it should.",
-        joint=number,
-    )
+def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
+    now = time.time_ns()
+    return fake_cell.alarm(number, active, id=f"faults.arm.{number}", since=now, time=now, **more)
 
 
 def outlet_of(cell: Cell, broker: str, **settings: Any) -> MqttOutlet:
@@ -142,12 +116,5 @@ async def serving(outlet: MqttOutlet, cell: Cell, pause: float = 0.05) -> AsyncI
             outlet.health(cell.status())
             await asyncio.sleep(0.02)
 
-    tasks = [asyncio.create_task(beat()), asyncio.create_task(run())]
-    try:
+    async with doing(beat(), run()):
         yield ends
-    finally:
-        for task in tasks:
-            task.cancel()
-        for task in tasks:
-            with suppress(asyncio.CancelledError):
-                await task

@@ -133,7 +133,7 @@ async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Brok
             await heard.until(f"{ROOT}/availability", 1)
             outlet_rows = cell.frames(10)
         at = cell.start + 12 * STEP  # told to nobody: the daemon went down before
-        cell.record(replace(alarm(7), time=at, since=at), Task("arm", "task_1", "ab", "v", 1.0, at - STEP, at, (1,), 4))
+        cell.tell(replace(alarm(7), time=at, since=at), Task("arm", "task_1", "ab", "v", 1.0, at - STEP, at, (1,), 4))
         cell.frames(10)
         outlet = outlet_of(cell, broker.url, backfill="1 kHz")
         outlet._cursor.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True

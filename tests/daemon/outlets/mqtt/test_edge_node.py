@@ -255,15 +255,6 @@ Sessions.TestCase.settings = settings(max_examples=60, stateful_step_count=60, d
 TestSessions = Sessions.TestCase
 
 
-def test_numbers_go_round() -> None:
-    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
-    host.connected(node.connect())
-    host.hear(node.birth(T))
-    for i in range(1000):
-        host.hear(node.row(row(i, {"arm.supply.power": float(i)}), False, T))
-    assert host.values["arm", "supply/power"] == 999.0
-
-
 @pytest.mark.parametrize("wrong", [b"", b"{", b"[]", b'{"online": 1, "timestamp": 2}', b'{"online": true}', b"\xff"])
 def test_a_state_that_is_none_changes_nothing(wrong: bytes) -> None:
     node = EdgeNode(SparkplugSettings(primary_host="h"), "site", "cell", AlarmBook())

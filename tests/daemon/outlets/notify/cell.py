@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -15,28 +13,24 @@ from cellwatt.outlets.notify.outlet import NotifyOutlet
 from cellwatt.outlets.notify.settings import NotifySettings
 from cellwatt.outlets.notify.texts import About
 from cellwatt.results import Event, Result
+from tests.daemon.outlets.zenoh import fake_cell
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE
+from tests.doing import doing
 
-SITE, CELL = "plant-1", "weld-3"
-EPOCH = 1_800_000_000_000_000_000
 SECOND = 10**9
 ABOUT = About(SITE, CELL)
 
 
 def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
-    about: dict[str, Any] = {
+    about = {
         "id": f"faults.arm.joint_fault.{number}",
-        "kind": "joint_fault",
-        "severity": "error",
-        "active": active,
-        "since": EPOCH,
         "time": EPOCH + number + (0 if active else SECOND),
         "statement": f"Joint {number} is loaded 12 Nm more than it should be",
         "source": "arm",
-        "joint": number,
         "evidence": {"residual_Nm": 12.04},
         "stage": "faults",
     }
-    return Alarm(**{**about, **more})
+    return fake_cell.alarm(number, active, **{**about, **more})
 
 
 def event(kind: str, alarm_id: str) -> Event:
@@ -77,10 +71,5 @@ def outlet(view: View, to: Mapping[str, Any], **more: Any) -> NotifyOutlet:
 
 @asynccontextmanager
 async def running(made: NotifyOutlet) -> AsyncIterator[NotifyOutlet]:
-    task = asyncio.create_task(made.run())
-    try:
+    async with doing(made.run()):
         yield made
-    finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task

@@ -7,7 +7,7 @@ import json
 import ssl
 import warnings
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from email import message_from_bytes
@@ -20,8 +20,9 @@ from aiohttp import web
 from aiosmtpd.smtp import SMTP, AuthResult, Envelope, LoginPassword, Session
 
 from cellwatt.certificates import Pair, issue, new_authority
+from tests.daemon.outlets.historian.loopback import Loopback
 
-Answer = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Answer = Callable[[web.BaseRequest], Awaitable[web.StreamResponse]]
 
 
 @dataclass
@@ -36,34 +37,20 @@ class Call:
 
 
 @dataclass
-class Web:
+class Web(Loopback):
     """``answers`` are given in turn, statuses or functions; then 200."""
 
     calls: list[Call] = field(default_factory=list)
     answers: list[int | Answer] = field(default_factory=list)
-    url: str = ""
 
-    async def take(self, request: web.Request) -> web.StreamResponse:
+    async def take(self, request: web.BaseRequest) -> web.StreamResponse:
         self.calls.append(Call(request.path, dict(request.headers), await request.read()))
         answer = self.answers.pop(0) if self.answers else 200
         return web.Response(status=answer) if isinstance(answer, int) else await answer(request)
 
 
-@asynccontextmanager
-async def web_server(tls: ssl.SSLContext | None = None) -> AsyncIterator[Web]:
-    kept = Web()
-    app = web.Application()
-    app.router.add_route("*", "/{path:.*}", kept.take)
-    runner = web.AppRunner(app, shutdown_timeout=0.1)
-    await runner.setup()
-    site = web.TCPSite(runner, "127.0.0.1", 0, ssl_context=tls)
-    await site.start()
-    port = runner.addresses[0][1]
-    kept.url = f"{'https' if tls else 'http'}://{'localhost' if tls else '127.0.0.1'}:{port}"
-    try:
-        yield kept
-    finally:
-        await runner.cleanup()
+def web_server(tls: ssl.SSLContext | None = None) -> AbstractAsyncContextManager[Web]:
+    return Web().open(tls)
 
 
 @dataclass

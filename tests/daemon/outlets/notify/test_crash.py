@@ -46,7 +46,7 @@ def told(server: Web, count: int) -> bool:
 
 
 async def test_each_alarm_exactly_once(tmp_path: Path) -> None:
-    async def slowly(_: web.Request) -> web.StreamResponse:
+    async def slowly(_: web.BaseRequest) -> web.StreamResponse:
         await asyncio.sleep(0.01)  # so that many are killed between taking and noting
         return web.Response()
 

@@ -40,7 +40,7 @@ def stand(view: View, *up: int, acknowledged: tuple[int, ...] = (), shelved: tup
 async def test_one_that_hangs_and_one_that_refuses_delay_nobody(tmp_path: Path) -> None:
     over = asyncio.Event()
 
-    async def silent(_: web.Request) -> web.StreamResponse:
+    async def silent(_: web.BaseRequest) -> web.StreamResponse:
         await over.wait()
         return web.Response()
 
@@ -186,7 +186,7 @@ async def test_the_journal_fills_what_a_process_that_ended_did_not_tell(tmp_path
 async def test_an_attempt_under_way_is_noted_when_the_outlet_ends(tmp_path: Path) -> None:
     goes_on = asyncio.Event()
 
-    async def slow(_: web.Request) -> web.StreamResponse:
+    async def slow(_: web.BaseRequest) -> web.StreamResponse:
         await goes_on.wait()
         return web.Response()
 
@@ -214,7 +214,7 @@ async def test_an_attempt_that_does_not_end_is_sent_again_as_the_same(
     monkeypatch.setattr(module, "GRACE", 0.05)
     never = asyncio.Event()
 
-    async def silent(_: web.Request) -> web.StreamResponse:
+    async def silent(_: web.BaseRequest) -> web.StreamResponse:
         await never.wait()
         return web.Response()
 

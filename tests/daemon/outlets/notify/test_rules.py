@@ -59,14 +59,6 @@ class Machine:
         return [(item.what, item.alarm.joint) for item in self.sent]
 
 
-def test_raise_and_clear_are_told_once_each() -> None:
-    machine = Machine()
-    for one in (alarm(1), alarm(1, time=EPOCH + 5), alarm(2), alarm(1, active=False), alarm(1, active=False)):
-        machine.take(one)
-        machine.send()
-    assert machine.said == [("raised", 1), ("raised", 2), ("cleared", 1)]
-
-
 def test_only_kinds_and_severities_that_are_wanted() -> None:
     machine = Machine(severity="warning", kinds=("joint_*", "source_down"))
     machine.take(alarm(1, severity="info"), alarm(2, severity="warning"), alarm(3, kind="energy_balance"))
@@ -99,17 +91,6 @@ def test_a_clear_is_not_told_where_it_is_not_wanted_or_the_raise_was_not() -> No
     machine.take(alarm(1, time=EPOCH + 2 * SECOND))  # raised anew
     machine.send()
     assert machine.said == [("raised", 1), ("raised", 1)]
-
-
-def test_an_alarm_that_comes_back_before_its_clear_was_told_says_nothing() -> None:
-    machine = Machine()
-    machine.take(alarm(1))
-    machine.send()
-    machine.take(alarm(1, active=False), alarm(1, time=EPOCH + 2 * SECOND))
-    assert machine.send() is None
-    machine.take(alarm(1, active=False, time=EPOCH + 3 * SECOND))
-    machine.send()
-    assert machine.said == [("raised", 1), ("cleared", 1)]
 
 
 def test_a_quiet_time_holds_back_and_tells_what_is_still_active() -> None:

@@ -50,7 +50,7 @@ async def test_the_same_message_until_it_is_taken(tmp_path: Path) -> None:
 
 
 async def test_a_redirect_is_not_followed(tmp_path: Path) -> None:
-    async def elsewhere(_: web.Request) -> web.StreamResponse:
+    async def elsewhere(_: web.BaseRequest) -> web.StreamResponse:
         return web.Response(status=307, headers={"Location": "/other"})
 
     async with web_server() as server:
@@ -69,7 +69,7 @@ async def test_a_redirect_is_not_followed(tmp_path: Path) -> None:
 async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
     over = asyncio.Event()
 
-    async def endless(request: web.Request) -> web.StreamResponse:
+    async def endless(request: web.BaseRequest) -> web.StreamResponse:
         response = web.StreamResponse()
         await response.prepare(request)
         await response.write(b"x")
@@ -89,7 +89,7 @@ async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
 async def test_a_server_that_gives_no_answer(tmp_path: Path) -> None:
     over = asyncio.Event()
 
-    async def silent(_: web.Request) -> web.StreamResponse:
+    async def silent(_: web.BaseRequest) -> web.StreamResponse:
         await over.wait()
         return web.Response()
 

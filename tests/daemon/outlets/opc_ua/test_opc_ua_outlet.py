@@ -25,6 +25,7 @@ from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet, OpcUaOutletSettings
 from cellwatt.results import Energy, Event
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm
+from tests.doing import doing
 from tests.drivers.inlet import CollectingInlet
 from tests.drivers.opc_ua.rig import certificate
 from tests.drivers.running import supervised
@@ -74,15 +75,11 @@ async def serving(**settings: Any) -> AsyncIterator[OpcUaOutlet]:
     """An outlet that serves, at 50 rows a second."""
     given = {"listen": "127.0.0.1:0", "rate": "50 Hz"} | settings
     outlet = OpcUaOutlet("opc_ua", OpcUaOutletSettings.model_validate(given), View())
-    running = asyncio.create_task(outlet.run())
-    try:
+    async with doing(outlet.run(), allowed=(OutletError,)) as running:
         await eventually(lambda: outlet.url is not None or running.done())
         if running.done():
             running.result()
         yield outlet
-    finally:
-        running.cancel()
-        await asyncio.wait([running])
 
 
 @asynccontextmanager

@@ -23,10 +23,9 @@ from cellwatt.outlets.page.rooms import OneRoom, Room, prefix
 from cellwatt.outlets.page.sessions import Sessions, hash_of
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.results import Energy, Interval, Prediction, Task
-from tests.daemon.outlets.zenoh.fake_cell import FakeView
+from tests.daemon.outlets.zenoh import fake_cell
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView
 
-SITE, CELL = "plant-1", "weld-3"
-EPOCH = 1_800_000_000_000_000_000
 MS = EPOCH / 1e6
 API = f"/api/cells/{SITE}/{CELL}"
 LAYOUT = Layout(
@@ -54,20 +53,8 @@ def frames(first: int, count: int, layout: Layout = LAYOUT) -> Frames:
 
 
 def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
-    about: dict[str, Any] = {
-        "id": f"alarm-{number}",
-        "kind": "joint_fault",
-        "severity": "error",
-        "active": active,
-        "since": EPOCH,
-        "time": EPOCH + number * 1_000_000,
-        "statement": f"Joint {number} needs more power than it should.",
-        "source": "arm",
-        "joint": number,
-        "evidence": {"residual_W": 12.5},
-        "stage": "faults",
-    }
-    return Alarm(**{**about, **more})
+    about = {"time": EPOCH + number * 1_000_000, "source": "arm", "stage": "faults"}
+    return fake_cell.alarm(number, active, **{**about, **more})
 
 
 def interval(number: int) -> Interval:

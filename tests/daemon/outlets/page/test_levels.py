@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.levels import Curves, curves, level_file, store, telling
-from cellwatt.outlets.page.levels import following as sources
 from cellwatt.outlets.page.levels.buckets import STEPS, Grid, chosen, of_samples
 from cellwatt.outlets.page.levels.curves import Keeper
 from cellwatt.outlets.page.levels.following import gather
@@ -165,16 +164,6 @@ def hours(folder: Path, count: int = 3, names: tuple[str, ...] = ("arm.power", "
     return time, values
 
 
-def test_a_short_span_has_the_frames_themselves(tmp_path):
-    time = SESSION + np.arange(500) * STEP
-    values = np.sin(np.arange(500) / 7)
-    recording(tmp_path, in_chunks(time, values, 7))
-    found = Curves(tmp_path, CELL).curves(["arm.power"], START + 1000, START + 3000, 200)
-    assert found["t"] == [START + 1000 + 20 * i for i in range(100)]
-    assert found["v"] == {"arm.power": {"min": values[50:150].tolist()}}
-    assert found["step_ms"] == 20.0
-
-
 def test_gaps_stay_gaps(tmp_path):
     time = SESSION + np.concatenate([np.arange(100), np.arange(200, 300)]) * STEP
     recording(tmp_path, in_chunks(time, np.ones(200), 10))
@@ -186,17 +175,6 @@ def test_gaps_stay_gaps(tmp_path):
     long = reader.curves(["arm.power"], START, START + 6000, 30)
     assert long["step_ms"] == 200.0
     assert long["v"]["arm.power"]["max"] == [1.0] * 10 + [None] * 10 + [1.0] * 10
-
-
-def test_a_spike_is_seen_in_any_span(tmp_path):
-    hours(tmp_path)
-    reader = Curves(tmp_path, CELL)
-    for points in (2, 10, 100, 1000):
-        found = reader.curves(["arm.power", "arm.voltage"], START, START + 3 * 3_600_000, points)
-        assert max(v for v in found["v"]["arm.power"]["max"] if v is not None) == 1000.0
-        assert max(v for v in found["v"]["arm.voltage"]["max"] if v is not None) < 10
-        place = found["v"]["arm.power"]["max"].index(1000.0)
-        assert found["t"][place] <= START + 3_000_000 < found["t"][place] + found["step_ms"]
 
 
 def test_channels_that_were_not_recorded_are_empty(tmp_path):
@@ -327,29 +305,6 @@ def test_a_damaged_chunk_leaves_a_gap(tmp_path):
         found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 20_000, 40)
         low = extremes(np.delete(time, range(400, 500)), np.delete(random, range(400, 500)), found["t"], 600.0)[0]
         assert same(found["v"]["arm.power"]["min"], low)
-
-
-def test_the_thread_makes_levels_of_what_it_followed_without_reading_it_again(tmp_path, monkeypatch):
-    def no_reading(*_):
-        raise AssertionError("read again")
-
-    monkeypatch.setattr(store, "gather", no_reading)
-    monkeypatch.setattr("cellwatt.outlets.page.levels.curves.PERIOD", 0.01)
-    time = SESSION + np.arange(100) * S
-    written, reader = Written(tmp_path), Curves(tmp_path, CELL)
-    written.chunk(frames(time[:50], np.arange(50), rate=1.0))
-    reader.start()
-    try:
-        wait_until(lambda: reader_count(reader) == 50)
-        written.chunk(frames(time[50:], np.arange(50, 100), rate=1.0), interval(1, SESSION, SESSION + S))
-        path = level_file.path_of(written.close())
-        wait_until(path.exists, "a level file")
-        found = reader.curves(["arm.power"], START, START + 100_000, 10)
-        assert found["v"]["arm.power"]["max"] == [*range(9, 100, 10)]
-        assert len(found["intervals"]) == 1
-    finally:
-        reader.close()
-    assert not any(thread.name == "levels" for thread in threading.enumerate())
 
 
 def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path, monkeypatch):
@@ -646,14 +601,3 @@ def test_questions_from_many_threads_have_the_same_answer(tmp_path):
         answers = [answer for asked, answer in found if asked == length]
         assert len(answers) == 6 and all(answer == answers[0] for answer in answers)
     written.crash()
-
-
-def test_unused_sources_is_the_protocol_of_all(tmp_path):
-    path = recording(tmp_path, [[frames([SESSION], [1.0])]])
-    held = sources.Held(sources.gather(path, sources.EVERYTHING, lambda: None))
-    level_file.write(path, path.stat().st_size, sources.gather(path, sources.EVERYTHING, lambda: None))
-    written = level_file.LevelFile(path, path.stat().st_size)
-    for level in range(len(STEPS)):
-        ((columns, a),) = held.levels(level, ["arm.power"])
-        ((same_columns, b),) = written.levels(level, ["arm.power"])
-        assert columns == same_columns and a.index.tolist() == b.index.tolist() and a.high.tolist() == b.high.tolist()

@@ -8,7 +8,7 @@ import signal
 import socket
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ from tests.daemon.outlets.page.cell import (
     status,
 )
 from tests.daemon.outlets.zenoh.fake_cell import batch
+from tests.doing import doing
 from tests.patience import eventually
 
 
@@ -55,16 +56,11 @@ def outlet_of(view: View, **settings: Any) -> PageOutlet:
 @asynccontextmanager
 async def serving(outlet: PageOutlet) -> AsyncIterator[str]:
     """The address of the page while its outlet runs."""
-    running = asyncio.create_task(outlet.run())
-    try:
+    async with doing(outlet.run(), allowed=(OutletError,)) as running:
         await eventually(lambda: outlet.url or running.done(), "the page")
         if running.done():
             running.result()
         yield str(outlet.url).rstrip("/")
-    finally:
-        running.cancel()
-        with suppress(asyncio.CancelledError, OutletError):
-            await running
 
 
 def serving_process() -> psutil.Process:
@@ -184,8 +180,7 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
     outlet = outlet_of(view)
     delivery = Delivery("page", outlet)
     assert delivery.status()["state"] == "starting"
-    running = asyncio.create_task(delivery.run())
-    try:
+    async with doing(delivery.run()):
         await eventually(lambda: outlet.url, "the page")
         assert delivery.status()["state"] == "ok"
         (await asyncio.to_thread(serving_process)).kill()
@@ -197,10 +192,6 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
         await eventually(lambda: outlet.account.received == 5, "frames again")
         async with client() as browser, browser.get(f"{outlet.url}api/site") as response:
             assert response.status == 200
-    finally:
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
 
 
 async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monkeypatch: pytest.MonkeyPatch) -> None:

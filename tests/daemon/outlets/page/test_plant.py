@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,8 @@ from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, alarm, client, csrf, status
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames
 from tests.daemon.outlets.zenoh.processes import free_port
+from tests.daemon.outlets.zenoh.serving import serving
+from tests.doing import doing
 from tests.patience import eventually, wait_until
 
 SITE = "plant-1"
@@ -39,20 +41,8 @@ class OtherView(FakeView):
 async def speaking(cell: str, router: str, told: dict[str, Any]) -> AsyncIterator[ZenohOutlet]:
     """A cell that publishes, with its health ten times a second as ``told`` has it."""
     outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(router,)), OtherView(cell))
-
-    async def beat() -> None:
-        while True:
-            outlet.health(told)
-            await asyncio.sleep(0.1)
-
-    tasks = [asyncio.create_task(outlet.run()), asyncio.create_task(beat())]
-    try:
+    async with serving(outlet, told):
         yield outlet
-    finally:
-        for task in reversed(tasks):
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
 
 
 @asynccontextmanager
@@ -61,14 +51,9 @@ async def viewing(router: str, cell: str | None = None) -> AsyncIterator[str]:
     told: list[str] = []
     link = LinkSettings(mode="client", connect=(router,))
     settings = PageSettings(listen="127.0.0.1:0")
-    running = asyncio.create_task(view(settings, link, SITE, cell, None, None, told.append))
-    try:
+    async with doing(view(settings, link, SITE, cell, None, None, told.append)) as running:
         await eventually(lambda: told or running.done(), "the page")
         yield told[0].removeprefix("the page is at ").rstrip("/")
-    finally:
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
 
 
 @pytest.fixture
@@ -219,12 +204,9 @@ async def test_a_cell_that_is_looked_at_before_the_link_is_open_is_left_at_the_e
     monkeypatch.setattr(Plant, "_open", opening)
     desk = Desk()
     plant = Plant(LinkSettings(mode="client", connect=(router,)), SITE, Browsers(1), desk)
-    running = asyncio.create_task(plant.run())
-    await eventually(lambda: plant.cells, "the cell")
-    await plant.room(SITE, "weld-1")
-    running.cancel()
-    with suppress(asyncio.CancelledError):
-        await running
+    async with doing(plant.run()):
+        await eventually(lambda: plant.cells, "the cell")
+        await plant.room(SITE, "weld-1")
     assert not [task for task in asyncio.all_tasks() if "watch" in repr(task.get_coro())]
     await asyncio.to_thread(desk.close)
 

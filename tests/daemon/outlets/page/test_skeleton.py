@@ -177,42 +177,7 @@ def test_a_joint_that_follows_has_the_channel_of_the_other(tmp_path):
     agree(stands, true_frames(path.read_text(), {"j0": 0.3, "f": -0.1, "j1": 0.7}), ["j0", "f", "j1"])
 
 
-def test_the_packaged_robot_is_shown(tmp_path):
-    folder = Path(str(files("cellwatt_plugins"))) / "robot" / "packaged" / "mh12"
-    found = skeleton("arm", folder, SIX)
-    assert [joint["channel"] for joint in found["joints"] if joint["channel"]] == SIX
-    positions = dict(zip(SIX, (0.3, -0.2, -0.5, 1.0, 0.4, -2.0), strict=True))
-    moving = {joint["name"]: positions[joint["channel"]] for joint in found["joints"] if joint["channel"]}
-    text = (folder / "robot.urdf").read_text()
-    agree(placed(found, positions), true_frames(text, moving), list(moving))
-
-
 # the arm of the demo --------------------------------------------------------------------------------
-
-
-def pose(*positions: float) -> np.ndarray:
-    """Place of the last joint of the demo's arm, m."""
-    found = skeleton("arm", DEMO, SIX)
-    return placed(found, dict(zip(SIX, positions, strict=True)))["joint_6"][1]
-
-
-@pytest.mark.parametrize(
-    ("positions", "place"),
-    [
-        # Stretched out along x: 0.61 + 0.57 forward, 0.17 + 0.12 to the side, the wrist 0.12 down.
-        ((0, 0, 0, 0, 0, 0), (1.18, 0.29, 0.06)),
-        # Straight up: what was forward is up, and what was down is forward.
-        ((0, -TURN, 0, 0, 0, 0), (0.12, 0.29, 0.18 + 1.18)),
-        # A quarter turn of the base to the left.
-        ((TURN, 0, 0, 0, 0, 0), (-0.29, 1.18, 0.06)),
-        # The upper arm up, the forearm forward.
-        ((0, -TURN, TURN, 0, 0, 0), (0.57, 0.29, 0.18 + 0.61 - 0.12)),
-        # The wrist turned so that its last offset points forward.
-        ((0, 0, 0, 0, -TURN, 0), (1.18 - 0.12, 0.17, 0.06)),
-    ],
-)
-def test_the_demo_arm_stands_as_worked_out_by_hand(positions, place):
-    np.testing.assert_allclose(pose(*positions), place, atol=2e-9)
 
 
 def test_the_demo_arm_is_what_pinocchio_reads_with_masses_that_exist():

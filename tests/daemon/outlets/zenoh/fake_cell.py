@@ -72,18 +72,19 @@ def frames(first: int, count: int) -> Frames:
     )
 
 
-def alarm(number: int, active: bool = True, severity: Any = "error", kind: str = "joint_fault") -> Alarm:
-    return Alarm(
-        id=f"alarm-{number}",
-        kind=kind,
-        severity=severity,
-        active=active,
-        since=EPOCH,
-        time=EPOCH + number,
-        statement=f"Joint {number} needs more power than it should.",
-        joint=number,
-        evidence={"residual_W": 12.5},
-    )
+def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
+    about: dict[str, Any] = {
+        "id": f"alarm-{number}",
+        "kind": "joint_fault",
+        "severity": "error",
+        "active": active,
+        "since": EPOCH,
+        "time": EPOCH + number,
+        "statement": f"Joint {number} needs more power than it should.",
+        "joint": number,
+        "evidence": {"residual_W": 12.5},
+    }
+    return Alarm(**{**about, **more})
 
 
 def task(number: int) -> Task:

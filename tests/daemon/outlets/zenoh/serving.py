@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import Any
 
 from cellwatt.outlets.zenoh.outlet import ZenohOutlet
+from tests.doing import doing
 
 
 @asynccontextmanager
-async def serving(outlet: ZenohOutlet) -> AsyncIterator[ZenohOutlet]:
+async def serving(outlet: ZenohOutlet, told: Mapping[str, Any] | None = None) -> AsyncIterator[ZenohOutlet]:
     """Run an outlet and give it the cell's health ten times a second."""
 
     async def beat() -> None:
         while True:
-            outlet.health({"state": "green"})
+            outlet.health(told or {"state": "green"})
             await asyncio.sleep(0.1)
 
-    running = asyncio.create_task(outlet.run())
-    beating = asyncio.create_task(beat())
-    try:
+    async with doing(outlet.run(), beat()):
         yield outlet
-    finally:
-        for task in (beating, running):
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task

@@ -1,14 +1,10 @@
 from __future__ import annotations
 
-import json
-
-import pyarrow as pa
 import pytest
 
 from cellwatt import CellwattError
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import ALARMS_KEPT, Backlog
-from cellwatt.outlets.zenoh.encode import ARROW, JSON
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.past import MOST_RESULTS, MOST_SAMPLES
@@ -34,32 +30,6 @@ def answers(view: FakeView, backlog: Backlog) -> Answers:
     return Answers(view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: (HEALTH, b'{"status": {}}'))
 
 
-def column(payload: bytes) -> list[float]:
-    return [row[0] for row in pa.ipc.open_stream(payload).read_all()["values"].to_pylist()]
-
-
-@pytest.mark.parametrize("name", ["config", "schema", "recordings"])
-def test_what_the_cell_says_of_itself(answers: Answers, view: FakeView, name: str) -> None:
-    answer = answers.about(name, {})
-    assert json.loads(answer.payload) == getattr(view, name)()
-    assert answer.encoding == JSON
-
-
-def test_status_is_the_health_message(answers: Answers) -> None:
-    answer = answers.about("status", {})
-    assert (answer.payload, answer.mark) == (b'{"status": {}}', HEALTH)
-
-
-def test_history_is_one_message_tagged_backfill(answers: Answers, view: FakeView) -> None:
-    for first in range(0, 50, 10):
-        view.record(batch(first, 10))
-    answer = answers.about("history", {"source": "arm", "stream": "samples", "first": "13", "count": "20"})
-    assert answer.encoding == ARROW
-    assert answer.mark == Mark(EPOCH, 13, 20, EPOCH + 30, backfill=True)
-    assert answer.path == "raw/arm/samples"
-    assert column(answer.payload) == list(range(13, 33))
-
-
 def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView) -> None:
     view.record(batch(0, 10))
     view.record(batch(12, 2 * MOST_SAMPLES))
@@ -68,40 +38,6 @@ def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView)
     bounded = answers.about("history", asked | {"first": "12", "count": "999999"}).mark
     assert bounded is not None
     assert (bounded.sequence, bounded.count) == (12, MOST_SAMPLES)
-
-
-def test_history_of_an_earlier_session(answers: Answers, view: FakeView) -> None:
-    view.record(batch(0, 10), session=77)
-    mark = answers.about("history", {"source": "arm", "stream": "samples", "session": "77"}).mark
-    assert mark is not None
-    assert (mark.session, mark.count) == (77, 10)
-
-
-def test_history_of_frames(answers: Answers, backlog: Backlog) -> None:
-    for first in range(0, 40, 10):
-        backlog.add_frames(frames(first, 10))
-    answer = answers.about("history", {"stream": "frame", "session": str(NUMBERING), "first": "15", "count": "10"})
-    assert answer.mark is not None
-    assert (answer.mark.sequence, answer.mark.count, answer.mark.backfill) == (15, 10, True)
-    assert column(answer.payload) == [n + 0.25 for n in range(15, 25)]
-    assert answer.path == "frame"
-
-
-def test_results_are_a_list(answers: Answers, backlog: Backlog) -> None:
-    for number in range(MOST_RESULTS + 10):
-        backlog.add(alarm(number))
-    answer = answers.about("results", {"kind": "alarm", "first": "3"})
-    found = json.loads(answer.payload)
-    assert [a["mark"]["sequence"] for a in found] == list(range(3, 3 + MOST_RESULTS))
-    assert answer.mark == Mark(NUMBERING, 3, MOST_RESULTS, EPOCH + 2 + MOST_RESULTS, backfill=True)
-
-
-def test_alarms_that_are_over_come_first_and_only_when_asked_for(answers: Answers, backlog: Backlog) -> None:
-    backlog.add(alarm(1))
-    backlog.add(alarm(2))
-    backlog.add(alarm(1, active=False))
-    assert [a.id for _, a in answers.alarms({})] == ["alarm-2"]
-    assert [(a.id, a.active) for _, a in answers.alarms({"cleared": "5"})] == [("alarm-1", False), ("alarm-2", True)]
 
 
 @pytest.mark.parametrize(
@@ -125,14 +61,6 @@ def test_questions_that_cannot_be_answered_say_why(
     with pytest.raises(QuestionError, match=text) as caught:
         answers.about(name, asked)
     assert isinstance(caught.value, CellwattError)
-
-
-@pytest.mark.parametrize("number", ["9" * 5000, "9" * 20, "-5", "1e3", "٣"])
-def test_numbers_beyond_all_sense_are_refused(answers: Answers, number: str) -> None:
-    with pytest.raises(QuestionError, match=r"not a whole number|too large"):
-        answers.about("history", {"source": "arm", "stream": "samples", "first": number})
-    with pytest.raises(QuestionError, match=r"not a whole number|too large"):
-        answers.alarms({"cleared": number})
 
 
 def test_where_the_begin_is_gone_the_answer_begins_with_what_is_left(

@@ -9,7 +9,6 @@ import asyncio
 import io
 import json
 from collections.abc import AsyncIterator
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +26,7 @@ from cellwatt.outlets.zenoh.messages import encode_item, encode_json, health
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm, batch
 from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell, cell, joined, read
+from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
 __all__ = ["cell"]
@@ -390,8 +390,7 @@ async def test_rules_keep_a_stranger_from_speaking_and_a_viewer_who_may_only_see
     """Through the settings of the outlet; whoever may not ask gets what comes live, from where it is."""
     cell = Cell()
     cell.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=cell.link.connect, options=ruled(*SEE)), cell.view)
-    serving = asyncio.create_task(cell.outlet.run())
-    try:
+    async with doing(cell.outlet.run()):
         async with cell.subscriber(want=("raw", "health")) as viewer:
             session = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
             try:
@@ -411,7 +410,3 @@ async def test_rules_keep_a_stranger_from_speaking_and_a_viewer_who_may_only_see
         assert set(viewer.counts) == {"live", "duplicates"}
         assert viewer.counts["duplicates"] == 0
         assert cell.outlet.account.counters == {}
-    finally:
-        serving.cancel()
-        with suppress(asyncio.CancelledError):
-            await serving

@@ -97,40 +97,6 @@ def test_cut_of_two_seconds(cell: tuple[Child, int]) -> None:
     assert counts["live"] > RATE / 4
 
 
-def test_cut_that_outlasts_the_data(cell: tuple[Child, int]) -> None:
-    publisher, port = cell
-    with Link(port) as link, start_consumer(link.port) as consumer:
-        publisher.send(stream=stream(1.0))
-        wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "some data")
-        link.cut()
-        published(publisher, 1.0)
-        link.restore()
-        check_all(publisher, consumer, 1.0)
-
-
-def test_first_data_ever_fall_into_the_cut(cell: tuple[Child, int]) -> None:
-    publisher, port = cell
-    with Link(port) as link, start_consumer(link.port) as consumer:
-        link.cut()
-        publish(publisher, 1.0)
-        link.restore()
-        counts = check_all(publisher, consumer, 1.0)
-    assert counts.get("live", 0) < 100
-
-
-@pytest.mark.slow
-def test_many_short_cuts(cell: tuple[Child, int]) -> None:
-    publisher, port = cell
-    with Link(port) as link, start_consumer(link.port) as consumer:
-        publisher.send(stream=stream(3.0))
-        for number in range(1, 4):
-            wait_until(lambda n=number: reached(consumer, "raw/arm/samples", 300 * n), f"cut {number}")
-            link.cut()
-            time.sleep(0.1)
-            link.restore()
-        check_all(publisher, consumer, 3.0)
-
-
 def test_link_that_hangs_without_being_closed(cell: tuple[Child, int]) -> None:
     publisher, port = cell
     with Link(port) as link, start_consumer(link.port) as consumer:
@@ -264,18 +230,3 @@ def test_what_restarts_left_while_the_link_was_cut_comes_from_the_record(tmp_pat
     for session, end in ((EPOCH, 300), (between, 200), (last, 100)):
         assert_complete([m for m in messages if m["session"] == session], 0, end)
     assert [m["session"] for m in messages] == sorted(m["session"] for m in messages)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(240)
-def test_cut_of_a_minute(cell: tuple[Child, int]) -> None:
-    publisher, port = cell
-    with Link(port) as link, start_consumer(link.port) as consumer:
-        publish(publisher, 2.0)
-        wait_until(lambda: reached(consumer, "raw/arm/samples", 500), "a second of data")
-        link.cut()
-        publish(publisher, 60.0, begin=2.0)
-        link.restore()
-        publish(publisher, 8.0, begin=62.0)
-        counts = check_all(publisher, consumer, 70.0)
-    assert counts["backfilled"] >= 60 * RATE

@@ -9,47 +9,6 @@ from cellwatt.outlets.zenoh.mailbox import Mailbox
 from tests.patience import PATIENCE
 
 
-def test_first_in_first_out() -> None:
-    box: Mailbox[int] = Mailbox(3)
-    for i in range(3):
-        box.put(i)
-    assert [box.take() for _ in range(3)] == [0, 1, 2]
-
-
-def test_take_waits_as_long_as_told() -> None:
-    with pytest.raises(TimeoutError, match=r"within 0\.01 s"):
-        Mailbox(1).take(0.01)
-
-
-def test_full_from_its_limit_on_until_somebody_takes() -> None:
-    box: Mailbox[int] = Mailbox(2)
-    box.put(0)
-    assert not box.full
-    box.put(1)
-    assert box.full
-    box.take()
-    assert not box.full
-
-
-def test_nothing_can_be_put_after_the_end() -> None:
-    box: Mailbox[int] = Mailbox(1)
-    box.put(1)
-    box.end()
-    box.put(2)
-    assert box.take() == 1
-    assert box.take() is None
-
-
-def test_end_frees_who_waits() -> None:
-    box: Mailbox[int] = Mailbox(1)
-    found: list[int | None] = [0]
-    taker = threading.Thread(target=lambda: found.append(box.take()))
-    taker.start()
-    box.end()
-    taker.join(PATIENCE)
-    assert found == [0, None]
-
-
 def test_an_error_comes_after_what_is_left() -> None:
     box: Mailbox[int] = Mailbox(2)
     box.put(1)

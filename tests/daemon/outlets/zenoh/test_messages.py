@@ -37,18 +37,6 @@ def test_results_survive_the_wire(item: Any) -> None:
     assert json.loads(payload)["mark"] == {"session": EPOCH, "sequence": 17}
 
 
-def test_topics() -> None:
-    assert [topic_of(i) for i in ITEMS] == [
-        "interval",
-        "task",
-        "energy",
-        "energy",
-        "prediction/power",
-        "alarm",
-        "event",
-    ]
-
-
 def test_alarm_is_the_object_that_the_docs_show() -> None:
     assert json.loads(encode_item(alarm(2), MARK)) == {
         "mark": {"session": EPOCH, "sequence": 17},

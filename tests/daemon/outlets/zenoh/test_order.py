@@ -15,24 +15,6 @@ def spans(parts: list[Part]) -> list[tuple[int, int, int]]:
     return [(p.session, p.sequence, p.end) for p in parts]
 
 
-def test_parts_in_order_pass() -> None:
-    follower = Follower(1, 0)
-    assert spans(follower.take(part(0, 3))) == [(1, 0, 3)]
-    assert spans(follower.take(part(3, 2))) == [(1, 3, 5)]
-    assert follower.hole() is None
-
-
-def test_a_hole_holds_back_what_comes_after_it() -> None:
-    follower = Follower(1, 0)
-    assert follower.take(part(3, 2)) == []
-    hole = follower.hole()
-    assert hole is not None
-    assert (hole.first, hole.count, hole.certain) == (0, 3, True)
-    assert spans(follower.fill(part(0, 2, backfilled=True))) == [(1, 0, 2)]
-    assert spans(follower.fill(part(2, 1, backfilled=True))) == [(1, 2, 3), (1, 3, 5)]
-    assert follower.hole() is None
-
-
 def test_overlap_is_cut_off_with_its_values() -> None:
     follower = Follower(1, 0)
     follower.take(part(0, 4))
@@ -75,22 +57,6 @@ def test_giving_up_a_hole_goes_on_behind_it() -> None:
     assert follower.give_up(hole, "late") == []
 
 
-def test_a_new_session_waits_for_the_rest_of_the_old_one() -> None:
-    follower = Follower(1, 7)
-    assert follower.take(part(2, 2, session=2)) == []
-    tail = follower.hole()
-    assert tail is not None
-    assert (tail.session, tail.first, tail.count) == (1, 7, None)
-    assert spans(follower.fill(part(7, 3, backfilled=True))) == [(1, 7, 10)]
-    tail = follower.hole()
-    assert tail is not None
-    assert follower.give_up(tail, "nothing more") == []
-    hole = follower.hole()
-    assert hole is not None
-    assert (hole.session, hole.first, hole.count) == (2, 0, 2)
-    assert spans(follower.fill(part(0, 2, session=2))) == [(2, 0, 2), (2, 2, 4)]
-
-
 def test_a_session_may_have_a_lower_number_where_the_clock_was_set_back() -> None:
     follower = Follower(100, 3)
     follower.take(part(0, 1, session=50))
@@ -113,16 +79,6 @@ def test_sessions_in_between_come_before_the_newest() -> None:
         follower.give_up(hole, "nothing")
     assert order == [(1, 3, None), (4, 0, None), (6, 0, None), (7, 0, None)]
     assert (follower.session, follower.following) == (9, 1)
-
-
-def test_what_cannot_be_held_is_asked_for_again() -> None:
-    follower = Follower(1, 0, hold=2)
-    for first in (1, 2, 3, 4):
-        follower.take(part(first, 1))
-    assert spans(follower.take(part(0, 1))) == [(1, 0, 1), (1, 1, 2), (1, 2, 3)]
-    hole = follower.hole()
-    assert hole is not None
-    assert (hole.first, hole.count) == (3, 2)
 
 
 @settings(deadline=None)

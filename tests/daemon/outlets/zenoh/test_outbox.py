@@ -151,16 +151,6 @@ def test_wake_ends_a_take_that_waits() -> None:
     assert taken == [None]
 
 
-def test_clear_counts_what_it_gives_up() -> None:
-    box, account = outbox(10)
-    box.put(Lane.RAW, raw(0, 5))
-    box.put(Lane.RESULTS, result(0))
-    box.clear("shut down")
-    assert len(box) == 0
-    assert account.dropped == Counter({"shut down": 6})
-    assert account.residue == 0
-
-
 LANES = st.sampled_from([(Lane.RAW, "arm"), (Lane.RAW, "meter"), (Lane.FRAMES, ""), (Lane.RESULTS, "")])
 
 

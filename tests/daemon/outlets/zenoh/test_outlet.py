@@ -6,7 +6,7 @@ import asyncio
 import json
 import zlib
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STREAM, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
+from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
 ROOT = "cellwatt/plant-1/weld-3"
@@ -54,14 +55,12 @@ class Consumer:
 
 
 @asynccontextmanager
-async def serving(outlet: ZenohOutlet) -> AsyncIterator[asyncio.Task[None]]:
-    task = asyncio.create_task(outlet.run())
+async def client(endpoint: str) -> AsyncIterator[zenoh.Session]:
+    session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
     try:
-        yield task
+        yield session
     finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
+        session.close()
 
 
 @pytest.fixture
@@ -81,14 +80,10 @@ def outlet(endpoint: str, view: FakeView) -> ZenohOutlet:
 
 @pytest.fixture
 async def consumer(outlet: ZenohOutlet, endpoint: str) -> AsyncIterator[Consumer]:
-    async with serving(outlet):
-        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
-        try:
-            found = Consumer(session)
-            await hears(found, outlet)
-            yield found
-        finally:
-            session.close()
+    async with doing(outlet.run()), client(endpoint) as session:
+        found = Consumer(session)
+        await hears(found, outlet)
+        yield found
 
 
 async def hears(consumer: Consumer, outlet: ZenohOutlet) -> None:
@@ -209,7 +204,7 @@ async def test_a_record_that_breaks_is_an_answer_not_an_end(
 
 async def test_liveliness_comes_and_goes_with_the_cell(outlet: ZenohOutlet, endpoint: str) -> None:
     seen: list[tuple[str, str]] = []
-    async with serving(outlet):
+    async with doing(outlet.run()):
         session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
         try:
             session.liveliness().declare_subscriber(
@@ -226,18 +221,14 @@ async def test_liveliness_comes_and_goes_with_the_cell(outlet: ZenohOutlet, endp
 
 async def test_what_is_not_to_be_published_is_not(view: FakeView, endpoint: str) -> None:
     outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), publish={"raw": False, "frames": False}), view)
-    async with serving(outlet):
-        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
-        try:
-            consumer = Consumer(session)
-            await hears(consumer, outlet)
-            outlet.offer(batch(0, 5))
-            outlet.offer(frames(0, 5))
-            outlet.offer(alarm(1))
-            await consumer.until(1)
-            assert consumer.keys() == ["alarm/error/joint_fault"]
-        finally:
-            session.close()
+    async with doing(outlet.run()), client(endpoint) as session:
+        consumer = Consumer(session)
+        await hears(consumer, outlet)
+        outlet.offer(batch(0, 5))
+        outlet.offer(frames(0, 5))
+        outlet.offer(alarm(1))
+        await consumer.until(1)
+        assert consumer.keys() == ["alarm/error/joint_fault"]
     assert outlet.account.expected == 1
 
 
@@ -248,21 +239,18 @@ async def test_nothing_is_encoded_while_nobody_subscribes(
     real = publisher.encode_apart
     monkeypatch.setattr(publisher, "encode_apart", lambda block: encoded.append(block) or real(block))
     assert not outlet.awaited
-    async with serving(outlet):
+    async with doing(outlet.run()):
         outlet.offer(batch(0, 5))
         outlet.offer(frames(0, 2))
         await eventually(lambda: outlet.account.received == 7, "nobody is served")
         assert not outlet.awaited and not encoded
-        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
-        try:
+        async with client(endpoint) as session:
             consumer = Consumer(session)
             await eventually(lambda: outlet.awaited, "the subscriber")
             outlet.offer(batch(5, 3))
             await consumer.until(1)
             assert mark_of(consumer.samples[0]).sequence == 5
             assert len(encoded) == 1
-        finally:
-            session.close()
         await eventually(lambda: not outlet.awaited, "the end of the subscriber")
     assert outlet.account.residue == 0
 
@@ -297,7 +285,7 @@ async def test_the_schema_goes_out_first_then_now_and_then_and_when_somebody_com
 async def test_stopping_drains_what_waits(outlet: ZenohOutlet, endpoint: str) -> None:
     session: zenoh.Session | None = None
     try:
-        async with serving(outlet):
+        async with doing(outlet.run()):
             session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
             consumer = Consumer(session)
             await hears(consumer, outlet)
@@ -314,7 +302,7 @@ async def test_stopping_drains_what_waits(outlet: ZenohOutlet, endpoint: str) ->
 
 async def test_a_dead_router_holds_up_nobody_and_its_drops_are_counted_exactly(endpoint: str, view: FakeView) -> None:
     outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,), queue=10), view)
-    async with serving(outlet) as task:
+    async with doing(outlet.run()) as task:
         loop = asyncio.get_running_loop()
         worst = 0.0
         for first in range(0, 200, 2):
@@ -344,7 +332,7 @@ async def test_a_stop_while_it_looks_for_its_router_is_a_stop(endpoint: str, vie
 
 async def test_what_waits_for_a_router_is_published_once_it_is_there(endpoint: str, view: FakeView) -> None:
     outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,)), view)
-    async with serving(outlet):
+    async with doing(outlet.run()):
         outlet.offer(alarm(1))
         with await asyncio.to_thread(open_session, LinkSettings(mode="router", listen=(endpoint,))) as session:
             consumer = Consumer(session)
@@ -361,7 +349,7 @@ async def test_what_cannot_be_opened_is_a_outlet_error(view: FakeView, endpoint:
         outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), view)
         with pytest.raises(OutletError, match="Address already in use"):
             await outlet.run()
-    async with serving(outlet) as task:  # the daemon runs it again
+    async with doing(outlet.run()) as task:  # the daemon runs it again
         outlet.offer(alarm(1))
         await eventually(lambda: outlet.account.received, "the alarm")
         assert not task.done()
@@ -382,17 +370,13 @@ async def test_an_item_that_cannot_be_encoded_costs_only_itself(
 
 async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str) -> None:
     outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), namespace="europe/north"), view)
-    async with serving(outlet):
-        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
-        try:
-            # A session learns of the cell's answers a moment after it opened; until then nobody answers.
-            asked = f"europe/north/{ROOT}/@/status"
-            while not (replies := await asyncio.to_thread(lambda: list(session.get(asked)))):
-                pass
-            (reply,) = replies
-            assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
-        finally:
-            session.close()
+    async with doing(outlet.run()), client(endpoint) as session:
+        # A session learns of the cell's answers a moment after it opened; until then nobody answers.
+        asked = f"europe/north/{ROOT}/@/status"
+        while not (replies := await asyncio.to_thread(lambda: list(session.get(asked)))):
+            pass
+        (reply,) = replies
+        assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
 
 
 @pytest.fixture
@@ -407,7 +391,7 @@ async def test_a_peer_that_reaches_nobody_says_so_once(
 ) -> None:
     caplog.set_level("INFO")
     outlet = ZenohOutlet("zenoh", ZenohSettings(connect=(endpoint,)), view)
-    async with serving(outlet):
+    async with doing(outlet.run()):
         await eventually(lambda: outlet.health({}) or "no link for" in caplog.text, "no link")
         with await asyncio.to_thread(open_session, LinkSettings(listen=(endpoint,))):
             await eventually(lambda: outlet.health({}) or "connected again" in caplog.text, "the link")

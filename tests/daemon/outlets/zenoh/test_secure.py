@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
+from contextlib import asynccontextmanager, contextmanager, nullcontext
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, FakeView, alarm, ba
 from tests.daemon.outlets.zenoh.processes import ROOT, free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.daemon.outlets.zenoh.test_docs import programs
+from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
 PAGE = (ROOT / "docs" / "zenoh.md").read_text()
@@ -125,7 +126,6 @@ async def numbers(outlet: ZenohOutlet, cell: Subscriber, also: Callable[[], obje
             if len(found) >= 3:
                 return
 
-    reading = asyncio.create_task(read())
     raised = 0
 
     def raise_one() -> bool:
@@ -135,12 +135,8 @@ async def numbers(outlet: ZenohOutlet, cell: Subscriber, also: Callable[[], obje
         raised += 1
         return reading.done()
 
-    try:
+    async with doing(read()) as reading:
         await eventually(raise_one, "three alarms at the viewer")
-    finally:
-        reading.cancel()
-        with suppress(asyncio.CancelledError):
-            await reading
     return found
 
 

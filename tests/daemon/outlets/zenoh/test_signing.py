@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import subprocess
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,6 +30,7 @@ from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
+from tests.doing import doing
 from tests.patience import eventually
 
 ROOT = f"cellwatt/{SITE}/{CELL}"
@@ -170,14 +170,9 @@ async def reading(cell: Subscriber) -> AsyncIterator[list[Message]]:
         async for message in cell:
             found.append(message)  # noqa: PERF401 – who waits looks at the list meanwhile
 
-    task = asyncio.create_task(read())
-    await eventually(lambda: cell._inbox.following.joined, "the subscriber to know where the cell is")
-    try:
+    async with doing(read()):
+        await eventually(lambda: cell._inbox.following.joined, "the subscriber to know where the cell is")
         yield found
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
 
 
 async def test_all_that_a_cell_says_passes_the_check(bus: LinkSettings, keys: Path) -> None:

@@ -6,7 +6,6 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +22,7 @@ from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
 from cellwatt.subscriber.inbox import Schemas
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
+from tests.daemon.outlets.zenoh.serving import serving
 from tests.patience import PATIENCE, eventually
 
 RAW = "raw/arm/samples"
@@ -53,19 +53,8 @@ class Cell:
 @pytest.fixture
 async def cell() -> AsyncIterator[Cell]:
     found = Cell()
-    serving = asyncio.create_task(found.outlet.run())
-
-    async def beat() -> None:
-        while True:
-            found.outlet.health({"state": "green"})
-            await asyncio.sleep(0.1)
-
-    beating = asyncio.create_task(beat())
-    yield found
-    for task in (beating, serving):
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
+    async with serving(found.outlet):
+        yield found
 
 
 async def joined(subscriber: Subscriber) -> None:
@@ -266,23 +255,6 @@ async def test_a_consumer_that_is_slow_gets_all_of_it(cell: Cell) -> None:
                 following += message.count
                 if following == 5000:
                     break
-
-
-async def test_what_others_put_on_the_cells_keys_is_counted_and_ignored(
-    cell: Cell, caplog: pytest.LogCaptureFixture
-) -> None:
-    with await asyncio.to_thread(open_session, cell.link) as stranger:
-        async with cell.subscriber(want=("raw", "alarm")) as subscriber:
-            await joined(subscriber)
-            stranger.put(f"cellwatt/{SITE}/{CELL}/{RAW}", b"hello")
-            stranger.put(f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault", b"{}", attachment=bytes([1]) + bytes(31))
-            stranger.put(f"cellwatt/{SITE}/{CELL}/health", b'{"positions": 3}')
-            stranger.put(f"cellwatt/{SITE}/{CELL}/raw/arm/samples/deeper", b"")
-            await eventually(lambda: subscriber.counts.get("unreadable") == 4, "four strangers")
-            cell.give(0, 5)
-            (message,) = await read(subscriber, 1)
-    assert message.sequence == 0
-    assert len([r for r in caplog.records if r.name == "cellwatt.subscriber"]) == 1, "a line in the log for each"
 
 
 async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Cell) -> None:

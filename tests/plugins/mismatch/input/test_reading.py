@@ -15,11 +15,6 @@ from tests.plugins.mismatch.recorded_arm import CONSTANT, JOINTS, load, write_ro
 RATE = 125.0
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return load(write_robot(tmp_path_factory.mktemp("arm")))
-
-
 def motion(t):
     """Position, velocity, acceleration and torque of every joint, in closed form."""
     w = 0.5 + 0.2 * np.arange(JOINTS)

@@ -16,18 +16,8 @@ from cellwatt_plugins.robot.effects.backlash import Backlash
 from cellwatt_plugins.robot.effects.joint_elasticity import JointElasticity
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Plan, exact
-from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed, write_robot
+from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed
 from tests.plugins.robot import scara
-
-
-@pytest.fixture(scope="module")
-def described(tmp_path_factory):
-    return write_robot(tmp_path_factory.mktemp("described"))
-
-
-@pytest.fixture(scope="module")
-def arm(described):
-    return load(described)
 
 
 def recorded(path, moves):

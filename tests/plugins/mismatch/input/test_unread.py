@@ -16,24 +16,12 @@ from tests.plugins.mismatch.recorded_arm import (
     COULOMB,
     JOINTS,
     excitation,
-    load,
     points,
     recorded,
     without_plan,
-    write_robot,
 )
 
 NOT_USED = "It is not used; the other joints are"
-
-
-@pytest.fixture(scope="module")
-def described(tmp_path_factory):
-    return write_robot(tmp_path_factory.mktemp("described"))
-
-
-@pytest.fixture(scope="module")
-def arm(described):
-    return load(described)
 
 
 @pytest.fixture(scope="module", params=[excitation, points])

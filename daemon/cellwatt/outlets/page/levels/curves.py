@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.outlets.page.levels.buckets import STEPS, Canvas, Grid, chosen, fitting, span_of
 from cellwatt.outlets.page.levels.following import Source
-from cellwatt.outlets.page.levels.moments import Moments, Reader, Samples
-from cellwatt.outlets.page.levels.store import Growing, Store, near
+from cellwatt.outlets.page.levels.moments import Moments, Samples, read
+from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
 from cellwatt.record.retention import Kept
@@ -62,8 +62,7 @@ class Curves:
 
     def __init__(self, folder: Path | None, cell: str, most: float = math.inf) -> None:
         self._recorded = folder is not None
-        self.store = Store(folder or Path(), cell, most=most)
-        self._reader = Reader(self.store)
+        self.store = Store(folder or Path(), cell, most)
         self._keeper = Keeper(self.store)
 
     def start(self) -> None:
@@ -113,7 +112,7 @@ class Curves:
         beside = (end - start) // (points - 1) + BESIDE  # the first and the last step reach beyond the span
         first, last = start - beside, end + beside
         try:
-            found = self._reader.read(near(asked.recordings, first, last), first, last, names, asked.until)
+            found = read(self.store, near(asked.recordings, first, last), first, last, names, asked.until)
         except TimeoutError:
             return None
         found.step = found.step or asked.memory[0]
@@ -235,32 +234,14 @@ class Keeper:
             self._thread = None
 
     def look(self) -> None:
-        """Look at the folder once: take what is new, make what is missing, newest first, remove what is over."""
+        """Look at the folder once: make what is missing of closed recordings, newest first, remove what is over."""
         store = self._store
-        recordings = store.recordings()
-        for kept in recordings:
-            if kept.closed:
-                store.finish(kept)
-            else:
-                self._follow(store.growing(kept))
         if store.room():
             store.let_go()
-            for kept in reversed(recordings):
+            for kept in reversed(store.recordings()):
                 if kept.closed and store.budget.allows(kept.name):
                     store.made(kept, math.inf, self._pace)
         store.tidy()
-
-    def _follow(self, growing: Growing) -> None:
-        """Take what is new, a little at a time, so that nobody waits long for the lock."""
-        whole = False
-        while not whole:
-            with growing.lock:
-                try:
-                    whole = growing.grow(time.monotonic() + WORK)
-                except FileNotFoundError:
-                    return  # repaired, or removed
-            if self._over.wait(0 if whole else REST):
-                raise _Over
 
     def _run(self) -> None:
         while not self._over.is_set():

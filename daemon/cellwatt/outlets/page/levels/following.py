@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import os
 import struct
-from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
 from cellwatt.files import open_file
 from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, coarser
@@ -28,6 +27,7 @@ from cellwatt.record.openfile import DEFINITIONS
 from cellwatt.record.opening import open_recording, survey
 from cellwatt.record.scan import read_at
 
+EVERYTHING: Final = CURVES | TELLING
 WINDOW: Final = 1 << 20
 """Bytes read at once."""
 _INDEX: Final = struct.Struct("<H")
@@ -36,22 +36,8 @@ _FRONT: Final = RECORD.size + CHUNK_HEAD.size
 """Bytes of a record that are looked at."""
 
 
-class Places:
-    """Chunks of a recording: offsets, lengths and times, in order of the file; those that a summary lists at first."""
-
-    def __init__(self, chunks: Iterable[Chunk] = ()) -> None:
-        self._rows = array("q")
-        for chunk in chunks:
-            self.add(chunk.offset, chunk.length, chunk.start, chunk.end)
-
-    def add(self, offset: int, length: int, start: int, end: int) -> None:
-        """One more chunk; ``start`` and ``end`` UTC ns."""
-        self._rows.extend((offset, length, start, end))
-
-    def within(self, start: int, end: int) -> NDArray[np.int64]:
-        """Offset and length (n, 2) of those that may hold something from ``start`` to before ``end`` UTC ns."""
-        rows = np.array(self._rows, np.int64).reshape(-1, 4)
-        return rows[(rows[:, 3] >= start) & (rows[:, 2] < end), :2]
+Places = Sequence[tuple[int, int, int, int]]
+"""Chunks of a recording, in order of the file: offset, length, and times from and to in UTC ns."""
 
 
 def items_at(file: FileIO, offset: int, length: int, tracks: Mapping[int, Track], wanted: frozenset[int]) -> list[Item]:
@@ -59,54 +45,55 @@ def items_at(file: FileIO, offset: int, length: int, tracks: Mapping[int, Track]
     return list(decoder.items(open_chunk(read_at(file, length, offset)[RECORD.size :]).data, tracks, wanted))
 
 
-class Follower:
-    """Follows one recording from its first byte. Only chunks that have a channel of ``topics`` are opened.
+class Growing:
+    """A recording that is open, or was when it was first seen, and what was gathered of it; used under ``lock``.
 
-    A chunk that cannot be read is passed over and counted in ``damaged``; what is not whole yet waits for the next
-    look.
+    Only chunks that have something to show are opened. One that cannot be read is passed over; what is not
+    whole yet waits for the next look.
     """
 
-    def __init__(self, path: Path, topics: frozenset[str]) -> None:
-        self.path = path
-        self.places = Places()
-        self.damaged = 0
-        self.ended = False
-        """True where the recording was closed and all of it was read."""
-        self.identity: tuple[int, int] | None = None
-        self._topics = topics
+    def __init__(self, path: Path) -> None:
+        self.lock = threading.Lock()
+        self.gathered = Gathering()
+        self.places: list[tuple[int, int, int, int]] = []
+        """See ``Places``."""
+        self.tracks: dict[int, Track] = {}
+        """Readers of the channels that are defined so far."""
+        self._ended = False
+        self._identity: tuple[int, int] | None = None
+        self._path = path
         self._at = len(MAGIC)
         self._contents = Contents()
-        self._tracks: dict[int, Track] = {}
         self._wanted: frozenset[int] = frozenset()
         self._defined = b""
         self._chunk: tuple[int, int] | None = None
         """Offset and length of the last chunk, while it is not known whether it is wanted."""
 
-    @property
-    def tracks(self) -> dict[int, Track]:
-        """Readers of the channels that are defined so far."""
-        return self._tracks
+    def grow(self, until: float) -> bool:
+        """Take what came since, as far as that goes before monotonic time ``until``; true if all was taken.
 
-    def new(self) -> Iterator[list[Item]]:
-        """Items that came since the last look, chunk by chunk; one that is left early goes on with the next call.
-
-        Raises ``OSError`` where the file cannot be read.
+        Raises ``OSError``.
         """
-        if self.ended:
-            return
-        self.path, file = open_recording(self.path)
+        if self._ended:
+            return True
+        self._path, file = open_recording(self._path)
         with file:
             status = os.fstat(file.fileno())
-            if self.identity not in (None, (status.st_dev, status.st_ino)):
-                raise FileNotFoundError(f"{self.path} is another file")
-            self.identity = (status.st_dev, status.st_ino)
+            if self._identity not in (None, (status.st_dev, status.st_ino)):
+                raise FileNotFoundError(f"{self._path} is another file")
+            self._identity = (status.st_dev, status.st_ino)
             if read_at(file, len(MAGIC), 0) != MAGIC:
-                return
-            yield from self._records(file, status.st_size)
+                return True
+            for items in self._records(file, status.st_size):
+                for item in items:
+                    self.gathered.add(item)
+                if time.monotonic() > until:
+                    return False
+        return True
 
     def _records(self, file: FileIO, size: int) -> Iterator[list[Item]]:
         window, base = b"", self._at
-        while not self.ended:
+        while not self._ended:
             if self._at + _FRONT > base + len(window) < size:
                 window, base = read_at(file, WINDOW, self._at), self._at
             front = window[self._at - base :][:_FRONT]
@@ -121,30 +108,24 @@ class Follower:
             self._note(file, opcode, length, front)
             self._at += RECORD.size + length
             if wanted is not None:
-                yield self._opened(file, *wanted)  # at last, so that a caller may go on later
+                with suppress(ValueError):
+                    yield items_at(file, *wanted, self.tracks, self._wanted)  # at last: a caller may go on later
 
     def _note(self, file: FileIO, opcode: int, length: int, front: bytes) -> None:
         """Note a record; of a chunk the place alone, until the message indexes behind it tell what is in it."""
         if opcode == Opcode.CHUNK and length >= CHUNK_HEAD.size:
             start, end, _, _ = CHUNK_HEAD.unpack_from(front, RECORD.size)
             self._chunk = (self._at, RECORD.size + length)
-            self.places.add(*self._chunk, start, end)
+            self.places.append((*self._chunk, start, end))
         elif opcode == Opcode.ATTACHMENT:
             self._define(read_at(file, length, self._at + RECORD.size))
-        self.ended = opcode == Opcode.DATA_END
+        self._ended = opcode == Opcode.DATA_END
 
     def _tells_of_wanted(self, opcode: int, length: int, front: bytes) -> bool:
         """True for the index of a channel that is wanted."""
         if opcode != Opcode.MESSAGE_INDEX or length < _INDEX.size:
             return False
         return _INDEX.unpack_from(front, RECORD.size)[0] in self._wanted
-
-    def _opened(self, file: FileIO, offset: int, length: int) -> list[Item]:
-        try:
-            return items_at(file, offset, length, self._tracks, self._wanted)
-        except ValueError:
-            self.damaged += 1
-            return []
 
     def _define(self, body: bytes) -> None:
         """Take over the definitions of channels, which stand before the chunk that needs them."""
@@ -153,11 +134,10 @@ class Follower:
             if attachment.name == DEFINITIONS and attachment.data != self._defined:
                 self._contents.define(definitions(attachment.data))
                 self._defined = attachment.data
-                self._tracks = tracks_of(self._contents.channels)[0]
-                self._wanted = frozenset(n for n, track in self._tracks.items() if track.topic in self._topics)
+                self.tracks = tracks_of(self._contents.channels)[0]
+                self._wanted = frozenset(n for n, track in self.tracks.items() if track.topic in EVERYTHING)
 
 
-EVERYTHING: Final = CURVES | TELLING
 Pace = Callable[[], None]
 """Called after each chunk: may sleep, or raise to stop."""
 

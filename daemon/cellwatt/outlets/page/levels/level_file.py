@@ -1,7 +1,7 @@
-"""Level files: what ``Gathering`` makes of a recording, in a file beside the recordings.
+"""Level files: what ``Gathering`` makes of a recording, in a zip archive beside the recordings.
 
-A file begins with magic, length and CRC-32 of its head (JSON, zlib), then come blocks, each with its CRC-32 in the
-head: the buckets of each level of each set of channels, and the intervals. Numbers are little-endian.
+It holds ``head`` (JSON), ``intervals``, and under ``<set>/<level>`` the buckets of each level of each set of channels,
+little-endian. The archive's checksums tell what is damaged.
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import os
 import struct
+import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from io import FileIO
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +22,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from cellwatt.files import COMPUTED, open_file
-from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, levels
+from cellwatt.outlets.page.levels.buckets import Buckets, levels
 from cellwatt.outlets.page.levels.gathering import SPANS, Columns, Gathering, Intervals, Said
 from cellwatt.record import messages
 from cellwatt.record.header import PART, FileName, plain_cell
@@ -30,27 +31,20 @@ from cellwatt.results import Alarm, Event
 FOLDER: Final = "levels"
 """Folder of the level files, in that of the recordings."""
 SUFFIX: Final = ".levels"
-VERSION: Final = 1
-_MAGIC: Final = b"\x89CWLV\r\n\x1a"
-_LENGTHS: Final = struct.Struct("<QI")
+VERSION: Final = 2
+_HEAD_NAME, _INTERVALS = "head", "intervals"
 _LARGEST_HEAD: Final = 1 << 26  # bytes, unpacked
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A block of a file: ``count`` buckets or intervals in ``length`` bytes at ``offset``."""
-
-    offset: int
-    length: int
-    crc: int
-    count: int
+_DAMAGED: Final = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, NotImplementedError, RuntimeError,
+)  # fmt: skip
+"""Errors of reading an archive that was changed; ``ValueError`` beside them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """Head of a level file: of which recording it is, its span in UTC ns, what it says, and where the blocks are.
+    """Head of a level file: of which recording it is, its span in UTC ns, its sets of channels, and what it says.
 
-    ``places`` has those of each level, ``whats`` belongs to the intervals.
+    ``whats`` belongs to the intervals.
     """
 
     version: int
@@ -58,8 +52,7 @@ class Head:
     size: int
     start: int
     end: int
-    sets: tuple[tuple[Columns, tuple[Place, ...]], ...]
-    intervals: Place
+    sets: tuple[Columns, ...]
     whats: tuple[tuple[str, tuple[int, ...], bool], ...]
     alarms: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
@@ -84,73 +77,47 @@ def recording_of(path: Path) -> FileName | None:
     return FileName.parse(path.name.removesuffix(SUFFIX) + ".mcap") if path.name.endswith(SUFFIX) else None
 
 
-def write(recording: Path, size: int, gathered: Gathering) -> int:
-    """Write the level file of a closed recording of ``size`` bytes, wholly or not at all; gives its bytes.
-
-    Raises ``OSError``.
-    """
-    head, blocks = _laid_out(recording.name, size, gathered)
-    packed = zlib.compress(json.dumps(head, separators=(",", ":")).encode(), 1)
-    path = path_of(recording)
-    path.parent.mkdir(exist_ok=True)
-    new = path.with_name(f"{path.name}.{os.getpid()}.new")
-    try:
-        with new.open("wb") as file:
-            file.write(_MAGIC + _LENGTHS.pack(len(packed), zlib.crc32(packed)) + packed)
-            for block in blocks:
-                file.write(block)
-            written = file.tell()
-        new.replace(path)
-    finally:
-        new.unlink(missing_ok=True)
-    return written
-
-
-def _laid_out(name: str, size: int, gathered: Gathering) -> tuple[dict[str, Any], list[bytes]]:
-    blocks: list[bytes] = []
-    offset = 0
-
-    def placed(data: bytes, count: int) -> tuple[int, int, int, int]:
-        nonlocal offset
-        blocks.append(data)
-        offset += len(data)
-        return offset - len(data), len(data), zlib.crc32(data), count
-
-    sets = [
-        (columns, [placed(packed(buckets), len(buckets)) for buckets in levels(finest)])
-        for columns, finest in gathered.finest().items()
-    ]
-    intervals, said = gathered.intervals, gathered.said
-    keys = ("offset", "length", "crc", "count")
+def write(recording: Path, size: int, gathered: Gathering) -> None:
+    """Write the level file of a closed recording of ``size`` bytes, wholly or not at all. Raises ``OSError``."""
+    intervals, said, finest = gathered.intervals, gathered.said, gathered.finest()
     head = {
         "version": VERSION,
-        "recording": name,
+        "recording": recording.name,
         "size": size,
         "start": gathered.start,
         "end": gathered.end,
-        "sets": [(columns, [dict(zip(keys, place, strict=True)) for place in places]) for columns, places in sets],
-        "intervals": dict(zip(keys, placed(intervals.spans.tobytes(), len(intervals.spans)), strict=True)),
+        "sets": list(finest),
         "whats": intervals.whats,
         "alarms": [messages.encode(alarm).decode() for alarm in said.alarms],
         "words": [messages.encode(word).decode() for word in said.words],
     }
-    return head, blocks
+    path = path_of(recording)
+    path.parent.mkdir(exist_ok=True)
+    new = path.with_name(f"{path.name}.{os.getpid()}.new")
+    try:
+        with zipfile.ZipFile(new, "w") as archive:
+            archive.writestr(_HEAD_NAME, json.dumps(head, separators=(",", ":")), zipfile.ZIP_DEFLATED, 1)
+            archive.writestr(_INTERVALS, intervals.spans.tobytes())
+            for place, buckets in enumerate(finest.values()):
+                for level, of_level in enumerate(levels(buckets)):
+                    archive.writestr(f"{place}/{level}", _packed(of_level))
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
 
 
-def packed(buckets: Buckets) -> bytes:
-    """Buckets as a block."""
+def _packed(buckets: Buckets) -> bytes:
     parts = (buckets.index.astype("<i8"), buckets.low.astype("<f4"), buckets.high.astype("<f4"))
     return b"".join(part.tobytes() for part in parts)
 
 
-def unpacked(data: bytes, channels: int, count: int) -> Buckets:
-    """Buckets back from their block. Raises ``ValueError`` where its length is another."""
-    if len(data) != count * (8 + 8 * channels):
+def _unpacked(data: bytes, channels: int) -> Buckets:
+    count, rest = divmod(len(data), 8 + 8 * channels)
+    if rest:
         raise ValueError("a block's length is wrong")
     index = np.frombuffer(data, "<i8", count)
-    low = np.frombuffer(data, "<f4", count * channels, 8 * count)
-    high = np.frombuffer(data, "<f4", count * channels, 8 * count + low.nbytes)
-    return Buckets(index, low.reshape(channels, count), high.reshape(channels, count))
+    low, high = np.frombuffer(data, "<f4", offset=8 * count).reshape(2, channels, count)
+    return Buckets(index, low, high)
 
 
 class LevelFile:
@@ -161,59 +128,41 @@ class LevelFile:
 
     def __init__(self, recording: Path, size: int) -> None:
         self.path = path_of(recording)
-        with open_file(self.path, COMPUTED) as file:
-            self.head, self._after = _head(file)
-        if (self.head.recording, self.head.size) != (recording.name, size):
+        with _archive(self.path) as archive:
+            if archive.getinfo(_HEAD_NAME).file_size > _LARGEST_HEAD:
+                raise ValueError("its head is too large")
+            self._head = _HEAD.validate_json(archive.read(_HEAD_NAME))
+        if self._head.version != VERSION:
+            raise ValueError(f"is of version {self._head.version}")
+        if (self._head.recording, self._head.size) != (recording.name, size):
             raise ValueError("belongs to another recording")
-        self.start, self.end, self.said = self.head.start, self.head.end, self.head.said
+        self.start, self.end, self.said = self._head.start, self._head.end, self._head.said
 
     def levels(self, level: int, wanted: Sequence[str]) -> list[tuple[Columns, Buckets]]:
         """Buckets of one of ``STEPS`` of all sets of channels in which one of ``wanted`` is."""
-        found = [(columns, places[level]) for columns, places in self.head.sets if not set(wanted).isdisjoint(columns)]
+        found = [(n, columns) for n, columns in enumerate(self._head.sets) if not set(wanted).isdisjoint(columns)]
         if not found:
             return []
-        with open_file(self.path, COMPUTED) as file:
-            return [(columns, unpacked(self._block(file, at), len(columns), at.count)) for columns, at in found]
+        with _archive(self.path) as archive:
+            return [(columns, _unpacked(archive.read(f"{n}/{level}"), len(columns))) for n, columns in found]
 
     def intervals(self) -> Intervals:
         """Intervals of the recording."""
-        with open_file(self.path, COMPUTED) as file:
-            data = self._block(file, self.head.intervals)
-        spans = np.frombuffer(data, SPANS)
-        if len(spans) and int(spans["what"].max()) >= len(self.head.whats):
+        with _archive(self.path) as archive:
+            spans = np.frombuffer(archive.read(_INTERVALS), SPANS)
+        if len(spans) and int(spans["what"].max()) >= len(self._head.whats):
             raise ValueError("an interval is of a kind that is not told")
-        return Intervals(spans, self.head.whats)
-
-    def _block(self, file: FileIO, place: Place) -> bytes:
-        data = os.pread(file.fileno(), place.length, self._after + place.offset)
-        if len(data) != place.length or zlib.crc32(data) != place.crc:
-            raise ValueError("a block is damaged")
-        return data
+        return Intervals(spans, self._head.whats)
 
 
-def _head(file: FileIO) -> tuple[Head, int]:
-    front = file.read(len(_MAGIC) + _LENGTHS.size)
-    if len(front) != len(_MAGIC) + _LENGTHS.size or not front.startswith(_MAGIC):
-        raise ValueError("is no level file")
-    length, crc = _LENGTHS.unpack_from(front, len(_MAGIC))
-    body = file.read(min(length, _LARGEST_HEAD))
-    if len(body) != length or zlib.crc32(body) != crc:
-        raise ValueError("its head is damaged")
-    try:
-        head = _HEAD.validate_json(_inflated(body))
-    except zlib.error:
-        raise ValueError("its head is damaged") from None
-    if head.version != VERSION or any(len(places) != len(STEPS) for _, places in head.sets):
-        raise ValueError(f"is of version {head.version}")
-    return head, len(front) + length
-
-
-def _inflated(body: bytes) -> bytes:
-    inflater = zlib.decompressobj()
-    data = inflater.decompress(body, _LARGEST_HEAD)
-    if not inflater.eof:
-        raise ValueError("its head is too large")
-    return data
+@contextmanager
+def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    with open_file(path, COMPUTED) as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                yield archive
+        except _DAMAGED as error:
+            raise ValueError(f"is damaged: {error}") from None
 
 
 def _decoded(kind: Any, texts: Sequence[str]) -> list[Any]:

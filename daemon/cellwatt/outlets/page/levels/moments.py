@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
-from cellwatt.outlets.page.levels.following import Places, items_at
+from cellwatt.outlets.page.levels.following import items_at
 from cellwatt.outlets.page.levels.gathering import CURVES, Columns, prediction_arrays, prediction_names
 from cellwatt.outlets.page.levels.store import Store
-from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
-from cellwatt.record.opening import open_recording, survey
+from cellwatt.record.opening import open_recording
 from cellwatt.record.retention import Kept
 from cellwatt.results import Prediction
-
-LISTED: Final = 3
-"""Closed recordings whose list of chunks is kept in memory."""
 
 Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
 
@@ -68,57 +60,30 @@ class Moments:
                 self.pieces[name].append((times, values[inside, place]))
 
 
-class Reader:
-    """Reads moments out of a store's recordings. Any thread may ask."""
+def read(
+    store: Store, recordings: Iterable[Kept], start: int, end: int, channels: Sequence[str], until: float
+) -> Moments:
+    """Samples from ``start`` to before ``end`` UTC ns, out of a store's recordings.
 
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._lock = threading.Lock()
-        self._listed: OrderedDict[Path, tuple[int, Places, Mapping[int, Track]]] = OrderedDict()
-
-    def read(self, recordings: Iterable[Kept], start: int, end: int, channels: Sequence[str], until: float) -> Moments:
-        """Samples from ``start`` to before ``end`` UTC ns.
-
-        Raises ``TimeoutError`` at monotonic time ``until``, ``OSError`` where the disk cannot be read.
-        """
-        found = Moments(start, end, {name: [] for name in channels})
-        for kept in recordings:
-            if self._lies_elsewhere(kept, start, end):
-                continue
-            # One that was removed meanwhile, or of which nothing can be read, has nothing to give.
-            with suppress(FileNotFoundError, RecordingError):
-                places, tracks = self._chunks(kept, start, end, until)
-                wanted = frozenset(number for number, track in tracks.items() if track.topic in CURVES)
-                _, file = open_recording(kept.path)
-                with file:
-                    for offset, length in places.tolist():
-                        with suppress(ValueError):  # a chunk that is damaged has nothing to give
-                            for item in items_at(file, offset, length, tracks, wanted):
-                                found.add(item)
-                        if time.monotonic() > until:
-                            raise TimeoutError
-        return found
-
-    def _lies_elsewhere(self, kept: Kept, start: int, end: int) -> bool:
-        """True where the level file says that nothing of a span is in a recording."""
-        source = self._store.known(kept) if kept.closed else None
-        return source is not None and (source.end < start or source.start >= end)
-
-    def _chunks(self, kept: Kept, start: int, end: int, until: float) -> tuple[NDArray[np.int64], Mapping[int, Track]]:
-        """Offset and length (n, 2) of the chunks that overlap, and the readers of their channels."""
-        if not kept.closed:
-            growing = self._store.growing(kept)
-            with growing.lock:
-                if not growing.grow(until):
-                    raise TimeoutError
-                return growing.follower.places.within(start, end), growing.follower.tracks
-        with self._lock:
-            size, places, tracks = self._listed.get(kept.path, (0, None, {}))
-            if places is None or size != kept.size:
-                contents = survey(kept.path).contents
-                places, tracks = Places(contents.chunks), tracks_of(contents.channels)[0]
-                self._listed[kept.path] = (kept.size, places, tracks)
-                while len(self._listed) > LISTED:
-                    self._listed.popitem(last=False)
-            self._listed.move_to_end(kept.path)
-            return places.within(start, end), tracks
+    Raises ``TimeoutError`` at monotonic time ``until``, ``OSError`` where the disk cannot be read.
+    """
+    found = Moments(start, end, {name: [] for name in channels})
+    for kept in recordings:
+        levels = store.known(kept) if kept.closed else None
+        if levels is not None and (levels.end < start or levels.start >= end):
+            continue
+        # One that was removed meanwhile, or of which nothing can be read, has nothing to give.
+        with suppress(FileNotFoundError, RecordingError):
+            places, tracks = store.chunks(kept, until)
+            wanted = frozenset(number for number, track in tracks.items() if track.topic in CURVES)
+            _, file = open_recording(kept.path)
+            with file:
+                for offset, length, first, last in places:
+                    if first >= end or last < start:
+                        continue
+                    with suppress(ValueError):  # a chunk that is damaged has nothing to give
+                        for item in items_at(file, offset, length, tracks, wanted):
+                            found.add(item)
+                    if time.monotonic() > until:
+                        raise TimeoutError
+    return found

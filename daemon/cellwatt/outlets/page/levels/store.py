@@ -1,4 +1,4 @@
-"""Level files of one cell's recordings, made for closed ones, and the open recording as it grows.
+"""Level files of one cell's recordings, made for closed ones, and the open recording as far as anybody asks for it.
 
 Recordings are only read. Where the disk has no room for a level file, what it would hold stays in memory as far as that
 goes, and the rest is read from the recordings again.
@@ -12,74 +12,57 @@ import shutil
 import threading
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page.levels import level_file
-from cellwatt.outlets.page.levels.following import EVERYTHING, Follower, Held, Pace, Source, gather
+from cellwatt.outlets.page.levels.following import EVERYTHING, Growing, Held, Pace, Places, Source, gather
 from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
 from cellwatt.outlets.page.levels.level_file import Budget, LevelFile
+from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.header import FileName
-from cellwatt.record.opening import ATTEMPTS
+from cellwatt.record.opening import ATTEMPTS, survey
 from cellwatt.record.retention import Kept, listing
 
 log = logging.getLogger(__name__)
 
-RESERVE: Final = 256e6
-"""Bytes of the disk that level files leave free: what is left belongs to the record."""
 HELD: Final = 32e6
 """Bytes of memory for recordings whose level file could not be written."""
+RESERVE: Final = 256e6
+"""Bytes of the disk that level files leave free: what is left belongs to the record."""
 LATE: Final = 3600.0
 """s by which the clocks of a cell and of its disk may differ."""
 TICK: Final = 1.0
 """s within which two changes of a folder may have the same time."""
+CHUNKS: Final = 3
+"""Closed recordings whose list of chunks is kept in memory."""
 LISTED: Final = 60.0
 """s for which a listing of the folder holds while the folder is not changed."""
 RETRY: Final = 60.0
 """Pause, s, before what failed is tried again."""
 
 
-class Growing:
-    """A recording that is open, or was when it was first seen; all of it is used under ``lock``."""
-
-    def __init__(self, path: Path, topics: frozenset[str]) -> None:
-        self.follower = Follower(path, topics)
-        self.gathered = Gathering()
-        self.lock = threading.Lock()
-
-    def grow(self, until: float) -> bool:
-        """Take what came since, as far as that goes before monotonic time ``until``; true if all was taken.
-
-        Raises ``OSError``.
-        """
-        for items in self.follower.new():
-            for item in items:
-                self.gathered.add(item)
-            if time.monotonic() > until:
-                return False
-        return True
-
-
 class Store:
-    """Sources of a cell's recordings in ``folder``. Any thread may ask; ``topics`` are those read of recordings."""
+    """Sources of a cell's recordings in ``folder``, with level files up to ``most`` bytes. Any thread may ask."""
 
-    def __init__(self, folder: Path, cell: str, topics: frozenset[str] = EVERYTHING, most: float = math.inf) -> None:
+    def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
         self.folder = folder
         self.budget = Budget(folder, cell, most)
         self.counts: Counter[str] = Counter()
         """Level files made, unwritten, damaged, removed and over the budget; recordings that could not be read."""
         self.problem = ""
         self._cell = cell
-        self._topics = topics
         self._lock = threading.Lock()
-        self._building = threading.Lock()
+        self._building, self._surveying = threading.Lock(), threading.Lock()
         self._sources: dict[Path, tuple[int, Source]] = {}
         self._growing: dict[Path, Growing] = {}
-        self._held: OrderedDict[Path, Held] = OrderedDict()
         self._listing: tuple[float, float, list[Kept]] = (0.0, 0.0, [])
         """UTC s at which the folder was listed, its last change then, and what was in it."""
+        self._held: OrderedDict[Path, Held] = OrderedDict()
+        self._chunks: OrderedDict[Path, tuple[int, Places, Mapping[int, Track]]] = OrderedDict()
         self._again: dict[Path, float] = {}
         """Monotonic time, s, before which a recording that could not be read, or the disk, is not tried again."""
 
@@ -155,42 +138,16 @@ class Store:
         if self._waits(kept.path) or not self._building.acquire(timeout=patience):
             return None
         try:
-            if (source := self.known(kept)) is not None:
-                return source
-            gathered = gather(kept.path, self._topics, pace)
-            return self._keep(kept, gathered)
-        except TimeoutError:
-            raise
-        except FileNotFoundError:
-            return None  # removed to make room
-        except (OSError, RecordingError) as error:
-            self._unreadable(kept, error)
-            return None
+            with self._readable(kept):
+                return self.known(kept) or self._keep(kept, gather(kept.path, EVERYTHING, pace))
         finally:
             self._building.release()
+        return None
 
     def growing(self, kept: Kept) -> Growing:
         """The recording that is open under this name."""
         with self._lock:
-            return self._growing.setdefault(_closed_name(kept.path), Growing(kept.path, self._topics))
-
-    def finish(self, kept: Kept) -> None:
-        """Make the level file of a recording that was followed and is closed now, without reading it again."""
-        with self._lock:
-            growing = self._growing.pop(kept.path, None)
-        if growing is None or self.known(kept) is not None:
-            return
-        try:
-            with self._building, growing.lock:
-                if self.known(kept) is not None:
-                    return
-                growing.grow(math.inf)
-                follower, status = growing.follower, kept.path.stat()
-                same = (status.st_dev, status.st_ino) == follower.identity and status.st_size == kept.size
-                if follower.ended and not follower.damaged and same:
-                    self._keep(kept, growing.gathered)
-        except OSError as error:
-            log.debug("%s is read again: %s", kept.path, error)
+            return self._growing.setdefault(_closed_name(kept.path), Growing(kept.path))
 
     def source(self, kept: Kept, until: float, *, curves: bool = True) -> Source | None:
         """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
@@ -198,7 +155,7 @@ class Store:
         None where nothing in it can be read. Raises ``TimeoutError`` where that takes beyond monotonic time ``until``.
         """
         pace = ends_at(until)
-        try:
+        with self._readable(kept):
             if not kept.closed:
                 growing = self.growing(kept)
                 with growing.lock:
@@ -210,13 +167,30 @@ class Store:
                 return source
             pace()
             return None if curves else Held(gather(kept.path, TELLING, pace), curves=False)
-        except TimeoutError:
-            raise
-        except FileNotFoundError:
-            return None
-        except (OSError, RecordingError) as error:
-            self._unreadable(kept, error)
-            return None
+        return None
+
+    def chunks(self, kept: Kept, until: float) -> tuple[Places, Mapping[int, Track]]:
+        """The chunks of a recording, and the readers of their channels.
+
+        Raises ``TimeoutError`` at monotonic time ``until``, ``OSError`` and ``RecordingError``.
+        """
+        if not kept.closed:
+            growing = self.growing(kept)
+            with growing.lock:
+                if not growing.grow(until):
+                    raise TimeoutError
+                return list(growing.places), growing.tracks
+        with self._surveying:
+            size, places, tracks = self._chunks.get(kept.path, (0, (), {}))
+            if size != kept.size:
+                contents = survey(kept.path).contents
+                places = [(c.offset, c.length, c.start, c.end) for c in contents.chunks]
+                tracks = tracks_of(contents.channels)[0]
+                self._chunks[kept.path] = (kept.size, places, tracks)
+                while len(self._chunks) > CHUNKS:
+                    self._chunks.popitem(last=False)
+            self._chunks.move_to_end(kept.path)
+            return places, tracks
 
     def room(self) -> bool:
         """True where the disk has room for level files, and takes them."""
@@ -236,10 +210,17 @@ class Store:
 
     def tidy(self) -> None:
         """Forget recordings that are gone, and remove their level files."""
-        there = {_closed_name(kept.path) for kept in self.recordings()}
+        recordings = self.recordings()
+        there = {_closed_name(known.path) for known in recordings}
+        growing = {_closed_name(known.path) for known in recordings if not known.closed}
         with self._lock:
-            for known in (self._sources, self._growing, self._held, self._again):
-                for path in [path for path in known if path not in there and path != self.folder]:
+            for known, kept in (
+                (self._sources, there),
+                (self._held, there),
+                (self._again, {*there, self.folder}),
+                (self._growing, growing),
+            ):
+                for path in known.keys() - kept:
                     del known[path]
         for _, entry in self.budget.files():
             if self.folder / f"{entry.name.removesuffix(level_file.SUFFIX)}.mcap" not in there:
@@ -269,7 +250,7 @@ class Store:
     def _keep(self, kept: Kept, gathered: Gathering) -> Source:
         """Write a level file, or hold in memory what it would have."""
         allowed = self.budget.allows(kept.name)
-        if allowed and self._topics == EVERYTHING and self.room():
+        if allowed and self.room():
             try:
                 level_file.write(kept.path, kept.size, gathered)
                 written = LevelFile(kept.path, kept.size)
@@ -295,13 +276,19 @@ class Store:
                 self._held.popitem(last=False)
         return held
 
-    def _unreadable(self, kept: Kept, error: Exception) -> None:
-        if isinstance(error.__cause__, FileNotFoundError):
-            return  # removed to make room
-        self.counts["unreadable"] += 1
-        self.problem = str(error)
-        self._again[kept.path] = time.monotonic() + RETRY
-        log.warning("%s has no curves: %s", kept.path, error)
+    @contextmanager
+    def _readable(self, kept: Kept) -> Iterator[None]:
+        """Count and tell a recording that cannot be read, but for one that was removed to make room."""
+        try:
+            yield
+        except TimeoutError:
+            raise
+        except (OSError, RecordingError) as error:
+            if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
+                self.counts["unreadable"] += 1
+                self.problem = str(error)
+                self._again[kept.path] = time.monotonic() + RETRY
+                log.warning("%s has no curves: %s", kept.path, error)
 
 
 def near(recordings: Iterable[Kept], start: int, end: int) -> list[Kept]:

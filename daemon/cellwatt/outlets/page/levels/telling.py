@@ -13,7 +13,7 @@ from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.levels.buckets import span_of
 from cellwatt.outlets.page.levels.following import Source
-from cellwatt.outlets.page.levels.gathering import TELLING, Intervals, Said
+from cellwatt.outlets.page.levels.gathering import Intervals, Said
 from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record import packs
@@ -200,7 +200,7 @@ def alarm_history(
     Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
     """
     start, end = span_of(start_ms, end_ms)
-    store = store or Store(folder, cell, TELLING)
+    store = store or Store(folder, cell)
     recordings = store.recordings()
     try:
         sources, complete = read(store, recordings, start, end, time.monotonic() + PATIENCE)
