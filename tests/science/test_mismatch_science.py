@@ -18,7 +18,7 @@ from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
-from cellwatt_plugins.robot.effects.presliding_hysteresis import dahl_state
+from cellwatt_plugins.robot.effects.friction.presliding_hysteresis import dahl_state
 from cellwatt_plugins.robot.regression import Prior
 from tests.plugins.mismatch import plant
 

@@ -41,7 +41,7 @@ def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
     """The settings of one cell, checked without connecting to anything.
 
     ``environ`` fills ``${NAME}`` (default: the process's). Raises ``ConfigError`` with the mistakes found, in file
-    order; of more than ``MOST`` it says how many.
+    order, at most ``MOST``.
     """
     document = read(path, os.environ if environ is None else environ)
     version = document.value.get("version")
@@ -60,7 +60,7 @@ def load_document(document: Document) -> CellConfig:
     config = _cell(reading, document.file)
     if config is None or reading.problems:
         problems = [replace(problem, message=document.blanked(problem.message)) for problem in reading.problems]
-        raise ConfigError(first(problems, reading.more))
+        raise ConfigError(first(problems))
     return config
 
 
@@ -72,8 +72,6 @@ class _Reading:
     folder: Path
     problems: list[Problem] = field(default_factory=list)
     told: set[KeyPath] = field(default_factory=set)
-    more: int = 0
-    """Problems beside those."""
 
     def __post_init__(self) -> None:
         for path, mistakes in self.document.mistakes.items():
@@ -82,11 +80,7 @@ class _Reading:
 
     def complain(self, path: KeyPath, message: str, *, at_key: bool = False) -> None:
         """Note a mistake, unless one is known at this place."""
-        if path in self.told:
-            return
-        if len(self.problems) >= _WORDED:
-            self.more += 1
-        else:
+        if path not in self.told and len(self.problems) < _WORDED:
             self.problems.append(self.document.problem(path, message, at_key=at_key))
 
     def missing(self, path: KeyPath, key: str, description: str) -> None:
@@ -108,9 +102,7 @@ class _Reading:
         try:
             made = model.model_validate(anchored(model, dict(values), self.folder))
         except ValidationError as error:
-            problems, more = explain(error, model, self.document, path, self.told)
-            self.problems += problems
-            self.more += more
+            self.problems += explain(error, model, self.document, path, self.told)
             return None
         except Exception as error:  # a validator of a package outside this one
             self.complain(path, f"cannot be checked: {type(error).__name__}: {error}", at_key=True)
@@ -138,10 +130,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
     ways_out = list(available("cellwatt.outlets"))
     keys = [*fields_of(CellName), *_SECTIONS, *ways_out]
     for key in top:
-        if key in keys:
-            continue
-        if len(reading.problems) >= _WORDED:
-            reading.more += 1
+        if key in keys or len(reading.problems) >= _WORDED:
             continue
         reading.complain((key,), unknown_key(key, keys), at_key=True)
         reading.told.add((nearest(key, keys) or key,))

@@ -14,7 +14,7 @@ KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top of the file."""
 
 MOST = 20
-"""Mistakes that are told of one file; of the others only how many there are."""
+"""Mistakes that are told of one file; of others only that there are more."""
 
 _PLACE = re.compile(r"(.*):(\d+):(\d+)", re.DOTALL)
 
@@ -74,9 +74,8 @@ def ordered(problems: Iterable[Problem]) -> list[Problem]:
     return sorted(dict.fromkeys(problems), key=key)
 
 
-def first(problems: Iterable[Problem], more: int = 0) -> list[Problem]:
-    """The first problems of one file in order, and how many there are beside them; ``more`` were not even worded."""
+def first(problems: Iterable[Problem]) -> list[Problem]:
+    """The first problems of one file in order, and that there are more, where it has some."""
     found = ordered(problems)
-    more += len(found) - len(found[:MOST])
-    closing = [Problem(position(found[0]).file, "", f"and {more:,} more")] if more else []
+    closing = [Problem(position(found[0]).file, "", "and more")] if len(found) > MOST else []
     return found[:MOST] + closing

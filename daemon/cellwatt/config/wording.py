@@ -120,10 +120,10 @@ def found(document: Document, path: KeyPath) -> str:
 
 def explain(
     error: ValidationError, model: Any, document: Document, section: KeyPath, told: Collection[KeyPath]
-) -> tuple[list[Problem], int]:
+) -> list[Problem]:
     """One problem per mistake that a settings class found in the mapping at ``section``, except at places ``told``.
 
-    Words for more than are told of a file are not looked for: the second is how many there are beside.
+    Words are looked for only for one more than are told of a file.
     """
     findings = [_located(details, document, section) for details in error.errors(include_url=False)]
     unknown = {f.path for f in findings if f.kind in _UNKNOWN}
@@ -134,14 +134,14 @@ def explain(
     for finding in findings:
         if finding.path not in told and not _misspelt(finding, unknown):
             grouped.setdefault(finding.path, []).append(finding)
-    worded = sorted(grouped.values(), key=lambda group: _order(group[0], document))[:MOST]
-    return [_problem(group, model, document) for group in worded], len(grouped) - len(worded)
+    worded = sorted(grouped.values(), key=lambda group: _order(group[0], document))[: MOST + 1]
+    return [_problem(group, model, document) for group in worded]
 
 
 def explain_value(error: ValidationError, kind: Any, value: Any) -> str:
     """The first mistake that ``kind`` finds in a value that stands in no file of settings, and how many more."""
-    problems, more = explain(error, kind, of_value(value), (), ())
-    more += len(problems) - 1
+    problems = explain(error, kind, of_value(value), (), ())
+    more = len(problems) - 1
     where = f"{problems[0].path}: " if problems[0].path else ""
     return f"{where}{problems[0].message}{f' (and {more} more)' if more else ''}"
 

@@ -6,12 +6,11 @@ import asyncio
 import ssl
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable
-from typing import TypeAlias
+from collections.abc import Callable
+from contextlib import AsyncExitStack
 
 from cellwatt.emulation.emulator import Emulator
-
-Talk: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+from cellwatt.emulation.relay import Talk, clients
 
 
 class Port(ABC):
@@ -86,8 +85,7 @@ class TcpPort(Port):
         self._place = host_and_port(emulator.address)
         self._talk = talk
         self._tls = tls
-        self._server: asyncio.Server | None = None
-        self._talking: set[asyncio.Task[None]] = set()
+        self._open_now = AsyncExitStack()
         self._outage: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> str:
@@ -100,7 +98,7 @@ class TcpPort(Port):
         if self._outage is not None:
             self._outage.cancel()
             await asyncio.gather(self._outage, return_exceptions=True)
-        await self._close()
+        await self._open_now.aclose()
 
     def interrupt(self, seconds: float) -> None:
         """See ``Port.interrupt``; one that lasts already goes on."""
@@ -108,31 +106,10 @@ class TcpPort(Port):
             self._outage = asyncio.create_task(self._be_gone(seconds))
 
     async def _be_gone(self, seconds: float) -> None:
-        await self._close()
+        await self._open_now.aclose()
         await asyncio.sleep(seconds)
         await self._open()
 
     async def _open(self) -> None:
-        self._server = await asyncio.start_server(self._accept, *self._place, ssl=self._tls)
-        self._place = self._server.sockets[0].getsockname()[:2]
-
-    async def _close(self) -> None:
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        for task in self._talking:
-            task.cancel()
-        await asyncio.gather(*self._talking, return_exceptions=True)
-        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
-
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._talking.add(task)
-        try:
-            await self._talk(reader, writer)
-        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError):
-            pass  # the client is gone, sends what is no message, or is hung up on: nobody awaits this task
-        finally:
-            self._talking.discard(task)
-            writer.close()
+        address, _ = await self._open_now.enter_async_context(clients(self._talk, *self._place, self._tls))
+        self._place = host_and_port(address)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+from cellwatt.emulation.relay import MOST, clients, pass_on
 from cellwatt.errors import OutletError
 from cellwatt.outlet import CellView, Outlet
 
-_MOST = 65536
-_SLOW, _PAUSE = 512, 0.05
-"""Bytes, and s between two of them, of a slow peer."""
-State = Literal["well", "slow", "cut", "silent", "lies"]
+State = Literal["well", "cut", "silent", "lies"]
 
 
 class FarEnd(Protocol):
@@ -29,75 +27,37 @@ class FarEnd(Protocol):
 
 
 class Line:
-    """A TCP relay to a peer that is ``well``, ``slow``, away (``cut``), ``silent``, or ``lies``: sends garbage."""
+    """A TCP relay to a peer that is ``well``, away (``cut``), ``silent``, or ``lies``: sends garbage."""
 
     def __init__(self, target: str) -> None:
         self.address = ""
-        self._host, _, port = target.rpartition(":")
-        self._port = int(port)
+        self.talking: set[asyncio.Task[None]] = set()
+        self._target = target
         self._state: State = "well"
-        self._talking: set[asyncio.Task[None]] = set()
 
     def be(self, state: State) -> None:
         """Be that from now on; connections that are open end."""
         self._state = state
-        for task in self._talking:
+        for task in self.talking:
             task.cancel()
 
-    async def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Relay one connection."""
-        task = asyncio.current_task()
-        assert task is not None
-        self._talking.add(task)
-        try:
-            with suppress(OSError, asyncio.CancelledError):  # one end is gone: nobody awaits this task
-                await self._talk(reader, writer)
-        finally:
-            self._talking.discard(task)
-            writer.transport.abort()
-
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if self._state in ("well", "slow"):
-            at_once = _MOST if self._state == "well" else _SLOW
-            up, down = await asyncio.open_connection(self._host, self._port)
-            try:
-                pumps = [
-                    asyncio.ensure_future(pump) for pump in (_pump(reader, down, at_once), _pump(up, writer, at_once))
-                ]
-                try:
-                    await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
-                finally:
-                    for pump in pumps:
-                        pump.cancel()
-                    await asyncio.gather(*pumps, return_exceptions=True)
-            finally:
-                down.transport.abort()
-        while self._state in ("silent", "lies") and await reader.read(_MOST):
+    async def talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one connection."""
+        if self._state == "well":
+            await pass_on(reader, writer, self._target)
+        while self._state in ("silent", "lies") and await reader.read(MOST):
             if self._state == "lies":
                 writer.write(bytes(range(256)))
                 await writer.drain()
                 return
 
 
-async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, at_once: int) -> None:
-    while data := await reader.read(at_once):
-        writer.write(data)
-        await writer.drain()
-        await asyncio.sleep(0.0 if at_once == _MOST else _PAUSE)
-
-
 @asynccontextmanager
 async def line_to(peer: FarEnd) -> AsyncIterator[Line]:
     """A line to a peer, well at first."""
     line = Line(peer.address)
-    server = await asyncio.start_server(line.accept, "127.0.0.1", 0)
-    line.address = f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    try:
+    async with clients(line.talk) as (line.address, line.talking):
         yield line
-    finally:
-        server.close()
-        line.be("cut")
-        await asyncio.sleep(0.01)
 
 
 @dataclass(frozen=True)

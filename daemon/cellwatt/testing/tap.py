@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import os
-import pty
-import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
+from cellwatt.emulation.relay import MOST, clients, pass_on
+from cellwatt.emulation.terminal import raw_terminal
 from cellwatt.testing.rig import Transport
-
-_MOST = 65536
 
 
 @asynccontextmanager
@@ -28,54 +26,17 @@ async def tapped(address: str, transport: Transport) -> AsyncIterator[tuple[str,
 
 @asynccontextmanager
 async def _tcp(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
-    host, _, port = address.rpartition(":")
-    talking: set[asyncio.Task[None]] = set()
-
-    async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        talking.add(task)
+    async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         kept = bytearray()
         sent.append(kept)
-        try:
-            up, down = await asyncio.open_connection(host, int(port))
-            try:
-                await _both(_pump(reader, down, kept.extend), _pump(up, writer, lambda _: None))
-            finally:
-                down.close()
-        except (OSError, asyncio.CancelledError):
-            pass  # one end is gone, or the test is over: nobody awaits this task
-        finally:
-            talking.discard(task)
-            writer.close()
 
-    server = await asyncio.start_server(accept, "127.0.0.1", 0)
-    try:
-        yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    finally:
-        server.close()
-        for task in talking:
-            task.cancel()
-        await asyncio.gather(*talking, return_exceptions=True)
-        await asyncio.sleep(0)
+        async def see(data: bytes) -> None:
+            kept.extend(data)
 
+        await pass_on(reader, writer, address, see)
 
-async def _both(*pumps: object) -> None:
-    """Relay in both directions until one end closes."""
-    tasks = [asyncio.ensure_future(p) for p in pumps]  # type: ignore[call-overload]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, see: Callable[[bytes], None]) -> None:
-    while data := await reader.read(_MOST):
-        see(data)
-        writer.write(data)
-        await writer.drain()
+    async with clients(talk) as (place, _):
+        yield place
 
 
 class _Relay(asyncio.DatagramProtocol):
@@ -120,22 +81,20 @@ async def _pty(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
     loop = asyncio.get_running_loop()
     kept = bytearray()
     sent.append(kept)
-    master, slave = pty.openpty()
-    tty.setraw(slave)
     device = os.open(address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
     def move(source: int, target: int, see: Callable[[bytes], None]) -> None:
         with suppress(OSError):  # one end is gone; the driver sees it by itself
-            data = os.read(source, _MOST)
+            data = os.read(source, MOST)
             see(data)
             os.write(target, data)
 
-    loop.add_reader(master, move, master, device, kept.extend)
-    loop.add_reader(device, move, device, master, lambda _: None)
-    try:
-        yield os.ttyname(slave)
-    finally:
-        for fd in (master, device):
-            loop.remove_reader(fd)
-        for fd in (master, device, slave):
-            os.close(fd)
+    with raw_terminal() as (near, place):
+        loop.add_reader(near, move, near, device, kept.extend)
+        loop.add_reader(device, move, device, near, lambda _: None)
+        try:
+            yield place
+        finally:
+            loop.remove_reader(near)
+            loop.remove_reader(device)
+            os.close(device)

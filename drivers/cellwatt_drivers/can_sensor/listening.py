@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.shared.aside import opened_aside
+from cellwatt_drivers.shared.mailbox import Mailbox
 
 if TYPE_CHECKING:
     from can import BusABC, Message
@@ -41,40 +41,37 @@ class BusPlace:
 
 
 class Listening:
-    """An open bus. ``dropped`` counts frames given up because nobody took them; ``latest`` is when the newest came
-    (s, of the loop's clock).
-    """
+    """An open bus. ``latest`` is when the newest frame came, s of the loop's clock."""
 
     def __init__(self, place: BusPlace, bus: BusABC) -> None:
         self.place = place
-        self.dropped = 0
         self.latest = 0.0
         self._bus = bus
-        self._frames: deque[Message] = deque()
-        self._failure: Exception | None = None
-        self._news = asyncio.Event()
+        self._frames: Mailbox[Message] = Mailbox(MOST_WAITING)
         self._loop = asyncio.get_running_loop()
+
+    async def frames(self, seconds: float) -> list[Message]:
+        """Return frames in order; after at most ``seconds``, then perhaps none. Raises ``ConnectError``."""
+        return await self._frames.given(seconds, _MOST_AT_ONCE, BLOCK)
+
+    def take(self, message: Message) -> None:
+        """A frame came."""
+        self._frames.take(message)
+        self.latest = self._loop.time()
+
+    def fail(self, error: Exception) -> None:
+        """The bus is gone."""
+        self._frames.fail(ConnectError(f"{self.place}: {error}"))
+
+    @property
+    def dropped(self) -> int:
+        """Frames given up because nobody took them."""
+        return self._frames.dropped
 
     @property
     def malformed(self) -> int:
         """Lines of a serial adapter that were no frames."""
         return int(getattr(self._bus, "malformed", 0))
-
-    async def frames(self, seconds: float) -> list[Message]:
-        """Return frames in order; after at most ``seconds``, then perhaps none. Raises ``ConnectError``."""
-        try:
-            async with asyncio.timeout(seconds):
-                await self._news.wait()
-        except TimeoutError:
-            return []
-        await asyncio.sleep(BLOCK)
-        self._news.clear()
-        found = [self._frames.popleft() for _ in range(min(len(self._frames), _MOST_AT_ONCE))]
-        if not found and self._failure is not None:
-            raise ConnectError(f"{self.place}: {self._failure}") from self._failure
-        if self._failure is not None or self._frames:
-            self._news.set()
-        return found
 
     def drain(self) -> None:
         """Take what the bus holds; called by the loop when its descriptor can be read."""
@@ -87,20 +84,6 @@ class Listening:
         except Exception as error:  # python-can, pyserial and the system each have their own
             self._loop.remove_reader(self._bus.fileno())
             self.fail(error)
-
-    def take(self, message: Message) -> None:
-        """A frame came."""
-        if len(self._frames) >= MOST_WAITING:
-            self._frames.popleft()
-            self.dropped += 1
-        self._frames.append(message)
-        self.latest = self._loop.time()
-        self._news.set()
-
-    def fail(self, error: Exception) -> None:
-        """The bus is gone."""
-        self._failure = error
-        self._news.set()
 
 
 @asynccontextmanager

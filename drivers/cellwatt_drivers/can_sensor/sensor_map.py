@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from copy import copy
@@ -12,14 +11,15 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from cellwatt.channel import UNITS, Channel
+from cellwatt.channel import Channel
 from cellwatt.config import read_settings
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import ConfigError
 from cellwatt.files import WRITTEN, check_file
 from cellwatt.quantity import Seconds
+from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -28,25 +28,18 @@ SensorName = Literal["ivt_s"]
 SENSORS: tuple[SensorName, ...] = get_args(SensorName)
 """Packaged maps."""
 
-ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
 StreamName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Flag = Literal["clipped", "missing", "told"]
 
-_SI: dict[str, tuple[str, float]] = {unit: (unit, 1.0) for unit in UNITS} | {
-    "": ("1", 1.0), "-": ("1", 1.0), "mV": ("V", 1e-3), "kV": ("V", 1e3), "mA": ("A", 1e-3), "kA": ("A", 1e3),
-    "kW": ("W", 1e3), "Wh": ("J", 3.6e3), "kWh": ("J", 3.6e6), "%": ("1", 0.01), "deg": ("rad", math.pi / 180),
-    "°": ("rad", math.pi / 180), "deg/s": ("rad/s", math.pi / 180), "rpm": ("rad/s", math.pi / 30),
-    "1/min": ("rad/s", math.pi / 30), "°C": ("degC", 1.0), "C": ("degC", 1.0), "ms": ("s", 1e-3), "h": ("s", 3.6e3),
-    "kHz": ("Hz", 1e3), "bar": ("Pa", 1e5), "kPa": ("Pa", 1e3), "mm": ("m", 1e-3), "kN": ("N", 1e3),
-}  # fmt: skip
+_SI = SCALED | {
+    alias: SCALED[unit]
+    for unit, aliases in {"1": ("", "-"), "deg": ("°",), "rpm": ("1/min",), "degC": ("°C", "C")}.items()
+    for alias in aliases
+}
 """Units as DBC files write them, and SI units per such a unit."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
-
-
-class SensorSignal(_Part):
+class SensorSignal(MapPart):
     """A signal whose unit the DBC file does not give as it should, or a counter."""
 
     channel: ChannelName
@@ -57,7 +50,7 @@ class SensorSignal(_Part):
     """It only counts up: held, not interpolated."""
 
 
-class SensorStream(_Part):
+class SensorStream(MapPart):
     """One message and what is taken from it."""
 
     message: str
@@ -79,7 +72,7 @@ class SensorStream(_Part):
         return frozenset((*self.signals, *self.flags, *([self.counter] if self.counter else [])))
 
 
-class SensorMap(_Part):
+class SensorMap(MapPart):
     """A make of sensor."""
 
     maker: str

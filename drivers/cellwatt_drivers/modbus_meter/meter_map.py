@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Literal, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from cellwatt.channel import Channel
 from cellwatt.config import read_settings
 from cellwatt_drivers.modbus_meter.registers import LONGEST, RegisterType, Slot, WordOrder, width
+from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart, ScaledUnit
 
 MeterName = Literal[
     "eastron_sdm630",
@@ -25,37 +25,13 @@ MeterName = Literal[
 METERS: tuple[MeterName, ...] = get_args(MeterName)
 """Packaged maps."""
 
-ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
-MeterUnit = Literal[
-    "V", "kV", "A", "mA", "kA", "W", "kW", "MW", "VA", "kVA", "var", "kvar", "J", "Wh", "kWh", "MWh", "Hz", "1", "%",
-    "deg", "rad", "degC", "s", "h",
-]  # fmt: skip
 
-
-def _written(unit: object) -> object:
-    """A bare 1 is a number in YAML, and the unit of a ratio here."""
-    return "1" if type(unit) is int and unit == 1 else unit
-
-
-_SI: dict[MeterUnit, tuple[str, float]] = {
-    "V": ("V", 1.0), "kV": ("V", 1e3), "A": ("A", 1.0), "mA": ("A", 1e-3), "kA": ("A", 1e3),
-    "W": ("W", 1.0), "kW": ("W", 1e3), "MW": ("W", 1e6), "VA": ("VA", 1.0), "kVA": ("VA", 1e3),
-    "var": ("var", 1.0), "kvar": ("var", 1e3), "J": ("J", 1.0), "Wh": ("J", 3.6e3), "kWh": ("J", 3.6e6),
-    "MWh": ("J", 3.6e9), "Hz": ("Hz", 1.0), "1": ("1", 1.0), "%": ("1", 0.01), "deg": ("rad", math.pi / 180),
-    "rad": ("rad", 1.0), "degC": ("degC", 1.0), "s": ("s", 1.0), "h": ("s", 3.6e3),
-}  # fmt: skip
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
-
-
-class MeterValue(_Part):
+class MeterValue(MapPart):
     """One value of a meter."""
 
     address: int = Field(ge=0, le=65535)
     """Address of its first register on the wire, from 0; manuals that count from 1 or 40001 say one more."""
-    unit: Annotated[MeterUnit, BeforeValidator(_written)]
+    unit: ScaledUnit
     """Unit of the number, after ``scale``."""
     type: RegisterType | None = None
     """Type in which it is written; left out: the map's ``type``."""
@@ -77,7 +53,7 @@ class MeterValue(_Part):
     @property
     def factor(self) -> float:
         """SI units per unit of the number in the registers."""
-        return self.scale * _SI[self.unit][1]
+        return self.scale * SCALED[self.unit][1]
 
     @property
     def counts(self) -> bool:
@@ -89,14 +65,14 @@ class MeterValue(_Part):
 
         Powers are means over ``window`` s.
         """
-        unit = _SI[self.unit][0]
+        unit = SCALED[self.unit][0]
         averaged = window if unit in {"W", "VA", "var"} else 0.0
         return Channel(
             name, unit, "counter" if self.counts else "continuous", "hold" if unit == "J" else None, averaged
         )
 
 
-class MeterMap(_Part):
+class MeterMap(MapPart):
     """A make of meter: how its registers are read, and what stands in them."""
 
     maker: str
@@ -175,7 +151,7 @@ class MeterMap(_Part):
         """Return the value at which a counter begins anew, in SI units; ``None`` if that is not known."""
         value = self.values[name]
         if value.wraps_at is not None:
-            return value.wraps_at * _SI[value.unit][1]
+            return value.wraps_at * SCALED[value.unit][1]
         kind = value.type or self.type
         return 2.0 ** (16 * width(kind)) * value.factor if kind.startswith("uint") else None
 

@@ -22,7 +22,6 @@ from cellwatt_drivers.opc_ua.nodes import Search, Source
 from cellwatt_drivers.opc_ua.session import Access, SecurityMode, Session, open_session
 from cellwatt_drivers.opc_ua.subscribing import Subscribed, subscribe
 from cellwatt_drivers.opc_ua.tag_map import (
-    ChannelName,
     ModelName,
     Prefix,
     Tag,
@@ -32,6 +31,7 @@ from cellwatt_drivers.opc_ua.tag_map import (
     packaged_map,
 )
 from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.shared.maps import ChannelName
 from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
@@ -189,11 +189,10 @@ class OpcUaDriver(Driver[OpcUaSettings]):
                 await self._take(session, made)
 
     async def _take(self, session: Session, made: Subscribed) -> None:
-        try:
-            published = await session.feed.messages(max(self.settings.silence, 2 * made.life_sign))
-        except ConnectError as error:
-            text = str(error)
-            raise ConnectError(text if self.url in text else f"{self.url}: {text}") from error
+        silence = max(self.settings.silence, 2 * made.life_sign)
+        published = await session.feed.given(silence)
+        if not published:
+            raise ConnectError(f"{self.url}: no sign of life of the subscription for {silence:g} s")
         arrival = self.inlet.now()
         if session.feed.dropped > self._dropped:
             self.inlet.account.anomaly("messages dropped", session.feed.dropped - self._dropped)

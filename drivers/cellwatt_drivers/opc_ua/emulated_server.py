@@ -21,8 +21,8 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
-from cellwatt_drivers.opc_ua import tag_units
 from cellwatt_drivers.opc_ua.tag_map import Tag, TagMap, prefix_of
+from cellwatt_drivers.shared.maps import KNOWN
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _POLICIES = {
@@ -144,7 +144,7 @@ class EmulatedServer:
         self._server.iserver.certificate_validator = check
 
     async def _add(self, name: str, tag: Tag) -> None:
-        _, unit = tag_units.si(tag.unit)
+        _, unit = KNOWN[tag.unit]
         first = "not a number" if name == self._wrong else 0.0
         node = await (self._at_path(tag, first) if tag.path else self._with_id(tag, first))
         if name == self._wrong:

@@ -6,7 +6,6 @@ import asyncio
 import json
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,12 +14,12 @@ from pydantic import ValidationError
 
 from cellwatt.emulation import Emulator, Options, TcpPort
 from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.relay import pass_on
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.opc_ua.emulated_server import OVERFLOW, EmulatedServer, Entry
 from cellwatt_drivers.opc_ua.tag_map import TagMap, load_map, packaged_map
 
 _BAD = 0x808C_0000  # BadSensorFailure
-_CHUNK = 1 << 16
 
 
 class OpcUaEmulator(Emulator):
@@ -119,25 +118,7 @@ class OpcUaEmulator(Emulator):
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Pass on what a client and the server say, but in a stall."""
-        up, down = await asyncio.open_connection("127.0.0.1", self._server.port)
-        both = (_pass_on(reader, down, None), _pass_on(up, writer, self._flows))
-        tasks = [asyncio.create_task(one) for one in both]
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            down.close()
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, flows: asyncio.Event | None) -> None:
-    with suppress(OSError):
-        while data := await reader.read(_CHUNK):
-            if flows is not None:
-                await flows.wait()
-            writer.write(data)
-            await writer.drain()
+        await pass_on(reader, writer, f"127.0.0.1:{self._server.port}", down=lambda _: self._flows.wait())
 
 
 def _map(file: str, tags: str, namespaces: str) -> TagMap:

@@ -15,6 +15,7 @@ from cellwatt_drivers.opc_ua import tag_units
 from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen
 from cellwatt_drivers.opc_ua.session import Session
 from cellwatt_drivers.opc_ua.tag_map import Tag, prefix_of
+from cellwatt_drivers.shared.maps import KNOWN
 
 if TYPE_CHECKING:
     from asyncua import ua
@@ -189,13 +190,13 @@ class Search:
 
     def _scale(self, name: str, tag: Tag, told: Any) -> tuple[float, float]:
         """Return factor and zero to SI units; the server's own unit decides where the tag says so."""
-        si, unit = tag_units.si(tag.unit)
+        si, unit = KNOWN[tag.unit]
         given = None
         if told is not None:
             number, text = getattr(told, "UnitId", None), getattr(getattr(told, "DisplayName", None), "Text", None)
             given = tag_units.named(int(number or 0), str(text or ""))
         if given is not None and given != tag.unit:
-            its, other = tag_units.si(given)
+            its, other = KNOWN[given]
             if tag.server_unit and its == si:
                 unit = other
             elif its != si or other != unit:

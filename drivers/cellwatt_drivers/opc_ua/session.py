@@ -14,7 +14,7 @@ from cellwatt.errors import ConnectError, DeviceError
 from cellwatt_drivers.opc_ua.browse_path import Child
 from cellwatt_drivers.opc_ua.certificates import Credentials, contents, user_of
 from cellwatt_drivers.opc_ua.complaints import Complaints
-from cellwatt_drivers.opc_ua.feed import Feed
+from cellwatt_drivers.shared.mailbox import Mailbox
 
 if TYPE_CHECKING:
     from asyncua import Client, ua
@@ -25,6 +25,8 @@ R = TypeVar("R")
 
 _AT_ONCE: Final = 100
 """Nodes asked for in one request."""
+_MOST_WAITING: Final = 1000
+"""Published messages that wait for the driver."""
 _FAREWELL: Final = 0.5
 """s that the end of a session may take."""
 _RENEWED_AFTER: Final = 0.75
@@ -52,7 +54,7 @@ class Session:
 
     def __init__(self, client: Client, complaints: Complaints) -> None:
         self.complaints = complaints
-        self.feed = Feed()
+        self.feed: Mailbox[ua.PublishResult] = Mailbox(_MOST_WAITING)
         self._client = client
 
     @property

@@ -6,32 +6,22 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from cellwatt.channel import Channel, Kind
 from cellwatt.config import read_settings
 from cellwatt.config.wording import did_you_mean
 from cellwatt.quantity import Seconds
-from cellwatt_drivers.opc_ua import tag_units
 from cellwatt_drivers.opc_ua.browse_path import Step, parsed
+from cellwatt_drivers.shared.maps import KNOWN, AnyUnit, ChannelName, MapPart
 
 ModelName = Literal["opc_40010"]
-ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
 Prefix = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 Index = Annotated[int, Field(ge=0)]
 
 
-def _written(unit: object) -> object:
-    """A bare 1 is a number in YAML, and the unit of a ratio here."""
-    return "1" if type(unit) is int and unit == 1 else unit
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
-
-
-class Tag(_Part):
+class Tag(MapPart):
     """One variable of the server, or one element of an array."""
 
     node: str | None = None
@@ -41,7 +31,7 @@ class Tag(_Part):
     leads on, ``*2`` the second object by name."""
     index: Index | Annotated[tuple[Index, ...], Field(min_length=2, max_length=4)] | None = None
     """Element of an array, from 0; of an array of arrays a list, like ``[1, 0]``."""
-    unit: Annotated[str, BeforeValidator(_written)]
+    unit: AnyUnit
     """Unit of the value, after ``scale``."""
     server_unit: bool = False
     """Take the unit that the server gives (EngineeringUnits), where it is one of the same quantity, instead."""
@@ -53,15 +43,6 @@ class Tag(_Part):
     """Time that the controller averages each value over."""
     optional: bool = False
     """A server without it is read all the same."""
-
-    @field_validator("unit")
-    @classmethod
-    def _known(cls, unit: str) -> str:
-        if unit not in tag_units.NAMES:
-            raise ValueError(
-                f"{unit!r} is not a unit{did_you_mean(unit, tag_units.NAMES)} (there are: {', '.join(tag_units.NAMES)})"
-            )
-        return unit
 
     @model_validator(mode="after")
     def _one_place(self) -> Tag:
@@ -92,11 +73,11 @@ class Tag(_Part):
 
     def channel(self, name: str) -> Channel:
         """Return the channel it feeds; energies are held, not interpolated."""
-        unit = tag_units.si(self.unit)[0]
+        unit = KNOWN[self.unit][0]
         return Channel(name, unit, self.kind, "hold" if unit == "J" else None, self.window)
 
 
-class TagMap(_Part):
+class TagMap(MapPart):
     """Tags of a controller."""
 
     maker: str = ""

@@ -33,8 +33,7 @@ class UrEmulator(Emulator):
 
     Serves channels (``joint_1.position``) or RTDE columns (``actual_q_0``) of its signals; a recording is sent
     row by row at its own times with its own timestamps, whatever rate a client asks for, from the first
-    client's start on. All fields not in the signals have plausible constants. Inputs can be set up in several
-    recipes, numbered from 1, and written, without effect. Protocol version 1 is refused.
+    client's start on. All fields not in the signals have plausible constants. Protocol version 1 is refused.
 
     Options: ``polyscope`` (``5.12.0``; 3.x is a CB3 with 125 Hz) · ``at_end`` of a recording: ``pause`` sends no
     more, ``hold`` repeats the last row, ``close`` closes the connection · ``start`` of a recording: ``client``
@@ -47,9 +46,8 @@ class UrEmulator(Emulator):
     (gone for S seconds, timestamps start from 0) and ``message=TEXT`` (a text message to all clients).
 
     Counts: ``made`` is what listeners should have got since their start, also while their connection was gone;
-    ``sent`` what was written to a connection; ``inputs`` packages of inputs that fit a recipe of their client,
-    ``strange inputs`` others. A client that asks for nothing but the timestamp compares clocks: what it gets is not
-    counted, and no fault of single packages strikes it.
+    ``sent`` what was written to a connection. A client that asks for nothing but the timestamp compares clocks: what
+    it gets is not counted, and no fault of single packages strikes it.
     """
 
     title = "Universal Robots controller (RTDE)"

@@ -77,7 +77,7 @@ def refused(file: Path) -> tuple[str, float]:
 
 
 @pytest.mark.parametrize("where", ["at the top", "in a source"])
-def test_of_many_mistakes_the_first_are_told_and_how_many_there_are(cell_file: Path, where: str) -> None:
+def test_of_many_mistakes_the_first_are_told_and_that_there_are_more(cell_file: Path, where: str) -> None:
     keys = [f"k{i}" for i in range(5000)]
     if where == "at the top":
         cell_file.write_text(HEAD + "".join(f"{key}: 1\n" for key in keys))
@@ -86,7 +86,7 @@ def test_of_many_mistakes_the_first_are_told_and_how_many_there_are(cell_file: P
     said, _ = refused(cell_file)
     *told, closing = said.splitlines()
     assert [line.split("unknown key ")[1].split("'")[1] for line in told] == keys[:MOST]
-    assert closing == f"{cell_file}: and 4,980 more"
+    assert closing == f"{cell_file}: and more"
 
 
 def test_as_many_mistakes_as_are_told_need_no_closing_line(cell_file: Path) -> None:

@@ -83,7 +83,8 @@ def test_an_own_map(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place", "why"),
     [
-        ("unit: kW", "unit: horse", "7:39", "found 'horse', expected 'V'"),
+        ("unit: kW", "unit: horse", "7:39", "found 'horse': 'horse' is not a unit"),
+        ("unit: kW", "unit: degF", "7:39", "'degF' has another zero than degC"),
         ("address: 0x12", "address: -1", "8:34", "at least 0"),
         ("address: 0x12", "adress: 18", "8:25", "did you mean 'address'"),
         ("function: input", "function: coil", "4:11", "'input' or 'holding'"),

@@ -11,6 +11,7 @@ from cellwatt.errors import ConfigError
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings, tag_units
 from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen, parsed
 from cellwatt_drivers.opc_ua.tag_map import load_map, packaged_map
+from cellwatt_drivers.shared.maps import KNOWN
 
 from ..inlet import CollectingInlet
 
@@ -62,9 +63,9 @@ def test_the_servers_units_are_known_by_number_or_text(number, text, unit):
 
 
 def test_units_are_those_of_the_si():
-    assert tag_units.si("deg")[1].factor == pytest.approx(math.pi / 180)
-    assert tag_units.si("degF")[0] == "degC"
-    assert tag_units.si("kWh") == ("J", tag_units.si("kWh")[1])
+    assert KNOWN["deg"][1].factor == pytest.approx(math.pi / 180)
+    assert KNOWN["degF"][0] == "degC"
+    assert KNOWN["kWh"][0] == "J"
 
 
 def test_the_packaged_map_is_that_of_the_standard():

@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
 from cellwatt_plugins.robot.body import PER_LINK
-from cellwatt_plugins.robot.effects.gravity_tilt import turned
+from cellwatt_plugins.robot.effects.load.gravity_tilt import turned
 from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]

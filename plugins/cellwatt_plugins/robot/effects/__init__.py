@@ -1,4 +1,7 @@
-"""The physics that an arm can have beyond its description, one module each. To add an effect, write its module."""
+"""The physics that an arm can have beyond its description, one module each, by kind.
+
+To add an effect, write its module.
+"""
 
 import importlib
 import pkgutil
@@ -9,8 +12,8 @@ from cellwatt_plugins.robot.effects.friction import Friction
 
 
 def _written_here() -> list[Effect]:
-    """One of each kind of effect that a module of this folder defines, by name."""
-    modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
+    """One of each kind of effect that a module below this folder defines, by name."""
+    modules = [importlib.import_module(found.name) for found in pkgutil.walk_packages(__path__, f"{__name__}.")]
     kinds = {
         kind
         for module in modules

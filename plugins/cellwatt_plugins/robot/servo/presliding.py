@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cellwatt_plugins.robot.effects.effect import Shape
-from cellwatt_plugins.robot.effects.presliding_hysteresis import SLOW, PreslidingHysteresis
+from cellwatt_plugins.robot.effects.friction.presliding_hysteresis import SLOW, PreslidingHysteresis
 from cellwatt_plugins.robot.effects.states import States
 
 SLOWEST = 0.1

@@ -12,8 +12,8 @@ from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
-from cellwatt_plugins.robot.effects.backlash import Backlash
-from cellwatt_plugins.robot.effects.joint_elasticity import JointElasticity
+from cellwatt_plugins.robot.effects.compliance.backlash import Backlash
+from cellwatt_plugins.robot.effects.compliance.joint_elasticity import JointElasticity
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Plan, exact
 from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed

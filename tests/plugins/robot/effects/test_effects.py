@@ -9,8 +9,8 @@ from cellwatt_plugins.mismatch.fit.acceptance import OFF_SCALE
 from cellwatt_plugins.robot.curves import CURVES
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, said
-from cellwatt_plugins.robot.effects.presliding_hysteresis import dahl_state
-from cellwatt_plugins.robot.effects.thermal import warmth
+from cellwatt_plugins.robot.effects.friction.presliding_hysteresis import dahl_state
+from cellwatt_plugins.robot.effects.supply.thermal import warmth
 from tests.plugins.mismatch import plant
 
 JOINT = 1

@@ -92,7 +92,7 @@ def known(tmp_path_factory):
     """What the four know, in a copy of the plugins that has one file more."""
     folder = tmp_path_factory.mktemp("law")
     shutil.copytree(Path(cellwatt_plugins.__file__).parent, folder / "plugins" / "cellwatt_plugins")
-    (folder / "plugins/cellwatt_plugins/robot/effects/grinding_friction.py").write_text(LAW)
+    (folder / "plugins/cellwatt_plugins/robot/effects/friction/grinding_friction.py").write_text(LAW)
     paths = [folder / "plugins", ROOT, *(ROOT / part for part in ("daemon", "drivers"))]
     env = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths)), "OMP_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, "-c", SCRIPT, folder], env=env, capture_output=True, text=True, timeout=300)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.robot.effects.schedule import levels
+from cellwatt_plugins.robot.effects.load.schedule import levels
 
 STEP = 0.01
 SHORTEST = 0.4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cellwatt_plugins.robot.effects.two_mass import elastic, with_gap
+from cellwatt_plugins.robot.effects.compliance.two_mass import elastic, with_gap
 
 STEP = 0.004
 INERTIA = 2.5

@@ -10,8 +10,8 @@ import numpy as np
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
-from cellwatt_plugins.robot.effects.payload_change import inside
-from cellwatt_plugins.robot.effects.schedule import levels, switching_charge
+from cellwatt_plugins.robot.effects.load.payload_change import inside
+from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charge
 from cellwatt_plugins.robot.effects.states import States
 
 SHORTEST = 2.0

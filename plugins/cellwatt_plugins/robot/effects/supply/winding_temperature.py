@@ -11,7 +11,7 @@ from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.effects.thermal import warmth
+from cellwatt_plugins.robot.effects.supply.thermal import warmth
 
 TIME_CONSTANTS = (20.0, 50.0, 120.0, 300.0, 700.0, 1500.0)
 """s that are tried."""

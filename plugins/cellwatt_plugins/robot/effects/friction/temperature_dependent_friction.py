@@ -11,7 +11,7 @@ from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.effects.thermal import warmth
+from cellwatt_plugins.robot.effects.supply.thermal import warmth
 
 SCALES = (4.0, 7.0, 10.0, 14.0, 20.0, 35.0)
 """°C over which friction falls by e, where the temperature is recorded."""

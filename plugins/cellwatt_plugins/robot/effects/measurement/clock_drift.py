@@ -9,8 +9,8 @@ import numpy as np
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.measurement.time_delay import shifted
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.effects.time_delay import shifted
 from cellwatt_plugins.robot.motion import FAST
 
 APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))

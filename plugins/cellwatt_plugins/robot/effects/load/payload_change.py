@@ -9,8 +9,8 @@ import numpy as np
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
-from cellwatt_plugins.robot.effects.payload import HEAVY, REACH, body_parameters
-from cellwatt_plugins.robot.effects.schedule import levels, switching_charge
+from cellwatt_plugins.robot.effects.load.payload import HEAVY, REACH, body_parameters
+from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charge
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import body_prior
 from cellwatt_plugins.robot.regression import Prior

@@ -1,0 +1,1 @@
+"""Play and elasticity between drive and link."""

@@ -1,0 +1,1 @@
+"""Drives: rotors, limits, and what repeats with the motor's turn."""

@@ -1,0 +1,1 @@
+"""Loads: links, payload, gravity, springs, contacts."""

@@ -1,0 +1,1 @@
+"""Consumers of the supply's power."""
