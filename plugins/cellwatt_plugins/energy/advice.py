@@ -113,7 +113,8 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
     motion = cycle.motion
     seconds = motion.step * len(motion.power)
     rest = known.drive.fixed + resting_power(arm, known, cycle.holding)
-    fastest = max(float(np.abs(motion.velocity).max() / arm.velocity_limits.max()), float(SCALES[0]))
+    limits = np.where(arm.velocity_limits > 0, arm.velocity_limits, np.inf)
+    fastest = max(float((np.abs(motion.velocity).max(axis=0) / limits).max()), float(SCALES[0]))
     slowest = 1 + cycle.waiting / seconds if cycle.waiting > 0 else float(SCALES[-1])
     allowed = [float(s) for s in SCALES if fastest <= s <= slowest]
     if not allowed:
