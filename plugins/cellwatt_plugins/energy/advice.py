@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from cellwatt_plugins.energy.balance import Stretch, resting_power
 from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
+from cellwatt_plugins.energy.task_energy import Stretch, resting_power
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import direction, rates
 

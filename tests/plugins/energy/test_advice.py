@@ -17,7 +17,7 @@ from cellwatt_plugins.energy.advice import (
     way_energy,
     way_seconds,
 )
-from cellwatt_plugins.energy.balance import Stretch, resting_power, stored_energy
+from cellwatt_plugins.energy.task_energy import Stretch, resting_power, stored_energy
 
 
 def produced(measured, speed, repetitions=1, pause=2.0):
