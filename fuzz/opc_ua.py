@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from types import SimpleNamespace
@@ -39,14 +39,13 @@ UNREADABLE: Final = (
 
 
 @cache
-def _asked() -> tuple[Conditions, list[tuple[str, str, str]]]:
+def _asked() -> tuple[Conditions, list[Mapping[str, Any]]]:
     server: Any = SimpleNamespace()
     parent: Any = SimpleNamespace()
-    told: list[tuple[str, str, str]] = []
+    told: list[Mapping[str, Any]] = []
 
-    async def order(alarm: str, name: str, note: str) -> str | None:
-        told.append((alarm, name, note))
-        return None
+    async def order(what: Mapping[str, Any]) -> None:
+        told.append(what)
 
     conditions = Conditions(server, 4, parent, order)
     conditions._known["a1"] = _condition()
@@ -102,7 +101,7 @@ def _called(data: bytes) -> None:
     told.clear()
     answer = asyncio.run(_by_eve(conditions, event, note))
     assert answer.is_good() == bool(told)
-    assert all(isinstance(note, str) and len(note) <= 1000 for _, _, note in told)
+    assert all(isinstance(what["note"], str) and len(what["note"]) <= 1000 for what in told)
 
 
 async def _by_eve(conditions: Conditions, event: ua.Variant, note: ua.Variant) -> ua.StatusCode:

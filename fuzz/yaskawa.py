@@ -33,8 +33,8 @@ def _data(data: bytes) -> None:
         assert len(status_row(status)) == 12
     for kind in (payload.PULSE, payload.BASE):
         with suppress(ProtocolError):
-            position = payload.decode_position(data, kind)
-            assert payload.encode_position(position) == data
+            axes = payload.decode_position(data, kind)
+            assert payload.decode_position(payload.encode_position(kind, axes), kind) == axes
     with suppress(ProtocolError):
         assert payload.encode_axes(payload.decode_axes(data)) == data
     with suppress(ProtocolError):
@@ -54,8 +54,8 @@ def seeds() -> Iterable[bytes]:
     """A request and an answer of every kind."""
     contents = [
         payload.encode_status(payload.Status(payload.Mode(68), payload.State(64))),
-        payload.encode_position(payload.Position(payload.PULSE, (1, -2, 3, -4, 5, -6))),
-        payload.encode_position(payload.Position(payload.BASE, (1, -2, 3, -4, 5, -6, 7, 8), 1, 2, 3, 4)),
+        payload.encode_position(payload.PULSE, (1, -2, 3, -4, 5, -6)),
+        payload.encode_position(payload.BASE, (1, -2, 3, -4, 5, -6, 7, 8)),
         payload.encode_axes((1, -2, 3, -4, 5, -6, 7)),
         payload.encode_axis_names(("S", "L", "U", "R", "B", "T")),
         payload.encode_alarm(payload.Alarm(1020, 3, 1, "2026/01/02 03:04", "異常")),

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt_plugins.energy.clock import Offset
-from cellwatt_plugins.energy.consumers import electrical_losses, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.drive import motion_features
+from cellwatt_plugins.energy.equations import electrical_losses, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify, residual
 from cellwatt_plugins.energy.recordings import Motion, Reading, Recorded
 from cellwatt_plugins.robot import Arm

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.consumers import mean_power_shares, motion_efficiency
+from cellwatt_plugins.energy.equations import mean_power_shares, motion_efficiency
 from tests.science.test_energy_split import ELECTRONICS, TABLE_III, runs_of
 
 PERCENT = {

@@ -16,8 +16,8 @@ import pytest
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.results import Alarm, Energy
 from cellwatt_plugins.energy import advice
-from cellwatt_plugins.energy.balance import Stretch
 from cellwatt_plugins.energy.known import load_known
+from cellwatt_plugins.energy.task_energy import Stretch
 from cellwatt_plugins.robot import Arm
 from tests.system.running import Audience, free_port, running
 

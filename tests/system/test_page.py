@@ -12,7 +12,7 @@ from playwright.async_api import Page, expect
 from cellwatt.demo.cells import free_endpoint, shape_file
 from cellwatt.demo.fault import JOINT, SPRING, next_start
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.runtime.words import FILE
+from cellwatt.runtime.acknowledgements import FILE
 from tests.browser import WAIT, barriers, chromium, needs_chromium
 from tests.patience import eventually
 from tests.system.running import Audience, Daemon

@@ -113,6 +113,9 @@ def main() -> None:
         click.echo(f"cellwatt: {blank(str(error))}", err=True)
         sys.exit(EXIT_ERROR)
     except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("cellwatt"):
+            click.echo(f"cellwatt: this needs the package {error.name}: pip install 'cellwatt[all]'", err=True)
+            sys.exit(EXIT_USAGE)
         if isinstance(error, OSError) and error.errno in _FULL:
             where = error.filename or "the output"
             click.echo(f"cellwatt: {where} cannot be written: {error.strerror}", err=True)

@@ -17,13 +17,13 @@ from cellwatt.outlet import Journal
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import outlet as find_outlet
 from cellwatt.results import Alarm, Energy, Event, Result, series_of
+from cellwatt.runtime.acknowledgements import Words
 from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.watch import Watch
-from cellwatt.runtime.words import Words
 
 log = logging.getLogger(__name__)
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from cellwatt_plugins.energy.balance import Stretch, resting_power
 from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
+from cellwatt_plugins.energy.task_energy import Stretch, resting_power
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import direction, rates
 
@@ -113,7 +113,8 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
     motion = cycle.motion
     seconds = motion.step * len(motion.power)
     rest = known.drive.fixed + resting_power(arm, known, cycle.holding)
-    fastest = max(float(np.abs(motion.velocity).max() / arm.velocity_limits.max()), float(SCALES[0]))
+    limits = np.where(arm.velocity_limits > 0, arm.velocity_limits, np.inf)
+    fastest = max(float((np.abs(motion.velocity).max(axis=0) / limits).max()), float(SCALES[0]))
     slowest = 1 + cycle.waiting / seconds if cycle.waiting > 0 else float(SCALES[-1])
     allowed = [float(s) for s in SCALES if fastest <= s <= slowest]
     if not allowed:

@@ -15,8 +15,8 @@ from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
 from cellwatt_plugins.energy.clock import Offset, align
-from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.drive import Drive, motion_features
+from cellwatt_plugins.energy.equations import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest
 from cellwatt_plugins.energy.identify import (
@@ -31,7 +31,7 @@ from cellwatt_plugins.energy.identify import (
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.energy.repetitions import Repetition, find_repetitions
 from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
-from cellwatt_plugins.energy.runs import Learnt, Whole, run_energy
+from cellwatt_plugins.energy.run_energy import Learnt, Whole, run_energy
 from cellwatt_plugins.energy.split import edges, total_energy
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.accumulate import Accumulated

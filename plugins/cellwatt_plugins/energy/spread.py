@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power
-from cellwatt_plugins.energy.follow import Level, brake_slope
+from cellwatt_plugins.energy.electronics import Level, brake_slope
 from cellwatt_plugins.energy.known import Known
 
 Float = NDArray[np.float64]

@@ -20,7 +20,7 @@ from cellwatt.results import Alarm, Energy, Interval, Result, Severity, Task
 from cellwatt.stage import CellInfo, Stage, StageSettings
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.energy.balance import Stretch, TaskEnergy
+    from cellwatt_plugins.energy.task_energy import Stretch, TaskEnergy
 
 
 LONGEST = 600 * 10**9
@@ -69,7 +69,7 @@ class EnergyStage(Stage[EnergySettings]):
         super().__init__(name, settings, layout, cell)
         try:
             from cellwatt_plugins.energy.drive import MOTOR
-            from cellwatt_plugins.energy.follow import at_campaign
+            from cellwatt_plugins.energy.electronics import at_campaign
             from cellwatt_plugins.energy.known import load_known
             from cellwatt_plugins.robot import Arm
         except ModuleNotFoundError as error:
@@ -145,7 +145,7 @@ class EnergyStage(Stage[EnergySettings]):
 
         Power is taken ``late`` ns later than the rest.
         """
-        from cellwatt_plugins.energy.balance import Stretch
+        from cellwatt_plugins.energy.task_energy import Stretch
 
         first, last = np.searchsorted(self._time, [start, end + late])
         values = self._values[first:last]
@@ -169,13 +169,13 @@ class EnergyStage(Stage[EnergySettings]):
         stretch = self._stretch(interval.start + self._late, interval.end)
         if stretch is None:
             return
-        from cellwatt_plugins.energy.follow import followed
+        from cellwatt_plugins.energy.electronics import followed
 
         torque, power = stretch.torque.mean(axis=0), float(stretch.power.mean())
         self._level = followed(self._level, self._arm, self._known, torque, power)
 
     def _split(self, task: Task) -> list[Result]:
-        from cellwatt_plugins.energy.balance import task_energy
+        from cellwatt_plugins.energy.task_energy import task_energy
 
         before = self._last.get(task.name)
         self._last[task.name] = task

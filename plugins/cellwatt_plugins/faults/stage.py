@@ -16,9 +16,9 @@ from cellwatt.quantity import Fraction, Radians, Watts
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
-from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
-from cellwatt_plugins.faults.interval_alarms import IntervalAlarms
-from cellwatt_plugins.faults.judge import Judge, Rules
+from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
+from cellwatt_plugins.faults.intervals.alarms import IntervalAlarms
+from cellwatt_plugins.faults.intervals.judge import Judge, Rules
 from cellwatt_plugins.faults.reference import columns_of, load
 from cellwatt_plugins.faults.trace import Trace
 

@@ -270,6 +270,18 @@ def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
     assert "Traceback (most recent call last)" in Path(file.strip().removesuffix(")")).read_text()
 
 
+def test_a_package_that_a_command_misses_while_it_runs_is_named(
+    call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def need(*_: object) -> None:
+        raise ModuleNotFoundError("No module named 'scipy.special'", name="scipy.special")
+
+    monkeypatch.setattr("cellwatt.commands.check.load", need)
+    ended = call("check", cell)
+    assert ended.code == USAGE
+    assert ended.err == "cellwatt: this needs the package scipy.special: pip install 'cellwatt[all]'\n"
+
+
 def test_the_traceback_of_a_mistake_of_ours_on_request(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CELLWATT_TRACEBACK", "1")
     broken(monkeypatch)

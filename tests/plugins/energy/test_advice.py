@@ -17,7 +17,7 @@ from cellwatt_plugins.energy.advice import (
     way_energy,
     way_seconds,
 )
-from cellwatt_plugins.energy.balance import Stretch, resting_power, stored_energy
+from cellwatt_plugins.energy.task_energy import Stretch, resting_power, stored_energy
 
 
 def produced(measured, speed, repetitions=1, pause=2.0):
@@ -61,6 +61,20 @@ def test_faster_where_the_next_cycle_follows_at_once(measured, arm_and_known):
     assert advice.kind == "faster"
     faster = moving(produced(measured, 300.0))
     assert advice.saving > 0.9 * (slow.power.sum() - faster.power.sum()) / RATE > 0
+
+
+def test_no_joint_is_advised_beyond_its_own_velocity(measured, arm_and_known):
+    arm, known = arm_and_known
+    slow = moving(produced(measured, 150.0))
+    tops = np.abs(slow.velocity).max(axis=0)
+    least = int(np.argmin(tops))
+    joints = [
+        joint.model_copy(update={"velocity_limit": float(top) if i == least else 100.0})
+        for i, (joint, top) in enumerate(zip(arm.description.joints, tops, strict=True))
+    ]
+    limited = replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
+    advice = speed_advice(limited, known, Cycle(slow, 0.0))
+    assert advice.setting["motion_s"] >= len(slow.power) / RATE
 
 
 def test_brakes_save_their_power_and_the_holding(measured, arm_and_known):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.balance import Stretch, task_energy
 from cellwatt_plugins.energy.clock import Offset
 from cellwatt_plugins.energy.drive import motion_features
 from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify, residual
 from cellwatt_plugins.energy.known import Known
+from cellwatt_plugins.energy.task_energy import Stretch, task_energy
 from tests.science.test_energy_split import DATA, recorded_ur3e
 
 pytestmark = pytest.mark.skipif(

@@ -9,11 +9,11 @@ from energy.live import RATE
 from energy.plant import production
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.energy.balance import Stretch, task_energy
 from cellwatt_plugins.energy.drive import features
-from cellwatt_plugins.energy.follow import at_campaign, followed
+from cellwatt_plugins.energy.electronics import at_campaign, followed
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.spread import GROUPS, group_slopes
+from cellwatt_plugins.energy.task_energy import Stretch, task_energy
 from cellwatt_plugins.robot import Arm
 
 DRAWS = 4000

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
 from cellwatt.results import Alarm
-from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.known import Known, restored
 from cellwatt_plugins.faults.cycles.live import CycleWatch, Told
 from cellwatt_plugins.faults.reference import Reference

@@ -12,7 +12,7 @@ from cellwatt.report import Bars, Block, Card, Columns, Folded, Html, Notes, Tab
 from cellwatt.report.blocks import bar, bold, inline
 from cellwatt.report.numbers import capital, decimals_for, fixed, listed, measured, times, unit
 from cellwatt_plugins.mismatch.fit.solution import Trial
-from cellwatt_plugins.mismatch.report import words
+from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.verdict.findings import (
     ChannelFit,
     Finding,
@@ -41,7 +41,7 @@ def tiles(fit: Sequence[ChannelFit]) -> list[Tile]:
         if known:
             worst, channel = max(known)
             middle = f"; median of all {times(float(np.median([r for r, _ in known])))}" if len(known) > 1 else ""
-            out.append(Tile(label, times(worst), words.channel_name(channel) + middle, key))
+            out.append(Tile(label, times(worst), wording.channel_name(channel) + middle, key))
     return out
 
 
@@ -54,7 +54,7 @@ def found(findings: Findings) -> list[Block]:
 
 def _finding_card(finding: Finding) -> Card:
     """One finding: what, how much, how sure, where, how much better, and what else it could be."""
-    unknown = finding.effect == words.UNKNOWN
+    unknown = finding.effect == wording.UNKNOWN
     kind = "value is off" if finding.kind == "mistuned" else "missing from the simulation"
     rows = [
         (name.replace("_", " "), inline(bold(measured(p.value, p.std)), " ", unit(p.unit)))
@@ -62,10 +62,10 @@ def _finding_card(finding: Finding) -> Card:
     ]
     left: list[Block] = [Table("Parameters", (), rows)] if rows else []
     right = [_remains(finding.improvement)] if not finding.followed else _improvement(finding.improvement)
-    others = [inline(bold(capital(words.named(o))), ": ", o.why) for o in finding.alternatives]
+    others = [inline(bold(capital(wording.named(o))), ": ", o.why) for o in finding.alternatives]
     more: list[Block] = [Html("<h4>Could also be</h4>"), Notes(others)] if others else []
     blocks = [finding.statement, Columns([*left, *_where(finding.where, finding.improvement.unit)], right), *more]
-    title, sure = capital(words.named(finding)), words.confidence(finding.confidence)
+    title, sure = capital(wording.named(finding)), wording.confidence(finding.confidence)
     return Card(title, blocks, "not explained" if unknown else kind, sure, "open" if unknown else finding.kind)
 
 
@@ -74,7 +74,7 @@ def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> Card:
     place = Where((rest.channel,), rest.position, rest.velocity)
     columns = Columns(_where(place, symbol), [Bars([("remains", "model", rest.rms)], symbol, rest.noise_floor)])
     aside = f"{times(_ratio(rest.rms, rest.noise_floor))} the noise"
-    title = capital(words.channel_name(rest.channel))
+    title = capital(wording.channel_name(rest.channel))
     tag = "not explained" if rest.looked_at else "not looked at"
     return Card(title, [rest.statement, columns], tag, aside, "open")
 
@@ -82,16 +82,16 @@ def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> Card:
 def _where(where: Where, symbol: str) -> list[Block]:
     """Channels, velocity, position and times; ``symbol`` is the unit of the main channel, N of a linear axis."""
     linear = symbol == "N"
-    parts = [words.channel_name(c) for c in where.channels[:3]]
+    parts = [wording.channel_name(c) for c in where.channels[:3]]
     more = len(where.channels) - len(parts)
     texts = [listed(parts) + (f" and {more} more" if more else "")] if parts else []
-    texts += [f"at {words.between(where.velocity, 'm/s' if linear else 'rad/s')}"] if where.velocity else []
+    texts += [f"at {wording.between(where.velocity, 'm/s' if linear else 'rad/s')}"] if where.velocity else []
     texts += (
-        [f"at {words.between(where.position, 'm') if linear else words.degrees(where.position)}"]
+        [f"at {wording.between(where.position, 'm') if linear else wording.degrees(where.position)}"]
         if where.position
         else []
     )
-    texts += [f"in {words.moments(where.times)}"] if where.times else []
+    texts += [f"in {wording.moments(where.times)}"] if where.times else []
     return [Html(f"<p>{inline(bold('Where'), ' ', '; '.join(texts))}</p>")] if texts else []
 
 
@@ -102,7 +102,7 @@ def _improvement(gain: Improvement) -> list[Block]:
     closed = (gain.before - gain.after) / span if span > 0 else math.nan
     outcome = f"{_share(closed)} of the error beyond the noise is gone. " if math.isfinite(closed) else ""
     outcome = "Worse with it. " if gain.after > gain.before else outcome
-    channel = capital(words.channel_name(gain.channel))
+    channel = capital(wording.channel_name(gain.channel))
     return [
         bars,
         quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers as they are.")),
@@ -140,7 +140,7 @@ def _fit_row(fit: ChannelFit, top: float) -> list[str]:
     line = f'<u style="left:{low:.1f}%;width:{high - low:.1f}%"></u>' if known else ""
     values = [fixed(v, digits) for v in (fit.simulation, fit.refit, fit.model, fit.noise_floor)]
     scale = Html(f'<div class="scale dots" style="--one:{_place(1.0, top):.1f}%">{line}{dots}</div>')
-    return [capital(words.channel_name(fit.channel)), *values, unit(fit.unit), scale]
+    return [capital(wording.channel_name(fit.channel)), *values, unit(fit.unit), scale]
 
 
 def _place(ratio: float, top: float) -> float:
@@ -167,7 +167,7 @@ def _others(some: Sequence[Other]) -> Table:
         error = f"{fixed(other.error, decimals_for(other.usual))} {unit(other.unit)}"
         state = Html(f"<span class=tag>{'explained' if other.explained else 'differs'}</span>")
         ratio = times(_ratio(other.error, other.usual))
-        rows.append([other.recording, capital(words.channel_name(other.channel)), error, ratio, state])
+        rows.append([other.recording, capital(wording.channel_name(other.channel)), error, ratio, state])
     kinds = ["kept" if other.explained else "refused" for other in some]
     return Table(
         "Other recordings", ("recording", "channel furthest off", "error, rms", "of the usual", ""), rows, kinds
@@ -195,6 +195,6 @@ def _trials(some: Sequence[Trial], top: float) -> Table:
         share = bar(math.log1p(max(gain, 0)) / math.log1p(top))
         state = Html(f"<span class=tag>{'kept' if trial.kept else 'refused'}</span>")
         nats = fixed(trial.gain, 0 if abs(gain) >= 10 else 1)
-        rows.append([capital(words.named(trial)), share, nats, state, trial.why])
+        rows.append([capital(wording.named(trial)), share, nats, state, trial.why])
     kinds = ["kept" if trial.kept else "refused" for trial in some]
     return Table("Candidates", ("candidate", "", "evidence, nats", "", "why"), rows, kinds)

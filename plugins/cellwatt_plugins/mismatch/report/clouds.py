@@ -13,7 +13,7 @@ from cellwatt.report.figure import Json
 from cellwatt.report.numbers import unit
 from cellwatt.report.theme import CURVE, FOUND, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.mismatch.input.run import Bool, Float
-from cellwatt_plugins.mismatch.report import words
+from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.report.trace import Trace, joint_of, mechanical_power, root, unroot
 from cellwatt_plugins.mismatch.verdict.findings import Where
 
@@ -41,7 +41,7 @@ def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | Non
     )
     symbol = unit(next(t.units[t.channels.index(channel)] for t in traces if channel in t.channels))
     panels = [_panel(axis, before, after, added, floor, symbol) for axis in _axes(traces, channel, where)]
-    label = f"Difference of {words.channel_name(channel)} against what drives it, before and after the model"
+    label = f"Difference of {wording.channel_name(channel)} against what drives it, before and after the model"
     return Figure(label, [panels], (246,), "y")
 
 

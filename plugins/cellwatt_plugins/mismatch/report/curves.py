@@ -10,7 +10,7 @@ from cellwatt.report import Axis, Figure, Panel
 from cellwatt.report.drawing import band, curve, stretch
 from cellwatt.report.numbers import capital, decimals_for, unit
 from cellwatt.report.theme import FOUND, MEASURED, MODEL, NOISE, SIMULATION
-from cellwatt_plugins.mismatch.report import words
+from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.report.trace import Trace, telling_stretch
 from cellwatt_plugins.mismatch.verdict.findings import Span
 from cellwatt_plugins.robot.stretches import stretches
@@ -49,7 +49,7 @@ def draw(trace: Trace, channel: str, floor: float, found: Sequence[Span], points
     mine = [s for s in found if s.recording == trace.name][:MOST_MARKS]
     edges = [stretch(s.start, s.end, FOUND, 1.0, (0.97, 1.0)) for s in mine]
     rows = [[Panel(upper, x, y, held)], [Panel(lower, x, y, [*marks, *held, *edges])]]
-    label = f"{capital(words.channel_name(channel))} in {trace.name} over time, and what is left of the difference"
+    label = f"{capital(wording.channel_name(channel))} in {trace.name} over time, and what is left of the difference"
     return Figure(label, rows, (190, 118), "x", layout={"hovermode": "x unified"}, when=("run", run))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from cellwatt.report import Bars, Block, Folded, Section, Table
 from cellwatt.report.numbers import capital, decimals_for, fixed, measured, number, unit
-from cellwatt_plugins.mismatch.report import words
+from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.verdict.findings import Finding, Findings, Retuned, Step
 
 LEAD = (
@@ -56,7 +56,7 @@ def number_rows(findings: Findings) -> list[NumberRow]:
 
 
 def _found(finding: Finding) -> Iterator[NumberRow]:
-    name = capital(words.named(finding))
+    name = capital(wording.named(finding))
     remark = "off beyond its tolerance" if finding.kind == "mistuned" else "missing"
     for i, (word, parameter) in enumerate(finding.parameters.items()):
         symbol, known = unit(parameter.unit), finding.was if i == 0 else None
@@ -83,7 +83,7 @@ def _retuned(moved: Retuned) -> NumberRow:
     symbol = unit(moved.unit)
     allowed = "beyond" if moved.beyond else "within"
     return NumberRow(
-        capital(f"{words.effect_name(name)}{place}"),
+        capital(f"{wording.effect_name(name)}{place}"),
         f"{number(moved.was)} {symbol}",
         f"{measured(moved.now, moved.std)} {symbol}",
         f"retuned {allowed} your ± {number(moved.tolerance, 2)} {symbol}",
@@ -94,14 +94,14 @@ def label(step: Step, first: bool) -> str:
     """A step as the page names it: the simulation, then what is added to it."""
     if step.kind == "finding" and step.effect:
         place = "" if step.joint is None else f" of joint {step.joint}"
-        return f"+ {words.effect_name(step.effect)}{place}"
+        return f"+ {wording.effect_name(step.effect)}{place}"
     return capital(step.label) if first else f"+ {step.label}"
 
 
 def _channels(findings: Findings) -> Table:
     """Rms error of each channel after each step, in its own unit."""
     fit = [f for f in findings.fit if f.channel in findings.cascade[0].channels]
-    heads = [f"{words.channel_name(f.channel)}, {unit(f.unit)}" for f in fit]
+    heads = [f"{wording.channel_name(f.channel)}, {unit(f.unit)}" for f in fit]
     digits = [decimals_for(f.noise_floor) for f in fit]
     rows = [
         [label(step, i == 0), *(fixed(step.channels[f.channel], d) for f, d in zip(fit, digits, strict=True))]

@@ -8,7 +8,7 @@ import numpy as np
 
 from cellwatt.report import Block, Folded, Section, Switch, heading
 from cellwatt.report.numbers import capital
-from cellwatt_plugins.mismatch.report import clouds, curves, heat, words
+from cellwatt_plugins.mismatch.report import clouds, curves, heat, wording
 from cellwatt_plugins.mismatch.report.trace import Trace, worst_first
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Span, Where
 
@@ -33,7 +33,7 @@ def sections(findings: Findings, traces: Sequence[Trace], floors: dict[str, floa
         blocks: list[Block] = []
         for c in first[:MOST_CLOUDS]:
             cloud = clouds.draw(traces, c, floors[c], _where(findings, c))
-            blocks += [heading(capital(words.channel_name(c))), cloud]
+            blocks += [heading(capital(wording.channel_name(c))), cloud]
         drawn.append(Section("What the difference follows", blocks, FOLLOWED))
     return drawn
 
@@ -55,7 +55,7 @@ def _over_time(findings: Findings, traces: Sequence[Trace], floors: dict[str, fl
         spans = _spans(findings, channel)
         runs = [(i, t) for i, t in enumerate(shown) if channel in t.channels]
         drawn = [curves.draw(t, channel, floors[channel], spans, points, i) for i, t in runs]
-        parts.append(Folded(capital(words.channel_name(channel)), drawn, channel in first))
+        parts.append(Folded(capital(wording.channel_name(channel)), drawn, channel in first))
     lead = _time_lead(traces, shown, any(f.where.times for f in findings.findings))
     return Section("Measured, simulation and model over time", [Switch("run", [t.name for t in shown]), *parts], lead)
 

@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.report import Html, Notes, Provenance, Report, Section
 from cellwatt.report.page import Tone
 from cellwatt_plugins.mismatch.input.run import Float
-from cellwatt_plugins.mismatch.report import cards, falls, figures, words
+from cellwatt_plugins.mismatch.report import cards, falls, figures, wording
 from cellwatt_plugins.mismatch.report.trace import Trace
 from cellwatt_plugins.mismatch.verdict.findings import Findings
 
@@ -42,7 +42,7 @@ def report(
         name=robot,
         subject="simulation and recordings",
         facts=_facts(traces, len(findings.others)),
-        verdict=words.verdict(findings),
+        verdict=wording.verdict(findings),
         tone=TONES[findings.verdict],
         badge=findings.verdict.replace("_", " "),
         tiles=cards.tiles(findings.fit),

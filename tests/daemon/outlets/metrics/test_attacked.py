@@ -9,7 +9,9 @@ from pathlib import Path
 import aiohttp
 
 from cellwatt.errors import OutletError
+from cellwatt.outlets.metrics.outlet import MetricsOutlet
 from tests.daemon.outlets.metrics.cell import health, outlet_of
+from tests.doing import doing
 from tests.patience import eventually
 
 
@@ -20,8 +22,13 @@ def descriptors() -> int:
 async def test_strangers_cost_the_daemon_nothing() -> None:
     outlet = outlet_of(token="t0p")
     outlet.health(health())
-    running = asyncio.create_task(outlet.run())
-    await eventually(lambda: outlet.url or running.done())
+    async with doing(outlet.run(), allowed=(OutletError,)):
+        await eventually(lambda: outlet.url)
+        await attacked(outlet)
+    assert outlet.url is None
+
+
+async def attacked(outlet: MetricsOutlet) -> None:
     assert outlet.url is not None
     host, port = outlet.url.removeprefix("http://").split(":")
     before = descriptors()
@@ -52,7 +59,3 @@ async def test_strangers_cost_the_daemon_nothing() -> None:
             writer.close()
             with suppress(OSError):
                 await writer.wait_closed()
-        running.cancel()
-        with suppress(asyncio.CancelledError, OutletError):
-            await running
-    assert outlet.url is None

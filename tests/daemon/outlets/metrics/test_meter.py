@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.outlets.metrics.catalogue import CATALOGUE, LABELS
-from cellwatt.outlets.metrics.outlet import Lives, Meter, Ratchet
+from cellwatt.outlets.metrics.outlet import Meter
 from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, source
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH
 
@@ -21,17 +21,6 @@ def meter_of(most: int = 200, channels: tuple[str, ...] = ("*",)) -> Meter:
 
 def told(meter: Meter, metric: str) -> dict[tuple[str, ...], float]:
     return dict(meter.samples()[f"cellwatt_{metric}"])
-
-
-def test_a_count_that_begins_anew_goes_on() -> None:
-    ratchet = Ratchet()
-    assert [ratchet.total("a", value) for value in (3, 5, 1, 2, 0)] == [3, 5, 6, 7, 7]
-
-
-def test_within_a_life_the_highest_counts() -> None:
-    ratchet = Ratchet()
-    shown = [ratchet.total("a", value, life) for value, life in ((4, 1), (3, 1), (5, 1), (2, 2))]
-    assert shown == [4, 4, 5, 7]
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 1000), st.integers(0, 50)), max_size=50))
@@ -64,12 +53,6 @@ def test_a_source_begun_anew_adds_to_what_was_lost_before() -> None:
     meter.health(health(collect=2, sources={"arm": source(10, {"gap": 5})}))  # same process, made anew by a reload
     assert told(meter, "samples_missed") == {("arm", "gap"): 15.0}
     assert told(meter, "samples_received") == {("arm",): 2010.0}
-
-
-def test_lives_end_with_their_process_or_their_count() -> None:
-    lives = Lives()
-    seen = [lives.life("a", *step) for step in ((1, 5.0), (1, 6.0), (2, 7.0), (2, 1.0))]
-    assert seen[0] == seen[1] < seen[2] < seen[3]
 
 
 def test_power_is_that_of_the_newest_frame_in_watts_alone() -> None:

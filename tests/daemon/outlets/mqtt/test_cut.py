@@ -18,10 +18,12 @@ from cellwatt import Task
 from cellwatt.errors import OutletError
 from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, free_port, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import ROOT, STEP, Cell, alarm, outlet_of, serving
+from tests.daemon.outlets.mqtt.wire import command
 from tests.patience import eventually, wait_until
 
 pytestmark = needs_mosquitto
 BIRTH_DEATH = ("NBIRTH", "NDEATH")
+BIRTH = "spBv1.0/plant-1/NBIRTH/weld-3"
 LIVE, PAST = f"{ROOT}/frame", f"{ROOT}/backfill/frame"
 
 
@@ -272,6 +274,18 @@ async def test_health_says_what_is_waited_for(broker: Broker) -> None:
     assert outlet.trouble() == "channels: no channel of the frames fits door.*"
     async with serving(outlet, cell):
         await eventually(lambda: "scada is not online" in (outlet.trouble() or ""), "the host is missing")
+
+
+async def test_births_that_are_asked_for_in_a_row_are_merged(broker: Broker) -> None:
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url, format="sparkplug")
+    async with ears(broker, BIRTH) as host, serving(outlet, cell):
+        await host.until(BIRTH)
+        for _ in range(100):
+            await host.say("spBv1.0/plant-1/NCMD/weld-3", command("Node Control/Rebirth", True))
+        await eventually(lambda: outlet.account.counters["rebirths merged"] >= 90, "what was asked for")
+        await host.until(BIRTH, 2)
+        assert len(host.of(BIRTH)) + outlet.account.counters["rebirths merged"] <= 101
 
 
 async def test_a_outlet_with_new_settings_goes_on_where_the_one_before_ended(broker: Broker, tmp_path: Path) -> None:

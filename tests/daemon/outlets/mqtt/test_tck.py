@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ import pytest
 from cellwatt import Task
 from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import Cell, alarm, outlet_of, serving
-from tests.daemon.outlets.mqtt.wire import CONNECT, DISCONNECT, PUBLISH, SUBSCRIBE, Packet, Tap, command, tapped
+from tests.daemon.outlets.mqtt.wire import CONNECT, DISCONNECT, PUBLISH, SUBSCRIBE, Packet, Tap, command
 from tests.patience import eventually
 
 pytestmark = needs_mosquitto
@@ -50,10 +50,10 @@ class Scene(NamedTuple):
         return [(p, m) for p in self.of(*BIRTHS, *DATA) for m in p.body["metrics"]]
 
 
-async def _scene(broker: Broker, folder: Path) -> Scene:
+async def _scene(tap: Tap, broker: Broker, folder: Path) -> Scene:
     cell = Cell(folder)
     marks: dict[str, int] = {}
-    async with tapped(broker.port) as tap, ears(broker, "nothing") as host:
+    async with ears(broker, "nothing") as host:
         outlet = outlet_of(cell, tap.url, format="sparkplug", sparkplug={"primary_host": "scada"}, backfill="1 kHz")
 
         async def state(online: bool, timestamp: int) -> None:
@@ -72,22 +72,16 @@ async def _scene(broker: Broker, folder: Path) -> Scene:
             await eventually(lambda: tap.verbs().count("DDATA") >= 600, "much data")
             await eventually(lambda: not outlet._outbox.rows, "sent")
             await _loses_its_host(tap, outlet, cell, state, marks)
-            tap.cut()
+            await asyncio.to_thread(tap.cut)
             await eventually(lambda: not outlet._outbox.serving, "the cut is noticed")
             outlet.offer(cell.frames(20))
-            tap.mend()
+            tap.restore()
             await eventually(lambda: len(tap.streams) > marks["streams"] and outlet._outbox.serving, "back")
             outlet.offer(cell.frames(150))
             await eventually(lambda: not outlet._cursor.owed and not outlet._outbox.rows, "all is filled")
         await eventually(lambda: tap.said()[-1].kind == DISCONNECT, "good-bye")
         cell.close()
-        return Scene([list(_packets(tap, i)) for i in range(len(tap.streams))], marks)
-
-
-def _packets(tap: Tap, i: int) -> Iterator[Packet]:
-    from tests.daemon.outlets.mqtt.wire import packets
-
-    return packets(bytes(tap.streams[i]))
+        return Scene(tap.connections, marks)
 
 
 async def _settled(tap: Tap, host: Ears) -> int:
@@ -144,7 +138,7 @@ async def _loses_its_host(tap: Tap, outlet: Any, cell: Cell, state: Any, marks: 
     await asyncio.sleep(0.1)
     marks["births of the second connection without the host"] = tap.verbs().count("NBIRTH")
     await state(True, T0 + 3)
-    await eventually(lambda: outlet._outbox.serving, "back")
+    await eventually(lambda: any(p.verb == "DBIRTH" for p in tap.connections[-1]), "back")
     marks["streams"] = len(tap.streams)
 
 
@@ -154,7 +148,8 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     broker = Broker(folder)
     broker.start()
     try:
-        return asyncio.run(_scene(broker, folder))
+        with Tap(broker.port) as tap:
+            return asyncio.run(_scene(tap, broker, folder))
     finally:
         broker.kill()
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import struct
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
+
+from tests.daemon.outlets.zenoh.processes import Link
 
 CONNECT, PUBLISH, SUBSCRIBE, DISCONNECT = 1, 3, 8, 14
 MAY_BE_SIGNED = 1 << 63
@@ -196,68 +196,19 @@ def command(name: str, value: bool, alias: int | None = None) -> bytes:
 # the wire -----------------------------------------------------------------------------------------
 
 
-@dataclass
-class Tap:
+class Tap(Link):
     """A line to a broker that can be cut; hears what the client says, all connections in order."""
-
-    port: int = 0
-    streams: list[bytearray] = field(default_factory=list)
-    up: bool = True
-    writers: list[asyncio.StreamWriter] = field(default_factory=list)
 
     @property
     def url(self) -> str:
         return f"mqtt://127.0.0.1:{self.port}"
 
+    @property
+    def connections(self) -> list[list[Packet]]:
+        return [list(packets(bytes(stream))) for stream in self.streams]
+
     def said(self) -> list[Packet]:
-        return [packet for stream in self.streams for packet in packets(bytes(stream))]
+        return [packet for connection in self.connections for packet in connection]
 
     def verbs(self) -> list[str]:
         return [p.verb for p in self.said() if p.kind == PUBLISH]
-
-    def cut(self) -> None:
-        """End all connections, and take none."""
-        self.up = False
-        for writer in self.writers:
-            writer.transport.abort()
-        self.writers.clear()
-
-    def mend(self) -> None:
-        self.up = True
-
-
-@asynccontextmanager
-async def tapped(port: int) -> AsyncIterator[Tap]:
-    tap = Tap()
-
-    async def carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, heard: bytearray | None) -> None:
-        with suppress(OSError):
-            while data := await reader.read(1 << 16):
-                if heard is not None:
-                    heard += data
-                writer.write(data)
-                await writer.drain()
-            writer.close()
-
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if not tap.up:
-            writer.transport.abort()
-            return
-        there, onward = await asyncio.open_connection("127.0.0.1", port)
-        tap.writers += [writer, onward]
-        tap.streams.append(bytearray())
-        try:
-            await asyncio.gather(carry(reader, onward, tap.streams[-1]), carry(there, writer, None))
-        finally:
-            for end in (writer, onward):
-                end.transport.abort()
-
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    tap.port = server.sockets[0].getsockname()[1]
-    try:
-        yield tap
-    finally:
-        server.close()
-        tap.cut()
-        await asyncio.sleep(0.02)
-        await server.wait_closed()

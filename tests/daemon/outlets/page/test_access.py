@@ -351,7 +351,7 @@ async def test_over_tls_the_browser_is_bound_to_it(tmp_path: Path, certificates:
 def test_names_of_a_certificate_are_names_of_the_page(certificates: Path) -> None:
     assert "localhost" in names_in(certificates / "cell")
     assert names_in(None) == ()
-    assert names_in(certificates / "san") == ()
+    assert names_in(certificates / "cell.key") == ()
 
 
 async def test_a_password_is_in_no_answer_and_no_log(

@@ -10,7 +10,6 @@ Health goes out each 0.2 s.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -23,6 +22,7 @@ from cellwatt.record import Header, History, Recorder, RecordSettings
 from cellwatt.results import Event, Result
 from cellwatt.ring import Ring, RingJournal
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames, task
+from tests.doing import doing
 from tests.patience import PATIENCE
 
 FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH, TASKS_OF_A_FLUSH = 10, 500, 100
@@ -149,16 +149,11 @@ def say(what: Any) -> None:
 
 async def main() -> None:
     cell = Cell(json.loads(sys.argv[1]))
-    serving = asyncio.create_task(cell.outlet.run())
-    beating = asyncio.create_task(cell.beat())
-    say("ready")
     try:
-        await cell.obey()
+        async with doing(cell.outlet.run(), cell.beat()):
+            say("ready")
+            await cell.obey()
     finally:
-        for task in (beating, serving):
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
         if cell.recorded is not None:
             await cell.recorded.recorder.close()
         say({"account": cell.outlet.account.snapshot()})

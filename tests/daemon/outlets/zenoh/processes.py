@@ -88,12 +88,17 @@ class Child:
 
 
 class Link:
-    """A TCP relay from a port of its own to ``target``, which can be cut (``hang``: without anybody being told)."""
+    """A TCP relay from a port of its own to ``target``, which can be cut (``hang``: without anybody being told).
+
+    ``streams`` has what was said to it, connection by connection.
+    """
 
     def __init__(self, target: int) -> None:
         self._target = target
         self._server = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._server.getsockname()[1]
+        self.streams: list[bytearray] = []
+        self._heard: dict[socket.socket, bytearray] = {}
         self._pairs: dict[socket.socket, socket.socket] = {}
         self._up = True
         self._hanging = False
@@ -149,11 +154,14 @@ class Link:
             near.close()
             return
         self._pairs |= {near: far, far: near}
+        self._heard[near] = bytearray()
+        self.streams.append(self._heard[near])
 
     def _forward(self, source: socket.socket) -> None:
         try:
             data = source.recv(65536)
             if data:
+                self._heard.get(source, bytearray()).extend(data)
                 self._pairs[source].sendall(data)
                 return
         except OSError:

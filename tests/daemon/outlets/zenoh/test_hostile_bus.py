@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from typing import Any
 
@@ -81,51 +81,23 @@ async def only_the_truth(cell: Cell, subscriber: Subscriber, first: int) -> None
     assert subscriber.counts["duplicates"] == 0
 
 
-def forge(what: str, stranger: Stranger, numbering: int) -> None:
-    """One message of somebody who knows where the cell is: ``numbering`` is that of its results."""
-    match what:
-        case "a session in the future":
-            stranger.raw(FUTURE, 0)
-        case "a session in the future, far on":
-            stranger.raw(FUTURE, LEAP)
-        case "a session in the past":
-            stranger.raw(EPOCH - 10**15, 3)
-        case "a leap of a million samples":
-            stranger.raw(EPOCH, LEAP)
-        case "a leap to the end of numbers":
-            stranger.raw(EPOCH, 2**63 - 10)
-        case "a leap of some samples":
-            stranger.raw(EPOCH, 50)
-        case "a topic that is not":
-            stranger.raw(EPOCH, 3, topic="raw/ghost/samples")
-        case "alarms of the future":
-            stranger.alarm(FUTURE, 0)
-        case "a leap of alarms":
-            stranger.alarm(numbering, LEAP)
-        case "a million million samples by health":
-            stranger.health(EPOCH, {RAW: (EPOCH, 10**12), "alarm": (numbering, 10**12)})
-        case "the same without a mark":
-            stranger.health(EPOCH, {RAW: (EPOCH, 10**12)}, marked=False)
-        case "a session of the daemon by health":
-            stranger.health(FUTURE, {RAW: (FUTURE, 10**12)})
-        case _:
-            raise AssertionError(what)
-
-
-FORGED = [
-    "a session in the future",
-    "a session in the future, far on",
-    "a session in the past",
-    "a leap of a million samples",
-    "a leap to the end of numbers",
-    "a leap of some samples",
-    "a topic that is not",
-    "alarms of the future",
-    "a leap of alarms",
-    "a million million samples by health",
-    "the same without a mark",
-    "a session of the daemon by health",
-]
+FORGED: dict[str, Callable[[Stranger, int], None]] = {
+    "a session in the future": lambda s, _: s.raw(FUTURE, 0),
+    "a session in the future, far on": lambda s, _: s.raw(FUTURE, LEAP),
+    "a session in the past": lambda s, _: s.raw(EPOCH - 10**15, 3),
+    "a leap of a million samples": lambda s, _: s.raw(EPOCH, LEAP),
+    "a leap to the end of numbers": lambda s, _: s.raw(EPOCH, 2**63 - 10),
+    "a leap of some samples": lambda s, _: s.raw(EPOCH, 50),
+    "a topic that is not": lambda s, _: s.raw(EPOCH, 3, topic="raw/ghost/samples"),
+    "alarms of the future": lambda s, _: s.alarm(FUTURE, 0),
+    "a leap of alarms": lambda s, numbering: s.alarm(numbering, LEAP),
+    "a million million samples by health": lambda s, numbering: s.health(
+        EPOCH, {RAW: (EPOCH, 10**12), "alarm": (numbering, 10**12)}
+    ),
+    "the same without a mark": lambda s, _: s.health(EPOCH, {RAW: (EPOCH, 10**12)}, marked=False),
+    "a session of the daemon by health": lambda s, _: s.health(FUTURE, {RAW: (FUTURE, 10**12)}),
+}
+"""Messages of somebody who knows where the cell is, and the numbering of its results."""
 
 
 @pytest.mark.parametrize("what", FORGED)
@@ -135,7 +107,7 @@ async def test_what_the_cell_does_not_know_is_refused(cell: Cell, stranger: Stra
         cell.give(0, 5)
         cell.outlet.offer(alarm(1))
         messages = {m.topic: m for m in await read(subscriber, 2)}
-        forge(what, stranger, messages["alarm"].session)
+        FORGED[what](stranger, messages["alarm"].session)
         await refused(subscriber, 1)
         await only_the_truth(cell, subscriber, 5)
         cell.outlet.offer(alarm(1, active=False))

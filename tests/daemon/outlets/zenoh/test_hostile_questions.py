@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import asynccontextmanager, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from cellwatt.outlets.zenoh.questions import LARGEST, QuestionError, number_of, 
 from cellwatt.runtime.delivery import Delivery
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
+from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
 ROOT = f"cellwatt/{SITE}/{CELL}"
@@ -114,22 +115,21 @@ class Asked:
         return dict(self.outlet.account.counters)
 
 
+@asynccontextmanager
+async def served(found: Asked) -> AsyncIterator[asyncio.Task[Any]]:
+    """Serve, asked by somebody; gives what serves."""
+    link = LinkSettings(mode="client", connect=(found.endpoint,))
+    async with doing(found.outlet.run(), allowed=(OutletError,)) as serving:
+        with await asyncio.to_thread(open_session, link, patience=PATIENCE) as found.session:
+            await eventually(found.serves, "an answer")
+            yield serving
+
+
 @pytest.fixture
 async def cell() -> AsyncIterator[Asked]:
     found = Asked()
-    serving = asyncio.create_task(found.outlet.run())
-    try:
-        found.session = await asyncio.to_thread(
-            open_session, LinkSettings(mode="client", connect=(found.endpoint,)), patience=PATIENCE
-        )
-        await eventually(found.serves, "an answer")
+    async with served(found):
         yield found
-    finally:
-        if found.session is not None:
-            found.session.close()
-        serving.cancel()
-        with suppress(asyncio.CancelledError, OutletError):
-            await serving
 
 
 @pytest.mark.parametrize(
@@ -251,33 +251,16 @@ async def test_a_thread_that_is_stuck_is_told_by_health(cell: Asked, monkeypatch
 async def test_a_thread_that_ended_ends_the_outlet_which_the_daemon_runs_again() -> None:
     """No question can end it; should one ever, then health says so and it is begun anew."""
     cell = Asked()
-    serving = asyncio.create_task(cell.outlet.run())
-    session = await asyncio.to_thread(
-        open_session, LinkSettings(mode="client", connect=(cell.endpoint,)), patience=PATIENCE
-    )
-    try:
-        cell.session = session
-        await eventually(cell.serves, "an answer")
+    async with served(cell) as serving:
         with breaking(cell, SystemExit()):
-            session.get(f"{ROOT}/@/history?source=arm;stream=samples", timeout=1.0)
+            cell.session.get(f"{ROOT}/@/history?source=arm;stream=samples", timeout=1.0)
             await eventually(lambda: cell.outlet.trouble(), "the outlet to notice")
             assert cell.outlet.trouble() == "the thread that answers questions has ended"
             cell.outlet.health({})
             with pytest.raises(OutletError, match="the thread that answers questions has ended"):
-                await asyncio.wait_for(serving, PATIENCE)
-    finally:
-        session.close()
-    serving = asyncio.create_task(cell.outlet.run())
-    try:
-        cell.session = await asyncio.to_thread(
-            open_session, LinkSettings(mode="client", connect=(cell.endpoint,)), patience=PATIENCE
-        )
-        await eventually(cell.serves, "an answer of the next run")
-    finally:
-        cell.session.close()
-        serving.cancel()
-        with suppress(asyncio.CancelledError):
-            await serving
+                await asyncio.wait_for(asyncio.shield(serving), PATIENCE)
+    async with served(cell):
+        pass
 
 
 async def test_health_that_cannot_be_said_costs_only_itself(cell: Asked) -> None:

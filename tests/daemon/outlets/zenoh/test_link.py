@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import json
-import shutil
 import socket
-import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ import zenoh
 from pydantic import ValidationError
 
 from cellwatt import OutletError
+from cellwatt.certificates import issue, new_authority
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config, why_unconnected
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE
@@ -195,61 +194,25 @@ def test_a_file_of_users_that_is_missing_is_named(tmp_path: Path) -> None:
         open_session(LinkSettings(users=tmp_path / "nobody"))
 
 
-def openssl(folder: Path, *arguments: str) -> None:
-    subprocess.run(["openssl", *arguments], cwd=folder, check=True, capture_output=True)
-
-
 @pytest.fixture(scope="module")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A CA, a certificate for localhost signed by it, and one signed by another CA."""
-    if shutil.which("openssl") is None:
-        pytest.skip("no openssl command to make certificates with")
-    folder = tmp_path_factory.mktemp("certificates")
-    (folder / "san").write_text("subjectAltName=DNS:localhost\n")
-    new_key = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
-    for ca, name in (("ca", "cell"), ("other_ca", "stranger")):
-        openssl(
-            folder, "req", "-x509", *new_key, "-days", "2", "-subj", f"/CN={ca}", "-keyout", f"{ca}.key", "-out", ca
-        )
-        openssl(folder, "req", *new_key, "-subj", f"/CN={name}", "-keyout", f"{name}.key", "-out", f"{name}.csr")
-        sign = ("-CA", ca, "-CAkey", f"{ca}.key", "-CAcreateserial", "-days", "2", "-extfile", "san")
-        openssl(folder, "x509", "-req", "-in", f"{name}.csr", *sign, "-out", name)
+    """An authority's certificate, and a certificate for localhost with its key."""
+    folder, now = tmp_path_factory.mktemp("certificates"), datetime.now(UTC)
+    authority = new_authority("plant-1", now)
+    cell = issue(authority, "cell", ("localhost",), now)
+    for name, content in {"ca": authority.certificate, "cell": cell.certificate, "cell.key": cell.key}.items():
+        (folder / name).write_bytes(content)
+        (folder / name).chmod(0o600)
     return folder
-
-
-def tls(folder: Path, ca: str, name: str | None, **more: Any) -> TlsSettings:
-    own = {"certificate": folder / name, "key": folder / f"{name}.key"} if name else {}
-    return TlsSettings(root_ca=folder / ca, **own, **more)
-
-
-@pytest.fixture
-def secure_router(certificates: Path) -> Iterator[str]:
-    endpoint = f"tls/localhost:{free_port()}"
-    settings = LinkSettings(mode="router", listen=(endpoint,), tls=tls(certificates, "ca", "cell"))
-    with open_session(settings):
-        yield endpoint
-
-
-def test_mutual_tls_works(secure_router: str, certificates: Path) -> None:
-    client = LinkSettings(mode="client", connect=(secure_router,), tls=tls(certificates, "ca", "cell"))
-    with open_session(client) as session:
-        assert list(session.info.routers_zid())
-
-
-@pytest.mark.usefixtures("soon_refused")
-@pytest.mark.parametrize(("ca", "name"), [("other_ca", "cell"), ("ca", "stranger"), ("ca", None)])
-def test_wrong_certificates_are_refused_with_a_hint(
-    secure_router: str, certificates: Path, ca: str, name: str | None
-) -> None:
-    client = LinkSettings(mode="client", connect=(secure_router,), tls=tls(certificates, ca, name))
-    with pytest.raises(OutletError, match="refuses the session: check user and password, the certificates"):
-        open_session(client, patience=60)
 
 
 def test_a_client_without_certificate_is_let_in_where_tls_is_not_mutual(certificates: Path) -> None:
     endpoint = f"tls/localhost:{free_port()}"
-    settings = LinkSettings(mode="router", listen=(endpoint,), tls=tls(certificates, "ca", "cell", mutual=False))
-    client = LinkSettings(mode="client", connect=(endpoint,), tls=tls(certificates, "ca", None))
+    own = TlsSettings(
+        root_ca=certificates / "ca", certificate=certificates / "cell", key=certificates / "cell.key", mutual=False
+    )
+    settings = LinkSettings(mode="router", listen=(endpoint,), tls=own)
+    client = LinkSettings(mode="client", connect=(endpoint,), tls=TlsSettings(root_ca=certificates / "ca"))
     with open_session(settings), open_session(client) as session:
         assert list(session.info.routers_zid())
 
@@ -263,7 +226,7 @@ def test_a_certificate_file_that_is_missing_is_named(certificates: Path, option:
 
 
 def test_a_key_that_is_no_key_is_named(certificates: Path) -> None:
-    files = {"root_ca": certificates / "ca", "certificate": certificates / "cell", "key": certificates / "san"}
+    files = {"root_ca": certificates / "ca", "certificate": certificates / "cell", "key": certificates / "ca"}
     settings = LinkSettings(listen=(f"tls/localhost:{free_port()}",), tls=TlsSettings(**files))
     with pytest.raises(OutletError, match="private key"):
         open_session(settings)

@@ -274,7 +274,7 @@ def stranger(site: Site, what: str) -> TlsSettings:
 @pytest.mark.parametrize("what", ["none", "expired", "not yet", "foreign"])
 def test_without_a_right_certificate_there_is_no_link(router: Site, what: str) -> None:
     link = router.link("anna").model_copy(update={"tls": stranger(router, what)})
-    with pytest.raises(OutletError, match="refuses the session"):
+    with pytest.raises(OutletError, match="refuses the session: check user and password, the certificates"):
         open_session(link, patience=PATIENCE)
 
 

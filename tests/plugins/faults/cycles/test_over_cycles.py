@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
 

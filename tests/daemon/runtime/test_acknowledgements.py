@@ -13,7 +13,7 @@ import pytest
 from cellwatt import Alarm, CellwattError, Event
 from cellwatt.alarms import AlarmBook, Damping
 from cellwatt.ring import Ring, RingJournal
-from cellwatt.runtime.words import FILE, LONGEST_SHELF, Words
+from cellwatt.runtime.acknowledgements import FILE, LONGEST_SHELF, Words
 from tests.daemon.runtime.fakes import alarm
 from tests.daemon.runtime.test_teller import SECOND, Told
 

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.clock import windows
-from cellwatt_plugins.energy.consumers import (
+from cellwatt_plugins.energy.drive import Drive, bus_power, supply_power
+from cellwatt_plugins.energy.equations import (
     brake_energy,
     electrical_losses,
     electronics_energy,
     motion_efficiency,
 )
-from cellwatt_plugins.energy.drive import Drive, bus_power, supply_power
 from cellwatt_plugins.energy.findings import Fixed, RunEnergy
 from cellwatt_plugins.energy.identify import Observed, residual
 from cellwatt_plugins.energy.repetitions import Repetition

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.compare import base_level, compare, power_agrees, steps
 from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.intervals.compare import base_level, compare, power_agrees, steps
 from cellwatt_plugins.faults.reference import LEAD, TAIL, Pattern, ReferenceInterval
 from cellwatt_plugins.faults.trace import Trace
 

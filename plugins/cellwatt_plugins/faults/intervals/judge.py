@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.results import Interval
-from cellwatt_plugins.faults.compare import Comparison, compare, power_agrees
 from cellwatt_plugins.faults.criteria import Tolerance, Verdict, longest, outside, sustained, verdict
-from cellwatt_plugins.faults.follow import Follower, Match, Place
+from cellwatt_plugins.faults.intervals.compare import Comparison, compare, power_agrees
+from cellwatt_plugins.faults.intervals.follow import Follower, Match, Place
 from cellwatt_plugins.faults.isolate import likeness
 from cellwatt_plugins.faults.reference import Reference, ReferenceInterval
 from cellwatt_plugins.faults.trace import Trace

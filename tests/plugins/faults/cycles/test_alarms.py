@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
 
 EPOCH = 10**18

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellwatt.results import Interval
-from cellwatt_plugins.faults.follow import Follower, Place
+from cellwatt_plugins.faults.intervals.follow import Follower, Place
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.trace import Trace
 

@@ -12,8 +12,8 @@ import numpy as np
 from cellwatt.alarms import AT_ONCE, AlarmBook, Patience
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.criteria import Verdict
+from cellwatt_plugins.faults.intervals.judge import Finding
 from cellwatt_plugins.faults.isolate import Suspect, suspects
-from cellwatt_plugins.faults.judge import Finding
 from cellwatt_plugins.faults.reference import Reference
 
 PATIENCE = 10

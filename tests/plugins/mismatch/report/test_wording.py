@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from cellwatt_plugins.mismatch.report import words
+from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.verdict.findings import Findings, UnexplainedChannel
 from tests.plugins.mismatch.reported import HEAVIER, INERTIA, STANDBY, STRIBECK
 
@@ -23,13 +23,13 @@ from tests.plugins.mismatch.reported import HEAVIER, INERTIA, STANDBY, STRIBECK
     ],
 )
 def test_confidence_in_words(share: float, text: str) -> None:
-    assert words.confidence(share) == text
+    assert wording.confidence(share) == text
 
 
 def test_names_as_people_write_them() -> None:
-    assert words.effect_name("load_dependent_friction") == "load-dependent friction"
-    assert words.effect_name("coulomb_friction") == "Coulomb friction"
-    assert words.channel_name("tau_3") == "joint 3 torque"
+    assert wording.effect_name("load_dependent_friction") == "load-dependent friction"
+    assert wording.effect_name("coulomb_friction") == "Coulomb friction"
+    assert wording.channel_name("tau_3") == "joint 3 torque"
 
 
 REST = UnexplainedChannel("power", 9.0, 4.0, "The supply differs.")
@@ -86,4 +86,4 @@ UNKNOWN = replace(STRIBECK, effect="unknown", joint=3)
     ],
 )
 def test_verdict_in_one_sentence(findings: Findings, sentence: str) -> None:
-    assert words.verdict(findings) == sentence
+    assert wording.verdict(findings) == sentence

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.energy.drive import bus_power
-from cellwatt_plugins.energy.runs import Learnt, Whole, run_energy
+from cellwatt_plugins.energy.run_energy import Learnt, Whole, run_energy
 from cellwatt_plugins.robot import Arm
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.consumers import brake_energy, motion_efficiency
 from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, supply_power
-from cellwatt_plugins.energy.follow import Level, at_campaign
+from cellwatt_plugins.energy.electronics import Level, at_campaign
+from cellwatt_plugins.energy.equations import brake_energy, motion_efficiency
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.spread import GROUPS, UNEXPLAINED, Causes, deviations, group_covariance
 from cellwatt_plugins.robot import Arm

@@ -1,0 +1,1 @@
+"""Faults judged interval by interval, while the cell runs: power and encoders against the healthy reference."""
