@@ -3,8 +3,9 @@
     python bench/memory.py --minutes 120 --json
 
 A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, cut into tasks, recorded and published. Every 15 s the
-proportional set size (PSS) of each process is read; the slope is that of a straight line after ``--settle`` minutes,
-its error twice the standard error with the correlation of neighbouring readings counted in.
+memory that each process has for itself (USS) is read: what it shares is counted by nobody, as it changes with what else
+runs on the PC. The slope is that of a straight line after ``--settle`` minutes, its error twice the standard error with
+the correlation of neighbouring readings counted in.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def _readings(pid: int, seconds: float) -> dict[str, list[tuple[float, float]]]:
         total = 0.0
         for n, part in enumerate(family(pid)):
             try:
-                size = part.memory_full_info().pss / 1e6
+                size = part.memory_full_info().uss / 1e6
             except psutil.NoSuchProcess:
                 continue
             found[f"process {n}"].append((now, size))
