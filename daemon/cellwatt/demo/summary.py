@@ -122,7 +122,8 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen, kept: float) -> di
         for stream, figures in status["streams"].items()
     }
     missed = sum(status["missed"].values())
-    while_kept = math.ceil(kept * sum(stream["nominal_hz"] or 0.0 for stream in streams.values()))
+    # As in ``Slots``: a slot is the PC's where the emulator was kept for half of it.
+    while_kept = math.ceil(2 * kept * sum(stream["nominal_hz"] or 0.0 for stream in streams.values()))
     stalled = min(status["missed"].get(HOST, 0) + while_kept, missed)
     lost = missed + sum(status["dropped"].values()) - stalled
     counts = ("expected", "received", "missed", "dropped", "residue")
