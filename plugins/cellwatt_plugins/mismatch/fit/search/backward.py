@@ -169,7 +169,8 @@ def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> boo
         return False
     if now.problem.chi2(now.residual)[term.joint] < asked.much_left or relieves_tension(rest, now, asked):
         return False
-    found, sure = held(rest, now, term), asked.steady if unset(term, state.robot) else asked.sure
+    found = held(rest, now, term)
+    sure = asked.steady if unset(term, state.robot) else asked.sure
     return found.share < asked.murky or found.sure < sure
 
 
