@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 
 from cellwatt_plugins.robot.meter import Windows
 from cellwatt_plugins.robot.motion import smooth
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ class Metered:
 
     def samples(self, rows: Float) -> Float:
         """See ``Rows``."""
-        return np.column_stack([np.interp(self.time, self.windows.middle, column) for column in rows.T])
+        return interpolated(self.time, self.windows.middle, rows)
 
     def span(self, rows: slice) -> slice:
         """See ``Rows``."""

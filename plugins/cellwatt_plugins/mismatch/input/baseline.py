@@ -25,6 +25,7 @@ from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
 from cellwatt_plugins.robot.mount import mount
 from cellwatt_plugins.robot.priors import body_prior, link_prior
 from cellwatt_plugins.robot.regression import Prior
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -86,7 +87,7 @@ class Baseline:
         if said is None:
             return None, None
         torque = said.torque - self.torque(said.plan)
-        onto = np.column_stack([np.interp(run.time, said.time, one) for one in torque.T])
+        onto = interpolated(run.time, said.time, torque)
         power = None
         if said.power is not None:
             law = nominal_power(self.arm.description, said.torque, said.plan.velocity)

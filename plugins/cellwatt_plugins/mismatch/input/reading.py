@@ -25,6 +25,7 @@ from cellwatt_plugins.mismatch.simulators import Simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import power_beside
 from cellwatt_plugins.robot.motion import Moved, Plan, exact
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -147,7 +148,7 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
     planned = _simulated(simulation)
     when, note = simulation.time, ""
     own = np.arange(when[0], when[-1], run.step)
-    late, error = delay(run.position, onto(own, when, planned.position))
+    late, error = delay(run.position, interpolated(own, when, planned.position))
     shift = float(run.time[0] - when[0])
     shared = min(when[-1], run.time[-1]) - max(when[0], run.time[0])
     apart = shared < SAME_CLOCK * min(when[-1] - when[0], run.time[-1] - run.time[0])
@@ -202,11 +203,6 @@ def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str 
     plan = Plan(np.asarray(position(time)), np.asarray(velocity(time)), np.asarray(velocity.derivative()(time)))
     more = [f"{run.name}: {note}"] if note else []
     return replace(run, plan=plan, gaps=gaps if gaps.any() else None, notes=(*run.notes, *more))
-
-
-def onto(time: Float, when: Float, values: Float) -> Float:
-    """Values (M, n) at ``when`` (M,), linearly interpolated at ``time`` (N,): (N, n)."""
-    return np.column_stack([np.interp(time, when, one) for one in values.T])
 
 
 def _cut(run: Run, part: slice) -> Run:

@@ -22,6 +22,7 @@ from cellwatt_plugins.mismatch.input.factors import (
 )
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -150,7 +151,7 @@ def _other_plan(pair: _Pair, run: Run, runs: Sequence[Run]) -> None:
         shared = since <= theirs[-1]
         if shared.mean() < 0.5:
             continue
-        plan = np.column_stack([np.interp(since[shared], theirs, one) for one in other.plan.position.T])
+        plan = interpolated(since[shared], theirs, other.plan.position)
         if float(np.mean(_error(run.position[shared], plan)[pair.moving])) < MATCHES:
             raise RecordingError(
                 f"{run.name}: the recording follows the simulation of {other.name}, not its own: "
