@@ -294,10 +294,7 @@ class Teller:
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
         """See ``CellView.history``."""
-        if self._history is None:
-            return ()
-        asked = source, stream, session, first, count
-        return self._history.history(*asked) or self._history.later(*asked)
+        return self._history.history(source, stream, session, first, count) if self._history is not None else ()
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         """See ``CellView.frame_history``."""
