@@ -44,7 +44,10 @@ class View:
     def status(self) -> Mapping[str, Any]:
         return {"state": "green"}
 
-    config = schema = status
+    schema = status
+
+    def config(self) -> Mapping[str, Any]:
+        return {"record": {"frames": True}}
 
     def recordings(self) -> Sequence[Mapping[str, Any]]:
         return self.made.recordings()

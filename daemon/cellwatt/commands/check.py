@@ -15,7 +15,7 @@ from cellwatt.commands.ranges import span
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
 from cellwatt.errors import ConfigError, Problem
-from cellwatt.record.room import Room, room
+from cellwatt.record.folder import Room, room
 from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.terminal import show_table
 

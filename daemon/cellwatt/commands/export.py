@@ -20,9 +20,9 @@ from cellwatt.commands.units import with_units
 from cellwatt.errors import RecordingError
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
+from cellwatt.record.header import recorded_units
 from cellwatt.record.scan import Damage
 from cellwatt.record.tables import Table, write_lines
-from cellwatt.record.units import recorded_units
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
 

@@ -14,7 +14,7 @@ from cellwatt.commands.units import with_units
 from cellwatt.logs.opening import is_log
 from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import stage
-from cellwatt.record.units import recorded_units
+from cellwatt.record.header import recorded_units
 from cellwatt.tables import is_table
 
 

@@ -22,10 +22,9 @@ from cellwatt.errors import CellwattError, ConfigError, RecordingError
 from cellwatt.files import read_bytes
 from cellwatt.outlets.zenoh.reach import ask_cell
 from cellwatt.record.cut import cut
+from cellwatt.record.folder import Kept, Room, listing, room
 from cellwatt.record.header import DAMAGED
-from cellwatt.record.opening import survey
-from cellwatt.record.retention import Kept, listing
-from cellwatt.record.room import Room, room
+from cellwatt.record.survey import survey
 from cellwatt.runtime.assemble import prepare
 from cellwatt.version import __version__
 

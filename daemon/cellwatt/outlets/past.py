@@ -14,8 +14,8 @@ from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record import Recording
-from cellwatt.record.opening import survey
-from cellwatt.record.retention import Kept, listing
+from cellwatt.record.folder import Kept, listing
+from cellwatt.record.survey import survey
 from cellwatt.results import Alarm, Energy, Task
 
 ARCHIVED: Final = {"alarms": Alarm, "tasks": Task, "energies": Energy}

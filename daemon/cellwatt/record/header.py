@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Annotated
 
-from pydantic import Field, TypeAdapter
+from pydantic import Field, TypeAdapter, ValidationError
 
 from cellwatt.channel import Stream
+from cellwatt.errors import RecordingError
+from cellwatt.units import Units
 from cellwatt.version import __version__
+from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 PART = ".part"
 """Ends the name of a file that was not closed yet."""
@@ -88,3 +91,18 @@ class FileName:
 def plain_cell(cell: str) -> str:
     """A cell's name as it stands in file names."""
     return re.sub(r"[^\w.-]+", "-", cell)
+
+
+def recorded_units(settings: str, names: Iterable[str]) -> Units:
+    """Units of a recording's ``settings``, the text in its header, with those of the command line in their place.
+
+    Raises ``RecordingError`` where they cannot be read.
+    """
+    try:
+        written = parse_yaml(settings)
+        chosen = written.get("units") if isinstance(written, dict) else None
+        return Units.model_validate(chosen or {}).but(names)
+    except NotYamlError as error:
+        raise RecordingError(f"the settings in the recording cannot be read: {str(error).splitlines()[0]}") from error
+    except ValidationError:
+        raise RecordingError("the units in the recording's settings cannot be read: expected names of units") from None

@@ -23,10 +23,9 @@ from cellwatt.record import decoder, seal
 from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, topic_of
-from cellwatt.record.opening import survey
+from cellwatt.record.folder import Kept, listing
 from cellwatt.record.reader import chunk_data, numbered_items
-from cellwatt.record.retention import Kept, listing
-from cellwatt.record.summary import Survey, read_summary
+from cellwatt.record.survey import Survey, read_summary, survey
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
 

@@ -15,10 +15,10 @@ from typing import Any
 from cellwatt.errors import ConfigError
 from cellwatt.files import sync_folder
 from cellwatt.record import seal
+from cellwatt.record.folder import listing, remove, remove_oldest, surplus
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile, check_place
 from cellwatt.record.recovery import Recovery, left_open, recover
-from cellwatt.record.retention import listing, remove, remove_oldest, surplus
 from cellwatt.record.settings import RecordSettings
 from cellwatt.signing import Signer
 

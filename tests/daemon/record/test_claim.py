@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 from cellwatt import RecordingError
-from cellwatt.record.claim import LOCK, claimed
+from cellwatt.record.folder import LOCK, claimed
 from tests.patience import PATIENCE
 
 HOLD = """
 import os, sys, time
 from pathlib import Path
-from cellwatt.record.claim import claimed
+from cellwatt.record.folder import claimed
 with claimed(Path(sys.argv[1]), "weld-3"):
     child = os.fork()
     if not child:

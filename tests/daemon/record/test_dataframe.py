@@ -74,7 +74,7 @@ def test_raw_samples(folder):
 
 
 def test_arrow_where_neither_pandas_nor_polars_is_installed(folder, monkeypatch):
-    monkeypatch.setattr("cellwatt.record.dataframe.find_spec", lambda name: None)
+    monkeypatch.setattr("cellwatt.record.tables.find_spec", lambda name: None)
     table = cw.open(folder).frame()
     assert isinstance(table, pa.Table)
     assert table.schema.field("arm.joint_1.position").metadata == {b"unit": b"rad"}

@@ -9,7 +9,7 @@ from cellwatt.errors import RepairingError
 from cellwatt.record import History, Recorder, Recording, RecordSettings
 from cellwatt.record.header import PART
 from cellwatt.record.history import trim
-from cellwatt.record.opening import survey
+from cellwatt.record.survey import survey
 from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Prediction, Task
 from tests.patience import PATIENCE, eventually

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from cellwatt import Alarm
 from cellwatt.record import packs
+from cellwatt.record.folder import listing as recordings
 from cellwatt.record.header import FileName
 from cellwatt.record.packs import Due, listing, name_of, retain, wants
-from cellwatt.record.retention import listing as recordings
 from cellwatt.record.settings import EvidenceSettings
 from tests.daemon.record.making import CELL, SESSION, batch_of, write_chunks
 

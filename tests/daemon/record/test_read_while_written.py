@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from cellwatt import RecordingError
 from cellwatt.commands.export import command as export
-from cellwatt.record import Header, Recording, opening, reader, recover
+from cellwatt.record import Header, Recording, reader, recover, survey
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import PART
 from cellwatt.record.openfile import OpenFile
@@ -95,8 +95,8 @@ def at_step(number: int, act: Callable[[], None], monkeypatch: pytest.MonkeyPatc
 
         return taken
 
-    monkeypatch.setattr(opening, "_listed", stepping(opening._listed))
-    monkeypatch.setattr(opening, "open_file", stepping(opening.open_file))
+    monkeypatch.setattr(survey, "_listed", stepping(survey._listed))
+    monkeypatch.setattr(survey, "open_file", stepping(survey.open_file))
     monkeypatch.setattr(reader, "chunk_data", stepping(reader.chunk_data))
     return lambda: happened
 

@@ -10,7 +10,7 @@ from cellwatt import Alarm, Channel, Event, RecordingError, Stream, Tick
 from cellwatt.record import Recorder, Recording, RecordSettings
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART
-from cellwatt.record.opening import survey
+from cellwatt.record.survey import survey
 from tests.patience import PATIENCE, eventually
 
 from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry, started, write_chunks

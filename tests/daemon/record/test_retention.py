@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.record import RecordSettings
+from cellwatt.record.folder import Kept, listing, remove_oldest, surplus
 from cellwatt.record.header import FileName
-from cellwatt.record.retention import Kept, listing, remove_oldest, surplus
 from cellwatt.record.upkeep import Upkeep
 
 from .making import CELL, SESSION, name_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt.record.room import Room, room
+from cellwatt.record.folder import Room, room
 from cellwatt.record.settings import EvidenceSettings, RecordSettings, default_folder
 from tests.rights import as_anybody
 

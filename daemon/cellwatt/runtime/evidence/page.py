@@ -13,9 +13,9 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recording
 from cellwatt.record.cut import Cut
-from cellwatt.record.opening import utc
+from cellwatt.record.header import recorded_units
 from cellwatt.record.packs import Due
-from cellwatt.record.units import recorded_units
+from cellwatt.record.survey import utc
 from cellwatt.report import Block, Notes, Provenance, Report, Section, Table, Tile
 from cellwatt.report.blocks import Html
 from cellwatt.report.drawing import stretch

@@ -17,10 +17,10 @@ from cellwatt.record import Recorder
 from cellwatt.record.container import Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
+from cellwatt.record.folder import Kept, listing
 from cellwatt.record.messages import Message
-from cellwatt.record.opening import survey
 from cellwatt.record.reader import numbered_items
-from cellwatt.record.retention import Kept, listing
+from cellwatt.record.survey import survey
 from cellwatt.results import Event, Result, series_of
 
 log = logging.getLogger(__name__)

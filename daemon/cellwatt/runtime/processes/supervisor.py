@@ -19,9 +19,11 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Final
 
+import numpy.ma  # noqa: F401  # percentiles import it: once for all processes, before they are forked
+
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.record.claim import Claim, claimed
+from cellwatt.record.folder import Claim, claimed
 from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import chain_names, declared
 from cellwatt.runtime.change import Change

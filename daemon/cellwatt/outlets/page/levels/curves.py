@@ -21,7 +21,7 @@ from cellwatt.outlets.page.levels.moments import Moments, Samples, read
 from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
-from cellwatt.record.retention import Kept
+from cellwatt.record.folder import Kept
 
 PATIENCE: Final = 5.0
 """s after which an answer is given as far as it goes."""

@@ -16,8 +16,8 @@ from cellwatt.outlets.page.levels.following import items_at
 from cellwatt.outlets.page.levels.gathering import CURVES, Columns, prediction_arrays, prediction_names
 from cellwatt.outlets.page.levels.store import Store
 from cellwatt.record.encoder import Item
-from cellwatt.record.opening import open_recording
-from cellwatt.record.retention import Kept
+from cellwatt.record.folder import Kept
+from cellwatt.record.survey import open_recording
 from cellwatt.results import Prediction
 
 Samples = tuple[NDArray[np.int64], NDArray[np.float64]]

@@ -23,9 +23,9 @@ from cellwatt.outlets.page.levels.following import EVERYTHING, Growing, Held, Pa
 from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
 from cellwatt.outlets.page.levels.level_file import Budget, LevelFile
 from cellwatt.record.decoder import Track, tracks_of
+from cellwatt.record.folder import Kept, listing
 from cellwatt.record.header import FileName
-from cellwatt.record.opening import ATTEMPTS, survey
-from cellwatt.record.retention import Kept, listing
+from cellwatt.record.survey import ATTEMPTS, survey
 
 log = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from cellwatt.outlets.page.levels.gathering import Intervals, Said
 from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record import packs
-from cellwatt.record.retention import Kept
+from cellwatt.record.folder import Kept
 from cellwatt.results import Alarm, Event
 
 
