@@ -118,20 +118,6 @@ def test_an_answer_that_waited_for_a_core_kept_by_the_hypervisor_was_not_slow(
     assert told == [(2, reason)]
 
 
-def test_what_the_hypervisor_took_may_be_told_a_slot_later(monkeypatch: pytest.MonkeyPatch) -> None:
-    at = {"now": (0,)}
-    monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: 0)
-    monkeypatch.setattr("cellwatt.kept._steal.now", lambda: at["now"])
-    slots = Slots(50.0, untold)
-    slots.begin(Beat(1000 * MS, 0))
-    slots.end()
-    slots._idle = 1070 * MS
-    assert slots.begin(Beat(1060 * MS, 2)) == []
-    slots.end()
-    at["now"] = (40 * MS,)
-    assert slots.begin(Beat(1080 * MS, 0)) == [(2, "host stalled")]
-
-
 def test_a_device_that_is_always_slow_stays_slow(monkeypatch: pytest.MonkeyPatch) -> None:
     at = {"ready": 0}
     monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: at["ready"])

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from cellwatt.demo import cells
-from cellwatt.demo.fault import JOINT, next_start
+from cellwatt.demo.fault import JOINT
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import summary, summary_of_every_driver
 from cellwatt.registry import available
@@ -116,12 +116,6 @@ def alarm(joint: int, at: float) -> dict[str, object]:
     return {"kind": "alarm", "received": at * 1e9, "content": content}
 
 
-def test_summary_is_content_with_a_perfect_run() -> None:
-    told = seen()
-    told.add(alarm(3, 10.4))
-    assert summary(told, {}, 10.0, 0, POWER)["problems"] == []
-
-
 @pytest.mark.parametrize(
     ("joint", "at", "changed", "exit_code", "problem"),
     [
@@ -147,12 +141,3 @@ def test_summary_misses_samples_and_alarms_that_did_not_come() -> None:
     problems = "; ".join(summary(told, {}, 10.0, 0, POWER)["problems"])
     assert "99 at the subscriber" in problems
     assert "no alarm" in problems
-
-
-def test_summary_misses_the_model() -> None:
-    assert "the model predicted nothing" in summary(seen(), {}, 10.0, 0, None)["problems"]
-
-
-def test_spring_comes_when_the_elbow_starts() -> None:
-    start = next_start(1000.0, 990.0)
-    assert 1000.0 <= start < 1008.0

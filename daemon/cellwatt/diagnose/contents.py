@@ -6,7 +6,6 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import distributions
@@ -15,7 +14,7 @@ from typing import Any, Final
 
 from cellwatt.address import HIDDEN
 from cellwatt.config import CellConfig, load, public_config
-from cellwatt.config.document import Document, read
+from cellwatt.config.document import read
 from cellwatt.diagnose import pc
 from cellwatt.diagnose.bundle import Bundle
 from cellwatt.errors import CellwattError, ConfigError, RecordingError
@@ -30,7 +29,6 @@ from cellwatt.version import __version__
 
 _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 """Parts of keys below which a wrong file may hold secrets that no settings class has declared."""
-_PLAIN: Final = ("version", "site", "cell", "driver", "stage")
 
 
 @dataclass(slots=True)
@@ -72,20 +70,7 @@ def _wrong(file: Path, problems: list[str]) -> Findings:
     for path, place in document.places.items():
         if place.written and any(word in str(key).lower() for key in path for word in _SUSPECT):
             secrets[place.written] = HIDDEN
-    return Findings(None, {"outline": _outline(document)}, problems, secrets)
-
-
-def _outline(document: Document) -> Any:
-    return _masked(document.value, "")
-
-
-def _masked(value: Any, key: str) -> Any:
-    """Keys and lengths alone: in a wrong file nobody knows which values are secrets."""
-    if isinstance(value, Mapping):
-        return {str(k): _masked(v, str(k)) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_masked(v, "") for v in value]
-    return value if value is None or key in _PLAIN else HIDDEN
+    return Findings(None, {}, problems, secrets)
 
 
 LINES: Final = 2000
@@ -109,7 +94,7 @@ def gather(file: Path | None, log: Path | None, record: float, folder: Path) -> 
         found = examine(file)
         config, bundle.secrets = found.config, found.secrets
         bundle.add("check.txt", "what cellwatt check says", lambda: "\n".join(found.check))
-        bundle.add("settings.json", "the settings without secrets", lambda: found.shown or _unreadable())
+        bundle.add("settings.json", "the settings without secrets", lambda: found.shown or _wrong_file())
     disk = config.record.folder if config is not None and config.record is not None else None
     bundle.add("pc.json", "cores, clocks, memory, limits and disk of this PC", lambda: pc.facts(disk))
     if log is not None or file is not None:
@@ -148,8 +133,8 @@ def _versions() -> dict[str, Any]:
     }
 
 
-def _unreadable() -> str:
-    raise CellwattError("the file cannot be read as YAML, see check.txt")
+def _wrong_file() -> str:
+    raise CellwattError("the file is wrong, and may hold secrets anywhere: see check.txt")
 
 
 def _log(file: Path | None, log: Path | None) -> str:

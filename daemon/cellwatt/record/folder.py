@@ -95,7 +95,6 @@ class Claim:
     def __init__(self, folder: Path, cell: str) -> None:
         self._folder, self._cell = folder, cell
         self._lock: int | None = None
-        self._told = ""
 
     def take(self) -> None:
         """Hold the folder, made where it is missing. Raises ``RecordingError`` where another process has it.
@@ -118,24 +117,6 @@ class Claim:
         else:
             self.release()
             self._lock = lock
-
-    def renew(self) -> None:
-        """Hold the folder again if it is another one now: it was removed, moved away or mounted over."""
-        if self._lock is None:
-            return
-        try:
-            there, mine = (self._folder / LOCK).stat(), os.fstat(self._lock)
-            if os.path.samestat(there, mine):
-                return
-        except OSError:
-            if not self._folder.is_dir():
-                return  # the recorder makes it anew
-        try:
-            self.take()
-        except RecordingError as error:
-            if str(error) != self._told:
-                self._told = str(error)
-                log.warning("%s", error)
 
     def release(self) -> None:
         """Hold nothing."""

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, TypeVar
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
-from cellwatt.units import Units
 from cellwatt.version import __version__
 from cellwatt.yaml_file import NotYamlError, parse_yaml
+
+Section = TypeVar("Section", bound=BaseModel)
 
 PART = ".part"
 """Ends the name of a file that was not closed yet."""
@@ -93,16 +94,12 @@ def plain_cell(cell: str) -> str:
     return re.sub(r"[^\w.-]+", "-", cell)
 
 
-def recorded_units(settings: str, names: Iterable[str]) -> Units:
-    """Units of a recording's ``settings``, the text in its header, with those of the command line in their place.
-
-    Raises ``RecordingError`` where they cannot be read.
-    """
+def recorded_section(settings: str, name: str, model: type[Section]) -> Section:
+    """A section of a recording's ``settings``, the text in its header. Raises ``RecordingError``."""
     try:
         written = parse_yaml(settings)
-        chosen = written.get("units") if isinstance(written, dict) else None
-        return Units.model_validate(chosen or {}).but(names)
+        return model.model_validate((written.get(name) if isinstance(written, dict) else None) or {})
     except NotYamlError as error:
         raise RecordingError(f"the settings in the recording cannot be read: {str(error).splitlines()[0]}") from error
     except ValidationError:
-        raise RecordingError("the units in the recording's settings cannot be read: expected names of units") from None
+        raise RecordingError(f"{name} in the recording's settings are wrong, or came from the environment") from None

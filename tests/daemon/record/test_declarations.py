@@ -44,11 +44,6 @@ def test_a_header_that_is_none(text):
     assert "\n" not in str(error.value)
 
 
-def test_a_header_comes_back():
-    header = Header("s", "c", SESSION, streams={"arm": (ARM,)}, number=3)
-    assert header_of(header.to_json().encode()) == header
-
-
 @pytest.mark.parametrize(
     ("declaration", "first"),
     [
@@ -105,13 +100,3 @@ def test_places_that_no_file_has_are_empty(tmp_path):
     with FileIO(path, "rb") as file:
         assert read_at(file, 1 << 62, 1) == b"bc"
         assert read_at(file, 4, 1 << 63) == b""
-
-
-def test_a_first_number_that_is_none_stops_no_scan(tmp_path):
-    file = OpenFile(tmp_path / name_of(), Header("s", CELL, SESSION, number=1))
-    Encoder(file).add(batch_of(0, 3))
-    number = file.define("/tick", "json", Schema(0, b"", "jsonschema", "x"), {"first": "soon"})
-    file.add_message(number, 0, SESSION, b"{}")
-    file.write_chunk()
-    file.release()
-    assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 3

@@ -68,19 +68,6 @@ def test_a_flood_is_cut_to_the_multiple_of_the_rate(block: int) -> None:
     assert 0.95 * most < taken <= most
 
 
-def test_after_a_flood_an_honest_rate_loses_nothing() -> None:
-    time = Time()
-    allowance = Allowance(RATE, time, never)
-    allowance.take(10**6)
-    for _ in range(1000):
-        time.now += SECOND // 500
-        assert allowance.take(1) == 1
-
-
-def test_a_block_larger_than_everything_is_cut_not_refused() -> None:
-    assert Allowance(RATE, Time(), never).take(10**7) == BACKLOG * RATE
-
-
 def test_events_of_a_kind_that_repeat_are_counted_and_told_after_a_minute() -> None:
     repeats, start = Repeats(), 5 * SECOND
     told = sum(repeats.tell("message", start + i * 1_000_000) for i in range(20_000))
@@ -192,15 +179,6 @@ def test_a_clock_that_runs_backwards_is_one_line_and_one_alarm(caplog: pytest.Lo
     fed.time.now += 60 * SECOND
     fed.source.settle()
     assert [e.kind for e in fed.events] == ["clock_step", "clock_step"] and "1123 more" in fed.events[1].text
-
-
-def test_one_step_of_a_clock_is_no_alarm() -> None:
-    fed = Fed()
-    for i in range(30):
-        fed.time.now += SECOND
-        fed.feed([(50 if i < 15 else 10) * SECOND + i * SECOND])
-        fed.look()
-    assert [e.kind for e in fed.events] == ["clock_step"] and not fed.alarms
 
 
 def test_twenty_thousand_events_a_second_are_counted_not_told(caplog: pytest.LogCaptureFixture) -> None:

@@ -58,21 +58,13 @@ def test_down_source_is_raised_once_and_cleared_once() -> None:
     assert [(a.id, a.active, a.statement) for a in after] == [(alarms[0].id, False, "Resolved: source arm is back.")]
 
 
-def test_a_source_that_comes_and_goes_is_one_alarm_that_counts() -> None:
+def test_a_source_that_comes_and_goes_is_one_alarm() -> None:
     """Down for 5 s and back for 6 s, five times: what a loose plug does."""
-    watch = Watch()
-    said = looked_at(watch, 55 + 20, lambda second: DOWN if second % 11 < 5 and second < 55 else {})
-    assert [a.active for a in said] == [True, True, True, True, True, False]
-    assert {(a.id, a.since) for a in said[:-1]} == {("source_down:arm", (PATIENCE - 1) * 10**9)}
-    assert said[-2].statement == "Source arm went away 5 times in 44 s: nobody answers at 192.0.2.1:30004"
-    assert said[-2].evidence["times"] == 5
+    said = looked_at(Watch(), 55 + 20, lambda second: DOWN if second % 11 < 5 and second < 55 else {})
+    assert [(a.active, a.since) for a in said] == [(active, (PATIENCE - 1) * 10**9) for active in (True, False)]
     assert said[-1].time >= (50 + 14) * 10**9
-
-
-def test_a_source_that_went_away_long_ago_is_not_counted_again() -> None:
     said = looked_at(Watch(), 240, lambda second: DOWN if second % 100 < 5 else {})
     assert [a.active for a in said] == [True, False, True, False, True, False]
-    assert all("times" not in a.statement for a in said)
 
 
 def test_short_trouble_is_not_raised() -> None:

@@ -13,7 +13,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recording
 from cellwatt.record.cut import Cut
-from cellwatt.record.header import recorded_units
+from cellwatt.record.header import recorded_section
 from cellwatt.record.packs import Due
 from cellwatt.record.survey import utc
 from cellwatt.report import Block, Notes, Provenance, Report, Section, Table, Tile
@@ -24,6 +24,7 @@ from cellwatt.report.svg import Drawn
 from cellwatt.report.theme import FOUND
 from cellwatt.results import Alarm, Prediction
 from cellwatt.runtime.page import channels_over_time
+from cellwatt.units import Units
 
 MOST_POINTS: Final = 1600
 """Points of a curve: one and a half a pixel."""
@@ -75,7 +76,7 @@ def _pictures(pack: Recording, alarm: Alarm) -> list[Block]:
     wanted = _channels(frames, alarm)
     if not len(frames) or not wanted:
         return ["No curves: no frames of these channels were recorded."]
-    since, units = (alarm.time, "the alarm"), recorded_units(pack.header.settings, ())
+    since, units = (alarm.time, "the alarm"), recorded_section(pack.header.settings, "units", Units)
     figure = channels_over_time(pack, frames, 0, len(frames), wanted, units, since=since, most=MOST_POINTS)
     rows = list(figure.rows)[:MOST_PANELS]
     first = max((alarm.since - alarm.time) * 1e-9, _begin(frames, alarm))
