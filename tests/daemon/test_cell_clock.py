@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.cell_clock import CellClock
+from cellwatt.clock.cell import CellClock
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

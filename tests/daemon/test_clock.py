@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt.cell_clock import CellClock
 from cellwatt.clock import ClockModel, middle
+from cellwatt.clock.cell import CellClock
 from cellwatt.clock.lines import MAX_DRIFT, possible
 
 from .clock_worlds import EPOCH, NAMED, SECOND, random_world, run

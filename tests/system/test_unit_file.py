@@ -125,8 +125,8 @@ def test_the_daemon_needs_nothing_but_its_own_proc(tmp_path: Path) -> None:
     script = (
         f"mount -t proc -o subset=pid proc {mounted} && mount --move {mounted} /proc && test ! -e /proc/stat && "
         f"exec {sys.executable} -c "
-        "'from cellwatt import kept; "
-        "print(kept.Kept().look() >= 0, [name for name in kept._open if kept._open[name] >= 0])'"
+        "'from cellwatt import processor; "
+        "print(processor.RunDelay().look() >= 0, [name for name in processor._open if processor._open[name] >= 0])'"
     )
     done = subprocess.run(["unshare", "--mount", "sh", "-c", script], capture_output=True, text=True, check=False)
     if done.returncode and not done.stderr.startswith("Traceback"):

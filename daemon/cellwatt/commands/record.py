@@ -15,7 +15,7 @@ import click
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import RecordingError
-from cellwatt.log_lines import log_to_stderr
+from cellwatt.progress.log_lines import log_to_stderr
 from cellwatt.record import Recording, RecordSettings
 from cellwatt.record.folder import claimed, listing
 from cellwatt.record.settings import default_folder

@@ -12,20 +12,20 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Final
 
-from cellwatt.address import HIDDEN
+from cellwatt import __version__
 from cellwatt.config import CellConfig, load, public_config
 from cellwatt.config.document import read
 from cellwatt.diagnose import pc
 from cellwatt.diagnose.bundle import Bundle
 from cellwatt.errors import CellwattError, ConfigError, RecordingError
 from cellwatt.files import read_bytes
+from cellwatt.host import HIDDEN
 from cellwatt.outlets.zenoh.reach import ask_cell
 from cellwatt.record.cut import cut
-from cellwatt.record.folder import Kept, Room, listing, room
+from cellwatt.record.folder import Obstacles, RecordFile, listing, obstacles
 from cellwatt.record.header import DAMAGED
 from cellwatt.record.survey import survey
 from cellwatt.runtime.assemble import prepare
-from cellwatt.version import __version__
 
 _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 """Parts of keys below which a wrong file may hold secrets that no settings class has declared."""
@@ -47,7 +47,7 @@ def examine(file: Path) -> Findings:
         config = load(file)
     except ConfigError as error:
         return _wrong(file, [str(problem) for problem in error.problems])
-    disk = room(config.record) if config.record is not None else Room()
+    disk = obstacles(config.record) if config.record is not None else Obstacles()
     warnings = [*config.warnings, *disk.warnings]
     told = [*_unprepared(config), *([disk.refusal] if disk.refusal else []), *(f"warning: {text}" for text in warnings)]
     return Findings(config, public_config(config), told, dict(config.secrets))
@@ -82,7 +82,7 @@ _EXAMINED: Final = 100
 """Recordings, the newest ones, that are opened for a verdict."""
 
 
-def gather(file: Path | None, log: Path | None, record: float, folder: Path) -> Bundle:
+def bundle_of(file: Path | None, log: Path | None, record: float, folder: Path) -> Bundle:
     """Gather the bundle for a settings file, or for the PC alone.
 
     ``log`` replaces the journal. The last ``record`` s of the record are cut into ``folder``; 0 leaves them out.
@@ -153,7 +153,7 @@ def _log(file: Path | None, log: Path | None) -> str:
     return done.stdout
 
 
-def _recordings(kept: list[Kept]) -> list[dict[str, Any]]:
+def _recordings(kept: list[RecordFile]) -> list[dict[str, Any]]:
     newest = kept[-_EXAMINED:]
     return [
         {
@@ -166,7 +166,7 @@ def _recordings(kept: list[Kept]) -> list[dict[str, Any]]:
     ]
 
 
-def _verdict(kept: Kept) -> str:
+def _verdict(kept: RecordFile) -> str:
     if kept.path.name.endswith(DAMAGED):
         return "damaged, set aside"
     try:
@@ -177,7 +177,7 @@ def _verdict(kept: Kept) -> str:
     return damage or ("whole" if found.closed else "open")
 
 
-def _last(config: CellConfig, kept: list[Kept], seconds: float, to: Path) -> Path:
+def _last(config: CellConfig, kept: list[RecordFile], seconds: float, to: Path) -> Path:
     """The end of the record; of a cell that stopped, what it recorded last."""
     ends = [end for k in kept[-3:] if (end := _end(k))]
     if config.record is None or not ends:
@@ -185,7 +185,7 @@ def _last(config: CellConfig, kept: list[Kept], seconds: float, to: Path) -> Pat
     return cut(config.record.folder, config.cell, max(ends) - round(seconds * 1e9), max(ends), to).path
 
 
-def _end(kept: Kept) -> int:
+def _end(kept: RecordFile) -> int:
     try:
         return survey(kept.path).contents.end
     except RecordingError:

@@ -15,7 +15,7 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
     if certificate is None and authority is None:
         return ()
     try:
-        from cellwatt import certificates  # noqa: F401
+        from cellwatt.door import certificates  # noqa: F401
     except ImportError:
         return ("nobody looks when the certificates end: that needs pip install 'cellwatt[secure]'",)
     now = datetime.now(UTC)
@@ -24,7 +24,7 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
 
 
 def _own(file: Path, key_file: Path | None, now: datetime) -> list[str]:
-    from cellwatt.certificates import belongs, read
+    from cellwatt.door.certificates import belongs, read
 
     certificate, key = _bytes(file), _bytes(key_file)
     if certificate is None:
@@ -46,7 +46,7 @@ def _own(file: Path, key_file: Path | None, now: datetime) -> list[str]:
 
 def _authorities(path: Path | None, now: datetime) -> list[str]:
     """Warnings about authorities; one valid authority is enough, as there are two during a change."""
-    from cellwatt.certificates import read
+    from cellwatt.door.certificates import read
 
     data = _bytes(path)
     if data is None:

@@ -27,25 +27,25 @@ _BLOCK: Final = bytes(4096)
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class Obstacles:
     """Obstacles to recording on this PC for the user who asks: one that keeps a daemon from starting, and warnings."""
 
     refusal: str = ""
     warnings: tuple[str, ...] = ()
 
 
-def room(settings: RecordSettings) -> Room:
+def obstacles(settings: RecordSettings) -> Obstacles:
     """Try the folder of the record, or the nearest one above it, by a file without a name: it leaves no trace."""
     folder = settings.folder.absolute()
     there = next(parent for parent in (folder, *folder.parents) if os.access(parent, os.F_OK))
     if not there.is_dir():
-        return Room(f"folder {folder} cannot be made: {there} is no folder")
+        return Obstacles(f"folder {folder} cannot be made: {there} is no folder")
     reason = _tried(there)
     if reason and there != folder:
-        return Room(f"folder {folder} cannot be made in {there} by user {_user()} ({reason}): {_ADVICE}")
+        return Obstacles(f"folder {folder} cannot be made in {there} by user {_user()} ({reason}): {_ADVICE}")
     if reason:
-        return Room(warnings=(f"folder {folder} cannot be written by user {_user()} ({reason}): {_ADVICE}",))
-    return Room(warnings=tuple(_space(settings, there)))
+        return Obstacles(warnings=(f"folder {folder} cannot be written by user {_user()} ({reason}): {_ADVICE}",))
+    return Obstacles(warnings=tuple(_space(settings, there)))
 
 
 def _tried(folder: Path) -> str:
@@ -172,13 +172,13 @@ class Stored:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept(Stored):
+class RecordFile(Stored):
     """A file of the recording folder."""
 
     name: FileName
 
 
-def listing(folder: Path, cell: str) -> list[Kept]:
+def listing(folder: Path, cell: str) -> list[RecordFile]:
     """The files of one cell, oldest first; files with other names are not ours and never touched."""
     found = []
     for path in folder.iterdir() if folder.is_dir() else ():
@@ -188,7 +188,7 @@ def listing(folder: Path, cell: str) -> list[Kept]:
         with contextlib.suppress(FileNotFoundError):
             status = path.stat()
             closed = path.suffix in (".mcap", DAMAGED)
-            found.append(Kept(path, status.st_size, status.st_mtime, closed, name))
+            found.append(RecordFile(path, status.st_size, status.st_mtime, closed, name))
     return sorted(found, key=lambda k: (k.name, k.path.name))
 
 
@@ -218,7 +218,7 @@ def remove(files: Iterable[Stored]) -> None:
             path.unlink(missing_ok=True)
 
 
-def remove_oldest(folder: Path, cell: str) -> Kept | None:
+def remove_oldest(folder: Path, cell: str) -> RecordFile | None:
     """Delete the oldest closed file, whatever the budget says: the disk is full. Raises ``OSError``."""
     oldest = next((f for f in listing(folder, cell) if f.closed), None)
     if oldest is not None:

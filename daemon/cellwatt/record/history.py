@@ -15,15 +15,14 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.record import decoder, seal
 from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, topic_of
-from cellwatt.record.folder import Kept, listing
+from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.reader import chunk_data, numbered_items
 from cellwatt.record.survey import Survey, read_summary, survey
 from cellwatt.record.writer import Recorder
@@ -38,10 +37,10 @@ CACHED_FILES = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class FileIndex:
     """Index of a file: ``firsts`` maps topics and series to their channel and first sequence number."""
 
-    kept: Kept
+    kept: RecordFile
     state: str
     start: int
     end: int
@@ -56,9 +55,9 @@ def tracks_in(contents: Contents) -> dict[int, Track]:
     return tracks_of(dict(contents.channels))[0]
 
 
-def look_at(kept: Kept) -> Known:
+def look_at(kept: RecordFile) -> FileIndex:
     """Read what a file says of itself; one that its writer left open waits for its repair."""
-    nothing = Known(kept, "unreadable", 0, 0, 0, {})
+    nothing = FileIndex(kept, "unreadable", 0, 0, 0, {})
     try:
         if kept.path.suffix == ".mcap":
             found: Survey = survey(kept.path, chunks=False)
@@ -67,16 +66,16 @@ def look_at(kept: Kept) -> Known:
         if not kept.closed:
             with open_file(kept.path) as file:
                 summary = read_summary(file, chunks=False)
-            return known_as(kept, summary, "closing") if summary else Known(kept, "left open", 0, 0, 0, {})
+            return known_as(kept, summary, "closing") if summary else FileIndex(kept, "left open", 0, 0, 0, {})
     except (OSError, ValueError, RecordingError):
         pass
     return nothing
 
 
-def known_as(kept: Kept, contents: Contents, state: str) -> Known:
+def known_as(kept: RecordFile, contents: Contents, state: str) -> FileIndex:
     """The index of a file from its contents."""
     firsts = {t.series: (number, t.first) for number, t in tracks_in(contents).items() if t.series is not None}
-    return Known(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
+    return FileIndex(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
 
 
 T = TypeVar("T")
@@ -114,7 +113,7 @@ class History:
         self._folder = folder
         self._recorder = recorder
         self._lock = threading.Lock()
-        self._known: dict[Path, Known] = {}
+        self._known: dict[Path, FileIndex] = {}
         self._chunks: OrderedDict[Path, tuple[Chunks, dict[int, Track]]] = OrderedDict()
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
@@ -161,10 +160,10 @@ class History:
             raise RepairingError(f"what was recorded from {first} on is being repaired: ask again in a while")
         return found
 
-    def _files(self) -> list[Known]:
+    def _files(self) -> list[FileIndex]:
         """All files of the cell in order, read again only where they changed."""
         live = self._recorder.live()
-        fresh: dict[Path, Known] = {}
+        fresh: dict[Path, FileIndex] = {}
         for kept in listing(self._folder, self._recorder.cell):
             old = self._known.get(kept.path)
             if live is not None and kept.path == live[0]:
@@ -204,12 +203,12 @@ class History:
         )
         return self._from_files(files, topic, begin[0].sequence, begin[0].sequence + count) if begin else found
 
-    def _from_files(self, files: list[Known], topic: _Topic[Block], first: int, stop: int) -> list[Block]:
+    def _from_files(self, files: list[FileIndex], topic: _Topic[Block], first: int, stop: int) -> list[Block]:
         within = takewhile(lambda f: f.firsts[topic.name][1] < stop, files)
         return [block for known in within for block in self._from_file(known, topic, first, stop)]
 
     def _from_file(
-        self, known: Known, topic: _Topic[Block], first: int, stop: int, most: int | None = None
+        self, known: FileIndex, topic: _Topic[Block], first: int, stop: int, most: int | None = None
     ) -> list[Block]:
         channel = known.firsts[topic.name][0]
         try:
@@ -224,7 +223,7 @@ class History:
             # Renamed, which is noticed and tried again, or removed to make room: what is left is asked for.
             return []
 
-    def _listed(self, known: Known) -> tuple[Chunks, dict[int, Track]]:
+    def _listed(self, known: FileIndex) -> tuple[Chunks, dict[int, Track]]:
         """Chunks and tracks of a file; of closed ones the last few are kept."""
         path = known.kept.path
         live = self._recorder.live()

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.batch import Batch, Float, Nanoseconds, Qualities, Tick
-from cellwatt.blocks import concatenate, cut
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import Places, paths_of
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, concatenate, cut
 from cellwatt.progress import aside, steps
 from cellwatt.record import decoder
 from cellwatt.record.chunks import LARGEST_RECORD, open_chunk

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cellwatt.batch import Batch
-from cellwatt.cell_clock import CellClock
 from cellwatt.channel import Quality
+from cellwatt.clock.cell import CellClock
 from cellwatt.config import SourceConfig
 from cellwatt.driver import Driver
 from cellwatt.errors import SourceError

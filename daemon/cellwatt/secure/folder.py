@@ -22,7 +22,7 @@ from typing import Any, Final, Literal
 
 import yaml
 
-from cellwatt.certificates import MEMBER_DAYS, Pair, issue, new_authority, read
+from cellwatt.door.certificates import MEMBER_DAYS, Pair, issue, new_authority, read
 from cellwatt.errors import CellwattError, ConfigError, why
 from cellwatt.secure import access
 from cellwatt.signing import new_key

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.noise import white_noise
+from cellwatt_plugins.noise import white_noise
 
 Float = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.record import RecordSettings
-from cellwatt.record.folder import Kept, listing, surplus
+from cellwatt.record.folder import RecordFile, listing, surplus
 from cellwatt.record.header import FileName
 from cellwatt.record.upkeep import Upkeep
 
@@ -13,7 +13,7 @@ from .making import CELL, SESSION, name_of
 
 
 def kept(number, size, *, age=0.0, closed=True):
-    return Kept(Path(f"{number}"), size, 1000.0 - age, closed, FileName(SESSION, number, CELL))
+    return RecordFile(Path(f"{number}"), size, 1000.0 - age, closed, FileName(SESSION, number, CELL))
 
 
 def numbers(files):

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cellwatt.batch import Tick
-from cellwatt.blocks import cut
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.record.rows import SampleRows
 from cellwatt.results import Alarm, Event, Prediction
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Ring, RingJournal, Skipped, Status

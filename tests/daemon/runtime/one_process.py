@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from cellwatt.cell_clock import CellClock
+from cellwatt.clock.cell import CellClock
 from cellwatt.config import CellConfig
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames

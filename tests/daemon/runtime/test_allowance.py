@@ -13,7 +13,7 @@ from cellwatt.ring import ItemReader, ItemWriter
 from cellwatt.runtime.allowance import BACKLOG, LONGEST, MOST, MULTIPLE, Allowance, Repeats, one_line
 from cellwatt.runtime.processes.shared import TELL, Shared
 from cellwatt.runtime.source import Source
-from cellwatt.runtime.watch import Watch
+from cellwatt.runtime.troubles import Monitor
 
 SECOND = 10**9
 RATE = 500.0
@@ -104,7 +104,7 @@ class Fed:
         self.events: list[Event] = []
         self.source = Source("arm", lambda _: Silent(), self.time, self.batches.append, self.events.append)
         self.source.state = "ok"
-        self.watch = Watch()
+        self.watch = Monitor()
         self.alarms = []
 
     def feed(self, device_time: list[int], values: np.ndarray | None = None) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.runtime.delivery import Delivery
-from cellwatt.runtime.watch import Watch
+from cellwatt.runtime.troubles import Monitor
 from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
     DEVICES,
@@ -70,7 +70,7 @@ async def test_a_outlet_that_takes_long_to_fail_is_one_alarm():
     RECEIVERS["bus"].tell(*[last(10.0), fail(AWAY)] * 10)
     delivery = Delivery("bus", FakeOutlet("bus", ReceiverSettings(), None))
     task = asyncio.create_task(delivery.run())
-    watch, alarms = Watch(), []
+    watch, alarms = Monitor(), []
     for _ in range(130):
         await asyncio.sleep(1.0)
         status = {"sources": {}, "stages": {}, "sinks": {"bus": delivery.status()}, "recorder": None}

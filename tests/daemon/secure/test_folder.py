@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from cellwatt import ConfigError, certificates
-from cellwatt.certificates import MEMBER_DAYS
+from cellwatt import ConfigError
 from cellwatt.commands.secure import command
+from cellwatt.door import certificates
+from cellwatt.door.certificates import MEMBER_DAYS
 from cellwatt.secure.folder import Folder, Member
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from cellwatt.emulation import Options
 from cellwatt.runtime.source import Source
-from cellwatt.runtime.watch import Watch
+from cellwatt.runtime.troubles import Monitor
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
 from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 from cellwatt_drivers.yaskawa.link import Exchange, Link, open_link
@@ -168,7 +168,7 @@ async def test_health_says_what_somebody_sends_in_the_controllers_name(attack: s
     serving = asyncio.create_task(emulator.serve(ready.set_result))
     chosen = settings(int((await ready).rpartition(":")[2]), read=["torque"], timeout="500 ms")
     source = Source("arm", lambda inlet: YaskawaDriver("arm", chosen, inlet), Inlet().now, id, id)
-    reading, watch = asyncio.create_task(source.run()), Watch()
+    reading, watch = asyncio.create_task(source.run()), Monitor()
 
     def look(second: int) -> list[str]:
         status = {"sources": {"arm": source.status()}, "stages": {}, "sinks": {}}

@@ -13,7 +13,7 @@ from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.batch import Batch
-from cellwatt.blocks import concatenate, follows
+from cellwatt.frames import concatenate, follows
 from cellwatt.outlet import Item
 from cellwatt.outlets.zenoh.mark import Mark
 

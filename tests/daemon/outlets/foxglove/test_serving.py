@@ -19,8 +19,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from cellwatt import FrameChannel, Frames, Layout
-from cellwatt.blocks import cut
 from cellwatt.errors import ConfigError, OutletError
+from cellwatt.frames import cut
 from cellwatt.outlets.foxglove import companion, serve
 from cellwatt.outlets.foxglove.outlet import FoxgloveOutlet
 from cellwatt.outlets.foxglove.topics import Moment, Outgoing, Topic

@@ -13,7 +13,7 @@ import zenoh
 from pydantic import ValidationError
 
 from cellwatt import OutletError
-from cellwatt.certificates import issue, new_authority
+from cellwatt.door.certificates import issue, new_authority
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config, why_unconnected
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cellwatt import FrameChannel, Frames
-from cellwatt.blocks import concatenate
+from cellwatt.frames import concatenate
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import decode
 from cellwatt.outlets.zenoh.mark import Mark

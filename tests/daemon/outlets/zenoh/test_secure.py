@@ -18,8 +18,8 @@ import zenoh
 from click.testing import CliRunner
 
 from cellwatt import OutletError
-from cellwatt.certificates import Pair, issue, new_authority
 from cellwatt.commands.secure import command
+from cellwatt.door.certificates import Pair, issue, new_authority
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session
 from cellwatt.subscriber import Subscriber

@@ -21,7 +21,7 @@ from cellwatt.outlets.page.levels.moments import Moments, Samples, read
 from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.levels.telling import marks
 from cellwatt.outlets.page.shapes import significant
-from cellwatt.record.folder import Kept
+from cellwatt.record.folder import RecordFile
 
 PATIENCE: Final = 5.0
 """s after which an answer is given as far as it goes."""
@@ -45,7 +45,7 @@ Memory = tuple[int, Mapping[str, Samples]]
 class _Asked:
     """A question, with the recordings that are there; times UTC ns, ``until`` monotonic s."""
 
-    recordings: Sequence[Kept]
+    recordings: Sequence[RecordFile]
     names: list[str]
     start: int
     end: int
@@ -150,7 +150,7 @@ class Curves:
                 canvas.add_samples(row, *asked.memory[1][name])
         return {**_drawn(canvas, asked.names, EXACT), "complete": complete}
 
-    def _drawn(self, kept: Kept, source: Source, level: int, names: list[str], canvas: Canvas) -> bool:
+    def _drawn(self, kept: RecordFile, source: Source, level: int, names: list[str], canvas: Canvas) -> bool:
         """Put the levels of a recording on the canvas; false where the level file is damaged, or went meanwhile."""
         try:
             found = source.levels(level, names)

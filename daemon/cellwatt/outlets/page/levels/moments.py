@@ -16,7 +16,7 @@ from cellwatt.outlets.page.levels.following import items_at
 from cellwatt.outlets.page.levels.gathering import CURVES, Columns, prediction_arrays, prediction_names
 from cellwatt.outlets.page.levels.store import Store
 from cellwatt.record.encoder import Item
-from cellwatt.record.folder import Kept
+from cellwatt.record.folder import RecordFile
 from cellwatt.record.survey import open_recording
 from cellwatt.results import Prediction
 
@@ -61,7 +61,7 @@ class Moments:
 
 
 def read(
-    store: Store, recordings: Iterable[Kept], start: int, end: int, channels: Sequence[str], until: float
+    store: Store, recordings: Iterable[RecordFile], start: int, end: int, channels: Sequence[str], until: float
 ) -> Moments:
     """Samples from ``start`` to before ``end`` UTC ns, out of a store's recordings.
 

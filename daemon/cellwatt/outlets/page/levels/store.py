@@ -23,7 +23,7 @@ from cellwatt.outlets.page.levels.following import EVERYTHING, Growing, Held, Pa
 from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
 from cellwatt.outlets.page.levels.level_file import Budget, LevelFile
 from cellwatt.record.decoder import Track, tracks_of
-from cellwatt.record.folder import Kept, listing
+from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.header import FileName
 from cellwatt.record.survey import ATTEMPTS, survey
 
@@ -59,14 +59,14 @@ class Store:
         self._building, self._surveying = threading.Lock(), threading.Lock()
         self._sources: dict[Path, tuple[int, Source]] = {}
         self._growing: dict[Path, Growing] = {}
-        self._listing: tuple[float, float, list[Kept]] = (0.0, 0.0, [])
+        self._listing: tuple[float, float, list[RecordFile]] = (0.0, 0.0, [])
         """UTC s at which the folder was listed, its last change then, and what was in it."""
         self._held: OrderedDict[Path, Held] = OrderedDict()
         self._chunks: OrderedDict[Path, tuple[int, Places, Mapping[int, Track]]] = OrderedDict()
         self._again: dict[Path, float] = {}
         """Monotonic time, s, before which a recording that could not be read, or the disk, is not tried again."""
 
-    def recordings(self) -> list[Kept]:
+    def recordings(self) -> list[RecordFile]:
         """Recordings that are there, in order; those of which nothing can be read are among them.
 
         Raises ``RecordingError`` where the folder cannot be read.
@@ -84,7 +84,7 @@ class Store:
             raise RecordingError(f"record.folder {self.folder} cannot be read: {why(error)}") from error
         return [kept for kept in found if not kept.closed or kept.path.suffix == ".mcap"]
 
-    def _settled(self) -> list[Kept]:
+    def _settled(self) -> list[RecordFile]:
         """A listing that no rename has disturbed, as far as that can be had: a file is missing in one of them."""
         before: list[Path] | None = None
         for _ in range(ATTEMPTS):
@@ -95,7 +95,7 @@ class Store:
             before = names
         return found
 
-    def known(self, kept: Kept) -> Source | None:
+    def known(self, kept: RecordFile) -> Source | None:
         """Source of a closed recording without reading the recording; None where there is no sound level file."""
         with self._lock:
             size, source = self._sources.get(kept.path, (0, None))
@@ -114,7 +114,7 @@ class Store:
             self._sources[kept.path] = (kept.size, written)
         return written
 
-    def spoiled(self, kept: Kept, reason: str) -> None:
+    def spoiled(self, kept: RecordFile, reason: str) -> None:
         """Forget and remove a level file that is damaged: it is made anew."""
         with self._lock:
             self._sources.pop(kept.path, None)
@@ -126,7 +126,7 @@ class Store:
         except OSError as error:
             self.problem = f"{path} cannot be removed: {why(error)}"
 
-    def made(self, kept: Kept, deadline: float, pace: Pace) -> Source | None:
+    def made(self, kept: RecordFile, deadline: float, pace: Pace) -> Source | None:
         """Source of a closed recording, made if it is not there; None where that cannot be.
 
         Waits for another thread that makes one until monotonic time ``deadline``, s; ``pace`` is called after each
@@ -144,12 +144,12 @@ class Store:
             self._building.release()
         return None
 
-    def growing(self, kept: Kept) -> Growing:
+    def growing(self, kept: RecordFile) -> Growing:
         """The recording that is open under this name."""
         with self._lock:
             return self._growing.setdefault(_closed_name(kept.path), Growing(kept.path))
 
-    def source(self, kept: Kept, until: float, *, curves: bool = True) -> Source | None:
+    def source(self, kept: RecordFile, until: float, *, curves: bool = True) -> Source | None:
         """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
 
         None where nothing in it can be read. Raises ``TimeoutError`` where that takes beyond monotonic time ``until``.
@@ -169,7 +169,7 @@ class Store:
             return None if curves else Held(gather(kept.path, TELLING, pace), curves=False)
         return None
 
-    def chunks(self, kept: Kept, until: float) -> tuple[Places, Mapping[int, Track]]:
+    def chunks(self, kept: RecordFile, until: float) -> tuple[Places, Mapping[int, Track]]:
         """The chunks of a recording, and the readers of their channels.
 
         Raises ``TimeoutError`` at monotonic time ``until``, ``OSError`` and ``RecordingError``.
@@ -192,7 +192,7 @@ class Store:
             self._chunks.move_to_end(kept.path)
             return places, tracks
 
-    def room(self) -> bool:
+    def obstacles(self) -> bool:
         """True where the disk has room for level files, and takes them."""
         try:
             return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
@@ -247,7 +247,7 @@ class Store:
             "problem": self.problem,
         }
 
-    def _keep(self, kept: Kept, gathered: Gathering) -> Source:
+    def _keep(self, kept: RecordFile, gathered: Gathering) -> Source:
         """Write a level file, or hold in memory what it would have."""
         allowed = self.budget.allows(kept.name)
         if allowed and self.room():
@@ -277,7 +277,7 @@ class Store:
         return held
 
     @contextmanager
-    def _readable(self, kept: Kept) -> Iterator[None]:
+    def _readable(self, kept: RecordFile) -> Iterator[None]:
         """Count and tell a recording that cannot be read, but for one that was removed to make room."""
         try:
             yield
@@ -291,7 +291,7 @@ class Store:
                 log.warning("%s has no curves: %s", kept.path, error)
 
 
-def near(recordings: Iterable[Kept], start: int, end: int) -> list[Kept]:
+def near(recordings: Iterable[RecordFile], start: int, end: int) -> list[RecordFile]:
     """Recordings that may have something of a span in UTC ns: begun before its end, and written after its start."""
     late = LATE * 1e9
     return [k for k in recordings if k.name.session < end + late and (not k.closed or k.modified * 1e9 + late >= start)]

@@ -17,7 +17,7 @@ from cellwatt.outlets.page.levels.gathering import Intervals, Said
 from cellwatt.outlets.page.levels.store import Store, near
 from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record import packs
-from cellwatt.record.folder import Kept
+from cellwatt.record.folder import RecordFile
 from cellwatt.results import Alarm, Event
 
 
@@ -119,7 +119,7 @@ MOST: Final = 2000
 """Intervals, and alarms, that an answer has at most: the longest intervals, the newest alarms."""
 
 
-def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, until: float) -> dict[str, Any]:
+def marks(store: Store, recordings: Sequence[RecordFile], start: int, end: int, until: float) -> dict[str, Any]:
     """Intervals and alarms from ``start`` to before ``end`` UTC ns, as far as they are read before ``until``.
 
     Recordings of long before are asked only if they have a level file: an alarm that is still up may stand there.
@@ -146,14 +146,14 @@ def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, until:
 
 
 def read(
-    store: Store, recordings: Sequence[Kept], start: int, end: int, until: float
-) -> tuple[list[tuple[Kept, Source]], bool]:
+    store: Store, recordings: Sequence[RecordFile], start: int, end: int, until: float
+) -> tuple[list[tuple[RecordFile, Source]], bool]:
     """Recordings begun before ``end`` with their sources, in order, and true if these are all.
 
     The newest are read first, until monotonic time ``until``; those written before ``start`` only from level files.
     """
     wanted = {kept.path for kept in near(recordings, start, end)}
-    found: list[tuple[Kept, Source]] = []
+    found: list[tuple[RecordFile, Source]] = []
     complete = True
     for kept in reversed(recordings):
         if kept.name.session >= end:
@@ -168,7 +168,7 @@ def read(
     return found[::-1], complete
 
 
-def joined(recordings: Sequence[Kept], sources: Sequence[tuple[Kept, Source]]) -> list[Episode]:
+def joined(recordings: Sequence[RecordFile], sources: Sequence[tuple[RecordFile, Source]]) -> list[Episode]:
     """Alarms from raise to clear, out of all sources in order."""
     sessions = sorted({kept.name.session for kept in recordings})
     return episodes(((kept.name.session, source.said) for kept, source in sources), sessions)

@@ -282,7 +282,7 @@ def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
     return [Trouble("clock_unsure", "warning", name, text, {"bound_s": round(worst, 3)})]
 
 
-class Watch:
+class Monitor:
     """Turns what ``troubles`` finds, look by look, into alarms.
 
     ``active`` are the alarms that another watch has left active; those of other kinds are not ours to clear.

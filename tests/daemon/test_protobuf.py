@@ -4,7 +4,7 @@ from google.protobuf.message_factory import GetMessageClass
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.record.protobuf import Field, Kind, file_descriptor_set, identifiers
+from cellwatt.protobuf import Field, Kind, file_descriptor_set, identifiers
 
 FIELDS = (
     Field("quality", 1, Kind.BYTES),
