@@ -139,16 +139,6 @@ def test_of_an_alarm_on_the_shelf_nothing_is_published_before_its_time() -> None
     assert book.look(11) == [] and book["hot"].shelf is None
 
 
-def test_one_that_comes_and_goes_on_the_shelf_is_told_as_it_is_at_the_end() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    book.shelve("hot", 10, "Ines", "", 2)
-    assert book.clear("hot", 3, "Resolved: cool.") + book.raise_(hot(4)) + book.clear("hot", 5, "Resolved: cool.") == []
-    (over,) = book.look(10)
-    assert (over.active, over.time, over.statement) == (False, 10, "Resolved: cool.")
-    assert list(book) == []
-
-
 def test_the_shelf_ends_where_the_severity_rises() -> None:
     book = AlarmBook()
     book.raise_(hot(1))
@@ -188,13 +178,6 @@ def test_after_a_restart_an_alarm_that_is_raised_again_is_still_acknowledged() -
     book.clear("hot", 11 * SECOND, "…")
     book.raise_(hot(12 * SECOND))
     assert book["hot"].acknowledgement is None, "it was over in between"
-
-
-def test_long_after_a_restart_it_is_another_alarm() -> None:
-    book = AlarmBook()
-    book.expect(before_a_restart(), until=20 * SECOND)
-    book.raise_(hot(20 * SECOND))
-    assert book["hot"].acknowledgement is None
 
 
 def test_a_shelf_outlasts_a_restart_until_its_time() -> None:

@@ -94,14 +94,6 @@ def test_grid_points_are_multiples_of_the_step_in_utc():
     assert values[:, 0] == pytest.approx(time)
 
 
-def test_blocks_number_their_frames_without_a_hole():
-    aligner, of = one(POSITION)
-    frames = play(aligner, [batch(of, [t], [0.0]) for t in range(0, 2000, 2)])
-    numbers = [f.sequence + k for f in frames for k in range(len(f))]
-    assert numbers == list(range(len(numbers)))
-    assert len(numbers) == 100
-
-
 def test_the_bound_is_the_worse_clock_bound_and_the_distance_of_the_nearer_sample():
     aligner, of = one(POSITION)
     early, late = batch(of, [19.5], [0.0], bound=700), batch(of, [20.3], [1.0], bound=900)
@@ -137,12 +129,6 @@ def test_a_held_value_grows_stale(age, quality):
     aligner, of = one(MODE)
     _, _, found, _ = joined(play(aligner, [batch(of, [20 - age], [1.0]), batch(of, [20.5], [1.0])]))
     assert found[0, 0] == quality
-
-
-def test_a_hold_channel_takes_the_last_sample_with_its_age():
-    aligner, of = one(MODE)
-    _, values, quality, bound = joined(play(aligner, [batch(of, [17, 19, 21], [1.0, 2.0, 3.0], bound=5)]))
-    assert (values[0, 0], quality[0, 0], bound[0, 0]) == (2.0, GOOD, 1 * MS + 5)
 
 
 def test_quality_of_the_samples_used_is_merged_by_maximum():

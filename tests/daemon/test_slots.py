@@ -118,19 +118,6 @@ def test_an_answer_that_waited_for_a_core_kept_by_the_hypervisor_was_not_slow(
     assert told == [(2, reason)]
 
 
-def test_a_device_that_is_always_slow_stays_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    at = {"ready": 0}
-    monkeypatch.setattr("cellwatt.processor._ready_ns", lambda: at["ready"])
-    monkeypatch.setattr("cellwatt.processor._steal.now", lambda: ())
-    slots, told = Slots(50.0, untold), []
-    for k in range(50):
-        told += slots.begin(Beat((1000 + 60 * k) * MS, 2 if k else 0))
-        at["ready"] += 2 * MS  # a PC that is a little busy
-        slots.end()
-        slots._idle = (1000 + 60 * k + 65) * MS
-    assert told == [(2, "slow answers")] * 48
-
-
 @pytest.mark.parametrize(
     ("ready", "computed", "reason"), [(0, 20, "merged tick"), (25, 20, "host stalled"), (0, 12, "host stalled")]
 )

@@ -11,7 +11,7 @@ import pytest
 from cellwatt.demo import cells
 from cellwatt.demo.fault import JOINT
 from cellwatt.demo.seen import Seen
-from cellwatt.demo.summary import summary, summary_of_every_driver
+from cellwatt.demo.summary import summary
 from cellwatt.registry import available
 
 pytestmark = pytest.mark.system
@@ -78,22 +78,6 @@ def test_a_driver_whose_library_is_absent_is_left_out_and_told(tmp_path, monkeyp
     assert "franka" not in devices
     assert len(devices) == len(available("cellwatt.drivers")) - 1
     assert "pip install 'cellwatt[franka]'" in lacking["franka"]
-
-
-@pytest.mark.parametrize(
-    ("changed", "exit_code", "problem"),
-    [
-        ({"missed": {"gap": 2}, "received": 98}, 0, "arm: 2 samples lost"),
-        ({"residue": 1}, 0, "1 not accounted"),
-        ({}, 1, "exit code 1"),
-    ],
-)
-def test_summary_of_every_driver_sees_what_is_wrong(changed: dict[str, object], exit_code: int, problem: str) -> None:
-    devices = ("arm", "board", "positioner", "mains")
-    assert summary_of_every_driver(seen(), {}, devices, {"franka": "no library"}, {}, 0)["ok"]
-    found = summary_of_every_driver(seen(**changed), {}, devices, {}, {}, exit_code)
-    assert problem in "; ".join(found["problems"])
-    assert "sources seen" in "; ".join(summary_of_every_driver(seen(), {}, ("ur",), {}, {}, 0)["problems"])
 
 
 def status(**changed: object) -> dict[str, object]:

@@ -11,7 +11,7 @@ from mcap.records import Channel, Schema
 
 from cellwatt.record import Recording
 from cellwatt.record.chunks import parse_attachment
-from cellwatt.record.decoder import items, track_of, tracks_of
+from cellwatt.record.decoder import track_of, tracks_of
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import Header
 from cellwatt.record.openfile import OpenFile
@@ -75,16 +75,6 @@ def test_a_damaged_declaration_costs_its_channel_alone(tmp_path):
     recording = Recording.open(tmp_path)
     assert len(recording.batches("arm", "rtde")) == 3
     assert [str(d).split(" is declared")[0] for d in recording.damage] == [f"{name_of()}: /raw/arm/other"]
-
-
-def test_a_record_that_ends_behind_its_chunk():
-    rows = track_of(
-        Channel(1, "/raw/a/b", "protobuf", {"source": "a", "declaration": json.dumps(DECLARED), "first": "0"}, 1)
-    )
-    data = rows.rows.encode(batch_of(0, 1), 1).tobytes()
-    assert len(list(items(data, {1: rows}, {1}))) == 1
-    with pytest.raises(ValueError, match="cut"):
-        list(items(data[:-1], {1: rows}, {1}))
 
 
 def test_a_length_beyond_all_memory_is_damage():

@@ -13,7 +13,7 @@ from cellwatt.record.header import PART
 from cellwatt.record.survey import survey
 from tests.patience import PATIENCE, eventually
 
-from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry, started, write_chunks
+from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_entry, started, write_chunks
 
 
 @pytest.fixture
@@ -47,16 +47,6 @@ def closing_size(folder):
     (path,) = folder.glob("*.mcap")
     chunk = survey(path).contents.chunks[-1]
     return path.stat().st_size - (chunk.offset + chunk.length + chunk.index_length)
-
-
-async def test_a_flush_brings_all_taken_so_far_to_the_file(tmp_path):
-    async with started(RecordSettings(folder=tmp_path, flush=3600.0)) as recorder:
-        assert recorder.put(batch_of(0, 3))
-        assert not list(tmp_path.iterdir())
-        assert await asyncio.to_thread(recorder.flush, PATIENCE)
-        (back,) = Recording.open(tmp_path / (name_of() + PART)).entries()
-        assert same_batch(back, batch_of(0, 3))
-        assert await asyncio.to_thread(recorder.flush, PATIENCE)
 
 
 async def test_frames_are_left_out_on_request_and_empty_blocks_are_nothing(tmp_path):

