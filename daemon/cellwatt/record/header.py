@@ -24,7 +24,6 @@ PART = ".part"
 DAMAGED = ".damaged"
 """Ends the name of bytes set aside because they could not be read."""
 
-_PLAIN = ("site", "cell", "session", "robot", "settings", "version", "number")
 _NAME = re.compile(
     r"(?P<cell>.+)_(?P<second>\d{8}T\d{6})_(?P<ns>\d{9})Z_(?P<number>\d{6,})\.mcap(\.part)?(\.\d+)?(\.damaged)?"
 )
@@ -49,9 +48,7 @@ class Header:
 
     def to_json(self) -> str:
         """The header as JSON text."""
-        declared = {source: [asdict(s) for s in streams] for source, streams in self.streams.items()}
-        plain = {n: getattr(self, n) for n in _PLAIN}
-        return json.dumps({**plain, "streams": declared})
+        return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Header:

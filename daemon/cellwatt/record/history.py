@@ -61,18 +61,18 @@ def look_at(kept: RecordFile) -> FileIndex:
     try:
         if kept.path.suffix == ".mcap":
             found: Survey = survey(kept.path, chunks=False)
-            known = known_as(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
+            known = index_of(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
             return replace(known, seal=seal.read(kept.path))
         if not kept.closed:
             with open_file(kept.path) as file:
                 summary = read_summary(file, chunks=False)
-            return known_as(kept, summary, "closing") if summary else FileIndex(kept, "left open", 0, 0, 0, {})
+            return index_of(kept, summary, "closing") if summary else FileIndex(kept, "left open", 0, 0, 0, {})
     except (OSError, ValueError, RecordingError):
         pass
     return nothing
 
 
-def known_as(kept: RecordFile, contents: Contents, state: str) -> FileIndex:
+def index_of(kept: RecordFile, contents: Contents, state: str) -> FileIndex:
     """The index of a file from its contents."""
     firsts = {t.series: (number, t.first) for number, t in tracks_in(contents).items() if t.series is not None}
     return FileIndex(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
@@ -167,7 +167,7 @@ class History:
         for kept in listing(self._folder, self._recorder.cell):
             old = self._known.get(kept.path)
             if live is not None and kept.path == live[0]:
-                fresh[kept.path] = known_as(kept, live[1], "open")
+                fresh[kept.path] = index_of(kept, live[1], "open")
             elif old is not None and old.state != "open" and old.kept == kept:
                 fresh[kept.path] = old
             else:
@@ -195,13 +195,10 @@ class History:
         """What is left of what is asked for; if nothing is, as many rows of those after it."""
         files = [f for f in self._files() if f.kept.name.session == session and topic.name in f.firsts]
         files = files[max(bisect_right(files, first, key=lambda f: f.firsts[topic.name][1]) - 1, 0) :]
-        found = self._from_files(files, topic, first, first + count)
-        begin = (
-            None
-            if found
-            else next(filter(None, (self._from_file(f, topic, first, sys.maxsize, 1) for f in files)), None)
-        )
-        return self._from_files(files, topic, begin[0].sequence, begin[0].sequence + count) if begin else found
+        if found := self._from_files(files, topic, first, first + count):
+            return found
+        later = next(filter(None, (self._from_file(f, topic, first, sys.maxsize, 1) for f in files)), None)
+        return self._from_files(files, topic, later[0].sequence, later[0].sequence + count) if later else []
 
     def _from_files(self, files: list[FileIndex], topic: _Topic[Block], first: int, stop: int) -> list[Block]:
         within = takewhile(lambda f: f.firsts[topic.name][1] < stop, files)

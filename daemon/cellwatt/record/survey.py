@@ -21,14 +21,14 @@ from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
 from cellwatt.progress import steps
-from cellwatt.record.chunks import LARGEST_RECORD, definition, parse, parse_attachment
+from cellwatt.record.chunks import LARGEST_RECORD, definition, parse, parse_attachment, records_in
 from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
 from cellwatt.record.decoder import tracks_of
 from cellwatt.record.foreign import ForeignError, held, is_foreign
 from cellwatt.record.header import PART, FileName, Header
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.rows import SampleRows
-from cellwatt.record.scan import LARGEST_SUMMARY, Damage, header_of, read_at, scan
+from cellwatt.record.scan import LARGEST_SUMMARY, Damage, Scan, header_of, read_at, scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,28 +51,20 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
     A file that was not closed is read to its last whole chunk: what its writer is at there is no damage.
     Raises ``OSError``, and ``RecordingError`` where nothing in it is a recording.
     """
-    summary = read_summary(file, chunks=chunks)
-    status = os.fstat(file.fileno())
-    identity = (status.st_dev, status.st_ino)
-    if summary is not None:
-        own = _header(file, summary)
-        _refuse_foreign(file, path, summary, own)
-        header = own or guess_header(path, summary)
-        damage = _undeclared(path, summary)
-        return Survey(path, status.st_size, header, summary, damage, closed=True, identity=identity)
-    found = scan(file, path)
-    _refuse_foreign(file, path, found.contents, found.header)
-    if not found.contents.chunks and found.header is None:
-        raise RecordingError(f"{path}: holds nothing that is a recording")
-    header = found.header or guess_header(path, found.contents)
-    sound = found.end if path.name.endswith(PART) else found.size + 1
-    damage = (*(d for d in found.damage if d.offset < sound), *_undeclared(path, found.contents))
-    return Survey(path, found.size, header, found.contents, damage, found.closed, identity)
-
-
-def _refuse_foreign(file: FileIO, path: Path, contents: Contents, header: Header | None) -> None:
-    if is_foreign(file, contents, header):
+    status, summary = os.fstat(file.fileno()), read_summary(file, chunks=chunks)
+    if summary is None:
+        found = scan(file, path)
+    else:
+        found = Scan(path, status.st_size, _header(file, summary), summary, closed=True)
+    contents = found.contents
+    if is_foreign(file, contents, found.header):
         raise ForeignError(f"{path}: no recording of cellwatt: it has {held(file, contents)}")
+    if summary is None and not contents.chunks and found.header is None:
+        raise RecordingError(f"{path}: holds nothing that is a recording")
+    header = found.header or guess_header(path, contents)
+    sound = found.end if path.name.endswith(PART) else found.size + 1
+    damage = (*(d for d in found.damage if d.offset < sound), *_undeclared(path, contents))
+    return Survey(path, found.size, header, contents, damage, found.closed, (status.st_dev, status.st_ino))
 
 
 def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:
@@ -99,17 +91,15 @@ def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
 
 
 def _contents(summary: bytes, *, chunks: bool) -> Contents:
-    contents, at = Contents(), 0
-    while at < len(summary):
-        opcode, length = RECORD.unpack_from(summary, at)
-        at += RECORD.size + length
-        if opcode == Opcode.CHUNK_INDEX:
-            if chunks:
-                contents.chunks.append(read_chunk_index(summary[at - length : at]))
+    contents = Contents()
+    for opcode, at, length in records_in(summary):
+        if opcode == Opcode.CHUNK_INDEX and not chunks:
             continue
-        body = summary[at - length : at]
+        body = summary[at : at + length]
         contents.define(definition(opcode, body))
-        if opcode == Opcode.ATTACHMENT_INDEX:
+        if opcode == Opcode.CHUNK_INDEX:
+            contents.chunks.append(read_chunk_index(body))
+        elif opcode == Opcode.ATTACHMENT_INDEX:
             contents.attachments.append(parse(AttachmentIndex, body))
         elif opcode == Opcode.STATISTICS:
             statistics = parse(Statistics, body)
