@@ -1,7 +1,12 @@
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.backlog import Backlog
-from tests.daemon.outlets.zenoh.fake_cell import EPOCH, alarm, frames
+from tests.daemon.outlets.zenoh.fake_cell import EPOCH, FakeView, alarm, frames
 
 
 def backlog(frame_bytes: float = 1e6) -> Backlog:
@@ -32,3 +37,18 @@ def test_frames_of_a_outlet_that_was_ended_are_still_given_by_the_one_after_it()
     following = after.add_frames(frames(15, 5))
     assert (following.session, following.sequence) == (kept.session, kept.end)
     assert [mark for mark, _ in after.frames(EPOCH, 0, 99)] == [kept, following]
+
+
+@pytest.mark.parametrize(("recorded", "most"), [(True, 0.5e6), (False, 4e6)])
+def test_frames_that_the_record_has_take_little_memory(
+    monkeypatch: pytest.MonkeyPatch, recorded: bool, most: float
+) -> None:
+    view = FakeView()
+    view.record_folder = Path("/record")
+    monkeypatch.setattr(view, "config", lambda: {"record": {"frames": recorded}})
+    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=("tcp/127.0.0.1:0",)), view)
+    for first in range(0, 200_000, 2000):
+        outlet.offer(frames(first, 2000))
+    kept = [block for _, block in outlet._backlog.frames(view.session, 0, 200_000)]
+    size = sum(array.nbytes for block in kept for array in (block.time, block.values, block.quality, block.bound))
+    assert 0.7 * most < size <= most
