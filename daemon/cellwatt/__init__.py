@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import warnings
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from cellwatt.account import Account
@@ -39,6 +38,7 @@ from cellwatt.outlet import CellView, Outlet, OutletSettings
 from cellwatt.progress import show_progress
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt.version import __version__
 
 if TYPE_CHECKING:
     from cellwatt.outlets.forward import ForwardOutlet, ForwardSettings, NotNowError
@@ -55,8 +55,6 @@ _LATER = {
     "Row": "cellwatt.outlets.selection",
     "Subscriber": "cellwatt.subscriber",
 }
-__version__ = version("cellwatt")
-
 _FORMER = {"Sink": "Outlet", "SinkError": "OutletError", "SinkSettings": "OutletSettings"}
 
 __all__ = [

@@ -12,7 +12,6 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Final
 
-from cellwatt import __version__
 from cellwatt.config import CellConfig, load, public_config
 from cellwatt.config.document import read
 from cellwatt.diagnose import pc
@@ -26,6 +25,7 @@ from cellwatt.record.folder import Obstacles, RecordFile, listing, obstacles
 from cellwatt.record.header import DAMAGED
 from cellwatt.record.survey import survey
 from cellwatt.runtime.assemble import prepare
+from cellwatt.version import __version__
 
 _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 """Parts of keys below which a wrong file may hold secrets that no settings class has declared."""

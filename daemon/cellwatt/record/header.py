@@ -12,9 +12,9 @@ from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from cellwatt import __version__
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
+from cellwatt.version import __version__
 from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 Section = TypeVar("Section", bound=BaseModel)

@@ -15,10 +15,10 @@ from typing import Any, Final, Literal
 
 from pydantic import TypeAdapter
 
+from cellwatt.door.signing import Signer, Verifier
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import replace_text
 from cellwatt.record.header import PART, FileName
-from cellwatt.signing import Signer, Verifier
 
 SUFFIX: Final = ".sig"
 RECORDING: Final = "cellwatt: recording of a cell, version 1"

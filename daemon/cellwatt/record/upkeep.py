@@ -12,6 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from cellwatt.door.signing import Signer
 from cellwatt.errors import ConfigError
 from cellwatt.files import sync_folder
 from cellwatt.record import seal
@@ -20,7 +21,6 @@ from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile, check_place
 from cellwatt.record.recovery import Recovery, left_open, recover
 from cellwatt.record.settings import RecordSettings
-from cellwatt.signing import Signer
 
 log = logging.getLogger(__name__)
 

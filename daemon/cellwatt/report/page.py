@@ -10,7 +10,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from cellwatt import __version__
 from cellwatt.errors import CellwattError
 from cellwatt.files import write_file
 from cellwatt.report.blocks import Block, Html, joined, quiet
@@ -18,6 +17,7 @@ from cellwatt.report.facts import Facts
 from cellwatt.report.figure import pack
 from cellwatt.report.provenance import Provenance
 from cellwatt.report.theme import custom_properties
+from cellwatt.version import __version__
 
 PAGE = "Page to write: pictures, tables and what they were made from, as one HTML file."
 """Help of ``--report``."""

@@ -14,8 +14,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from cellwatt import __version__
 from cellwatt.report.blocks import Folded, Html, Table, joined
+from cellwatt.version import __version__
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from typing import Any, Final, Literal
 import yaml
 
 from cellwatt.door.certificates import MEMBER_DAYS, Pair, issue, new_authority, read
+from cellwatt.door.signing import new_key
 from cellwatt.errors import CellwattError, ConfigError, why
 from cellwatt.secure import access
-from cellwatt.signing import new_key
 
 Role = Literal["router", "cell", "viewer"]
 PORT: Final = 7447

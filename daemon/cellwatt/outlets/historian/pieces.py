@@ -17,7 +17,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pydantic_core
 
-from cellwatt import __version__
 from cellwatt.channel import Quality
 from cellwatt.frames import Frames, cut
 from cellwatt.outlets.past import ARCHIVED, Archived, files_of, opened
@@ -25,6 +24,7 @@ from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record.messages import time_of
 from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Energy, Task
+from cellwatt.version import __version__
 
 T = TypeVar("T", Alarm, Task, Energy)
 

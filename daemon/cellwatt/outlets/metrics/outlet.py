@@ -14,13 +14,13 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoM
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from cellwatt import __version__
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.apart.outlet import Apart
 from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family, Reading, lives_of, of_health
 from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.results import Energy
+from cellwatt.version import __version__
 
 MOST: Final = 50_000
 """Counts that are remembered; what is beyond is told as it is counted."""

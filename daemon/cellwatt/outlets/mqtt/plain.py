@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from cellwatt import __version__
 from cellwatt.alarms import AlarmBook
 from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
 from cellwatt.outlets.mqtt.settings import MqttSettings
@@ -19,6 +18,7 @@ from cellwatt.outlets.zenoh.keys import PREFIX
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json, topic_of
 from cellwatt.results import Alarm, Event, Interval, Result
+from cellwatt.version import __version__
 
 ONLINE, OFFLINE = b"online", b"offline"
 _ROW: Final = "row"

@@ -15,11 +15,11 @@ from typing import Any, Final
 import aiohttp
 from pydantic import SecretStr
 
-from cellwatt import __version__
 from cellwatt.outlets.notify.channels import Answer, FailedError, RefusedError, distrusted, trust
 from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings
 from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
 from cellwatt.outlets.notify.told import Message
+from cellwatt.version import __version__
 
 ID: Final = "webhook-id"
 TIMESTAMP: Final = "webhook-timestamp"

@@ -18,7 +18,6 @@ from asyncua.crypto.uacrypto import der_from_x509, load_certificate
 from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
-from cellwatt import __version__
 from cellwatt.channel import Quality
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
@@ -30,6 +29,7 @@ from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED, OpcUaOutletSettings
 from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
 from cellwatt.outlets.selection import Picker
 from cellwatt.outlets.zenoh.messages import encode_json
+from cellwatt.version import __version__
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _STATUS: Final = {

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Final
 from aiohttp import web
 from aiohttp.typedefs import Handler
 
-from cellwatt import __version__
 from cellwatt.door.http import HttpDoor
 from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
@@ -28,6 +27,7 @@ from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.sessions import LONGEST, Sessions
 from cellwatt.outlets.page.streams import Browsers, encoded
+from cellwatt.version import __version__
 
 if TYPE_CHECKING:
     from cellwatt.outlets.page.plant import Rooms

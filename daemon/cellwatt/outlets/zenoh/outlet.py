@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, PositiveInt, model_validator
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
+from cellwatt.door.signing import unusable
 from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.host import stays_here
@@ -30,7 +31,6 @@ from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
 from cellwatt.outlets.zenoh.publisher import Publisher
 from cellwatt.outlets.zenoh.signing import Seal
 from cellwatt.quantity import Bytes, BytesPerSecond
-from cellwatt.signing import unusable
 
 _NETWORK = re.compile(r"(tcp|udp|tls|quic|ws)/(\[.*\]|[^/]+):\d+(?:[?#].*)?")
 _ENCRYPTED: Final = ("tls", "quic")

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import click
 
+from cellwatt.door.signing import Signer
 from cellwatt.errors import CellwattError, why
 from cellwatt.record import Recording, packs, seal
 from cellwatt.record.cut import Cut, cut
 from cellwatt.record.packs import Due
 from cellwatt.runtime.evidence.page import report
-from cellwatt.signing import Signer
 
 
 @click.command()

@@ -11,7 +11,7 @@ from typing import Any
 import aiohttp
 import pytest
 
-from cellwatt import __version__
+from cellwatt.version import __version__
 from tests.daemon.outlets.page.cell import (
     API,
     CELL,

@@ -192,7 +192,7 @@ class Store:
             self._chunks.move_to_end(kept.path)
             return places, tracks
 
-    def obstacles(self) -> bool:
+    def room(self) -> bool:
         """True where the disk has room for level files, and takes them."""
         try:
             return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
