@@ -65,7 +65,7 @@ class Archive:
         self.folder, self._cell, self._desk = folder, cell, desk
         self._curves = None
         if folder is not None:
-            from cellwatt.outlets.page.levels import Curves
+            from cellwatt.outlets.page.levels.curves import Curves
 
             self._curves = Curves(folder, cell, levels)
         self._folders = [found for found in (folder, reports) if found is not None]
@@ -73,7 +73,7 @@ class Archive:
     def start(self) -> None:
         """Begin to follow the record."""
         if self._curves is not None:
-            self._curves.start()
+            self._curves.keeper.start()
 
     def counts(self) -> dict[str, int]:
         """Level files that are missing, and why."""
@@ -83,13 +83,13 @@ class Archive:
     def close(self) -> None:
         """End; blocks."""
         if self._curves is not None:
-            self._curves.close()
+            self._curves.keeper.close()
 
     async def curves(
         self, live: LiveCell, channels: Sequence[str], start: float, end: float, points: int
     ) -> dict[str, Any]:
         """Curves from ``start`` to ``end`` ms, and what happened then; the last minute is in memory as well."""
-        from cellwatt.outlets.page.levels import Curves
+        from cellwatt.outlets.page.levels.curves import Curves
 
         curves = self._curves or Curves(None, self._cell)
         told = await self._desk.ask(curves.curves, channels, start, end, points, in_memory(live, channels))
@@ -97,7 +97,7 @@ class Archive:
 
     async def alarms(self, live: LiveCell, start: float, end: float, limit: int) -> dict[str, Any]:
         """Alarms from ``start`` to ``end`` ms, the newest first."""
-        from cellwatt.outlets.page.levels.telling import alarm_history
+        from cellwatt.outlets.page.levels.episodes import alarm_history
 
         if self.folder is None:
             return alarms(live, start, end, limit)

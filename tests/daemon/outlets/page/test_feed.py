@@ -16,7 +16,7 @@ from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page import archive, shapes
 from cellwatt.outlets.page.feed import Feed
-from cellwatt.outlets.page.levels import Curves
+from cellwatt.outlets.page.levels.curves import Curves
 from cellwatt.outlets.page.rooms import page_of, plant_cell
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.subscriber import Gap, Health, Message

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.levels import Curves
-from cellwatt.outlets.page.levels import telling as past
-from cellwatt.outlets.page.levels.telling import RESTARTED, alarm_history
+from cellwatt.outlets.page.levels import episodes as past
+from cellwatt.outlets.page.levels.curves import Curves
+from cellwatt.outlets.page.levels.episodes import RESTARTED, alarm_history, episodes, read
 from cellwatt.record import packs
 from tests.daemon.outlets.page.recorded import CELL, MS, SESSION, S, Written, alarm, event, interval, recording
 
@@ -145,11 +145,9 @@ def test_an_alarm_of_two_packs_has_its_own_each_time(tmp_path):
     ]
     recording(tmp_path, [items])
     reader = Curves(tmp_path, CELL)
-    from cellwatt.outlets.page.levels.telling import joined, read
-
     recordings = reader.store.recordings()
     sources, _ = read(reader.store, recordings, 0, at(1000), 1e18)
-    assert [(e.raised, e.pack) for e in joined(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
+    assert [(e.raised, e.pack) for e in episodes(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
 
 
 def test_a_cell_without_a_record_has_no_alarms(tmp_path):
@@ -165,13 +163,6 @@ def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
     recording(tmp_path, [[alarm("a", at(1), at(2))]])
     monkeypatch.setattr(past, "PATIENCE", -1.0)
     assert history(tmp_path) == {"alarms": [], "complete": False}
-
-
-def test_nothing_is_written_into_the_record(tmp_path):
-    path = recording(tmp_path, [[alarm("a", at(1), at(2))]])
-    before = path.read_bytes()
-    history(tmp_path)
-    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
 
 
 OPERATIONS = st.lists(
