@@ -7,7 +7,6 @@ import socket
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cellwatt import FrameChannel, Layout
@@ -141,14 +140,3 @@ async def test_blocks_are_made_once_for_all_that_want_the_same(tmp_path: Path, m
             blocks = [await Stream(response).until("frames") for response in (one, two, other)]
         assert blocks[0] == blocks[1] == blocks[2]
         assert made.count("frames") == 1
-
-
-async def test_many_frames_are_one_message_at_the_rate_that_is_asked_for(tmp_path: Path) -> None:
-    url = f"{API}/stream?channels=arm.c_0&rate=5"
-    async with served(tmp_path) as page, client() as browser, browser.get(page.url + url) as response:
-        await eventually(lambda: len(page.hub), "the browser")
-        for first in range(0, 50, 5):
-            page.feed.take_frames(frames(first, 5, WIDE))
-        got = await Stream(response).until("frames")
-        assert np.allclose(np.diff(got["t"]), 20.0)
-        assert len(got["t"]) == 50

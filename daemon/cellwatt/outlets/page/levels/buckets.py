@@ -24,7 +24,7 @@ LEAST: Final = 3
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
 Index = NDArray[np.int64]
-Values = NDArray[np.float32]
+Values = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +41,15 @@ class Buckets:
         """Those of one channel."""
         return Buckets(self.index, self.low[row : row + 1], self.high[row : row + 1])
 
+    def single(self) -> Buckets:
+        """The same in the nearest single-precision numbers."""
+        low, high = (np.clip(values, -_LARGEST, _LARGEST).astype(np.float32) for values in (self.low, self.high))
+        return Buckets(self.index, low, high)
+
 
 def of_samples(time: NDArray[np.int64], values: NDArray[np.float64], step: int) -> Buckets:
-    """Buckets of samples ``values`` (n, channels) at ``time`` (n,) UTC ns, in any order; NaN and infinities are none.
-
-    Extremes are the nearest single-precision numbers.
-    """
-    known = np.where(np.isfinite(values), np.clip(values, -_LARGEST, _LARGEST), np.nan)
-    columns = np.ascontiguousarray(known.T.astype(np.float32))
+    """Buckets of samples ``values`` (n, channels) at ``time`` (n,) UTC ns, in any order; only finite ones count."""
+    columns = np.ascontiguousarray(np.where(np.isfinite(values), values, np.nan).T)
     return _merged(time // step, columns, columns)
 
 
@@ -107,9 +108,9 @@ class Grid:
         """UTC ns."""
         return (self.first + self.count) * self.step
 
-    def extremes(self, parts: Sequence[Buckets]) -> NDArray[np.float32]:
+    def extremes(self, parts: Sequence[Buckets]) -> NDArray[np.float64]:
         """Lowest and highest values (2, count) of one channel's buckets of this step; NaN where there are none."""
-        out = np.full((2, self.count), np.nan, np.float32)
+        out = np.full((2, self.count), np.nan)
         if parts:
             whole = joined(parts)
             first, last = np.searchsorted(whole.index, (self.first, self.first + self.count)).tolist()

@@ -17,6 +17,7 @@ from cellwatt.errors import RecordingError, why
 from cellwatt.frames import Frames
 from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, Grid, chosen, coarser, fitting, of_samples, span_of
 from cellwatt.outlets.page.levels.episodes import marks
+from cellwatt.outlets.page.levels.following import Pace
 from cellwatt.outlets.page.levels.gathering import CURVES, Samples, samples_of
 from cellwatt.outlets.page.levels.store import Keeper, Store, ends_at, near
 from cellwatt.outlets.page.shapes import significant
@@ -31,6 +32,8 @@ FINER: Final = STEPS[0] // 2
 """… where the step asked for is shorter than this, ns."""
 BESIDE: Final = 10**9
 """ns, more than the step of most frames."""
+USUAL: Final = 20_000_000
+"""Step of frames, ns, where none is known."""
 EXACT: Final = 9
 """Significant digits that tell a single-precision number from all others."""
 
@@ -40,14 +43,14 @@ Memory = tuple[int, Mapping[str, Samples]]
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """A question, with the recordings that are there; times UTC ns, ``until`` monotonic s."""
+    """A question, with the recordings that are there; times UTC ns. ``pace`` raises ``TimeoutError`` in the end."""
 
     recordings: Sequence[Kept]
     names: Sequence[str]
     start: int
     end: int
     points: int
-    until: float
+    pace: Pace
     memory: Memory
 
 
@@ -69,7 +72,7 @@ class Curves:
 
         There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
         samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
-        Where a step is one frame, ``t`` are the frames' own times and there is no ``max``. Channels are those of the
+        Where a step is one frame there is no ``max``. Channels are those of the
         frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory`` has what may
         not be recorded yet. ``complete`` is false where something is left out, for want of time or because it is too
         much. Never call it on an event loop.
@@ -77,62 +80,61 @@ class Curves:
         Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
         """
         start, end = span_of(start_ms, end_ms)
-        recordings, until = self.store.recordings() if self._recorded else [], time.monotonic() + PATIENCE
-        asked = _Asked(recordings, list(dict.fromkeys(channels)), start, end, max(points, 2), until, memory)
+        recordings, pace = self.store.recordings() if self._recorded else [], ends_at(time.monotonic() + PATIENCE)
+        asked = _Asked(recordings, list(dict.fromkeys(channels)), start, end, max(points, 2), pace, memory)
         try:
             found = self._moments(asked) or self._levels(asked)
-            told = marks(self.store, recordings, start, end, until)
+            told = marks(self.store, recordings, start, end, pace)
         except OSError as error:
             raise RecordingError(f"record.folder {self.store.folder} cannot be read: {why(error)}") from error
         complete = found.pop("complete") and told.pop("complete")
         return {**found, **told, "from_record": self._recorded, "complete": complete}
 
-    # short spans ----------------------------------------------------------------------------------
-
     def _moments(self, asked: _Asked) -> dict[str, Any] | None:
-        """Curves out of the frames; None where levels serve better."""
-        start, end, points = asked.start, asked.end, asked.points
-        if end - start > MOMENTS or end - start >= points * FINER:
+        """Curves of a short span out of the frames; None where levels serve better."""
+        length, points = asked.end - asked.start, asked.points
+        if length > MOMENTS or length >= points * FINER:
             return None
-        beside = (end - start) // (points - 1) + BESIDE  # the first and the last step reach beyond the span
-        first, last = start - beside, end + beside
+        beside = length // (points - 1) + BESIDE  # the first and the last step reach beyond the span
         try:
-            step, samples = self._samples(asked, first, last)
+            step, samples = self._samples(asked, asked.start - beside, asked.end + beside)
         except TimeoutError:
             return None
-        inside = {name: _between(found, start, end) for name, found in samples.items()}
-        times, step = _times(step, [time for time, _ in inside.values()])
-        if len(times) <= points:
-            values = {name: {"min": _plain(_placed(times, *found))} for name, found in inside.items()}
-            return {"t": (times / 1e6).tolist(), "v": values, "step_ms": step / 1e6, "complete": True}
-        grid = fitting(start, end, points, max(step, 1))
-        if grid.start < first or grid.end > last:
+        if step > BESIDE:
             return None
-        return {**_drawn(grid, {name: [_bucketed(grid, found)] for name, found in samples.items()}), "complete": True}
+        grid = fitting(asked.start, asked.end, points, step)
+        found = _drawn(grid, {name: [_bucketed(grid, *each)] if each else [] for name, each in samples.items()})
+        for values in found["v"].values() if grid.step == step else ():
+            del values["max"]
+        return {**found, "complete": True}
 
-    def _samples(self, asked: _Asked, start: int, end: int) -> tuple[int, dict[str, Samples]]:
-        """Step of the frames, 0 without any, and the samples of each channel from ``start`` to before ``end`` UTC ns.
+    def _samples(self, asked: _Asked, start: int, end: int) -> tuple[int, Mapping[str, Sequence[Samples]]]:
+        """Step of the frames, and the samples of each channel from ``start`` to before ``end`` UTC ns, or more.
 
         Raises ``TimeoutError`` where that takes too long, ``OSError`` where the disk cannot be read.
         """
-        step, pace = 0, ends_at(asked.until)
+        steps = set[int]()
         pieces: dict[str, list[Samples]] = {name: [] for name in asked.names}
         for kept in near(asked.recordings, start, end):
+            known = self.store.known(kept) if kept.closed else None
+            if known is not None and (known.end < start or known.start >= end):
+                continue
             # One that was removed meanwhile, or of which nothing can be read, has nothing to give.
             with suppress(FileNotFoundError, RecordingError):
-                places = self.store.places(kept, pace)
+                places = self.store.places(kept, asked.pace)
                 _, file = open_recording(kept.path)
                 with file:
                     for items in places.items(file, CURVES, start, end):
                         for item in items:
-                            step = max(step, item.layout.step) if isinstance(item, Frames) else step
-                            columns, times, values = samples_of(item) or ((), (), ())
-                            for name in pieces.keys() & set(columns):
-                                pieces[name].append((times, values[:, columns.index(name)]))
-                        pace()
-        for name, held in asked.memory[1].items():
-            pieces[name].append(held)
-        return step or asked.memory[0], {name: _between(_in_order(found), start, end) for name, found in pieces.items()}
+                            steps |= {item.layout.step} if isinstance(item, Frames) else set()
+                            if (found := samples_of(item)) is not None:
+                                columns, times, values = found
+                                for name in pieces.keys() & set(columns):
+                                    pieces[name].append((times, values[:, columns.index(name)]))
+                        asked.pace()
+        for name in pieces.keys() & asked.memory[1].keys():
+            pieces[name].append(asked.memory[1][name])
+        return min(steps, default=asked.memory[0] or USUAL), pieces
 
     # long spans -----------------------------------------------------------------------------------
 
@@ -143,7 +145,7 @@ class Curves:
         complete = True
         for kept in reversed(near(asked.recordings, grid.start, grid.end)):
             try:
-                source = self.store.source(kept, asked.until)
+                source = self.store.source(kept, asked.pace)
                 if source is not None and source.start < grid.end and source.end >= grid.start:
                     for name, buckets in source.levels(level, asked.names):
                         parts[name].append(coarser(buckets, grid.step // STEPS[level]))
@@ -156,49 +158,21 @@ class Curves:
                 complete = False
         for name in parts.keys() & asked.memory[1].keys():
             parts[name].append(_bucketed(grid, asked.memory[1][name]))
-        return {**_drawn(grid, parts), "complete": complete}
+        return {**_drawn(grid, parts, EXACT), "complete": complete}
 
 
-def _in_order(pieces: Sequence[Samples]) -> Samples:
-    """Samples of one channel in order of time."""
-    times = np.concatenate([np.empty(0, np.int64), *(time for time, _ in pieces)])
-    values = np.concatenate([np.empty(0), *(values for _, values in pieces)])
-    order = np.argsort(times, kind="stable")
-    return times[order], values[order]
-
-
-def _between(samples: Samples, start: int, end: int) -> Samples:
-    """Samples in order, from ``start`` to before ``end`` UTC ns."""
-    first, last = np.searchsorted(samples[0], (start, end)).tolist()
-    return samples[0][first:last], samples[1][first:last]
-
-
-def _bucketed(grid: Grid, samples: Samples) -> Buckets:
+def _bucketed(grid: Grid, *pieces: Samples) -> Buckets:
     """Buckets of a grid's step of the samples of one channel."""
-    return of_samples(samples[0], samples[1][:, None], grid.step)
+    times, values = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    return of_samples(times, values[:, None], grid.step)
 
 
-def _times(step: int, times: Sequence[NDArray[np.int64]]) -> tuple[NDArray[np.int64], int]:
-    """All times of the samples, one more in each gap, and the usual step from one to the next, ns."""
-    every = np.unique(np.concatenate([np.empty(0, np.int64), *times]))
-    apart = np.diff(every)
-    step = step or (round(float(np.median(apart))) if len(apart) else 0)
-    gaps = every[:-1][apart > 1.5 * step] + step
-    return np.sort(np.concatenate([every, gaps])), step
-
-
-def _placed(times: NDArray[np.int64], at: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values at some of the times, NaN at the others."""
-    out = np.full(len(times), np.nan)
-    out[np.searchsorted(times, at)] = values
-    return out
-
-
-def _drawn(grid: Grid, parts: Mapping[str, Sequence[Buckets]]) -> dict[str, Any]:
+def _drawn(grid: Grid, parts: Mapping[str, Sequence[Buckets]], digits: int | None = None) -> dict[str, Any]:
     times = (grid.first + np.arange(grid.count)) * grid.step
     values = {}
     for name, buckets in parts.items():
-        low, high = significant(grid.extremes(buckets).astype(np.float64), EXACT)
+        extremes = grid.extremes(buckets)
+        low, high = extremes if digits is None else significant(extremes, digits)
         values[name] = {"min": _plain(low), "max": _plain(high)}
     return {"t": (times / 1e6).tolist(), "v": values, "step_ms": grid.step / 1e6}
 

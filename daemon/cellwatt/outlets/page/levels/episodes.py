@@ -13,7 +13,8 @@ from cellwatt.alarms import RESTARTED, Acknowledgement
 from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.levels.buckets import span_of
-from cellwatt.outlets.page.levels.store import Source, Store, near
+from cellwatt.outlets.page.levels.following import Pace
+from cellwatt.outlets.page.levels.store import Source, Store, ends_at, near
 from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record import packs
 from cellwatt.record.retention import Kept
@@ -96,12 +97,12 @@ def _note(event: Event, known: Mapping[str, Sequence[Episode]]) -> None:
             next(inside, episodes[-1]).pack = str(event.data["pack"])
 
 
-def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, until: float) -> dict[str, Any]:
-    """Intervals and alarms from ``start`` to before ``end`` UTC ns, as far as they are read before ``until``.
+def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: Pace) -> dict[str, Any]:
+    """Intervals and alarms from ``start`` to before ``end`` UTC ns, as far as ``pace`` lets them be read.
 
     Recordings of long before are asked only if they have a level file: an alarm that is still up may stand there.
     """
-    sources, complete = read(store, recordings, start, end, until)
+    sources, complete = read(store, recordings, start, end, pace)
     rows: dict[tuple[int, str, int], dict[str, Any]] = {}
     for kept, source in sources:
         try:
@@ -125,10 +126,10 @@ def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, until:
     }
 
 
-def read(store: Store, recordings: Sequence[Kept], start: int, end: int, until: float) -> tuple[Found, bool]:
+def read(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: Pace) -> tuple[Found, bool]:
     """Recordings begun before ``end`` with their sources, in order, and true if these are all.
 
-    The newest are read first, until monotonic time ``until``; those written before ``start`` only from level files.
+    The newest are read first, until ``pace`` raises ``TimeoutError``; those of before ``start`` only from level files.
     """
     wanted = {kept.path for kept in near(recordings, start, end)}
     found: list[tuple[Kept, Source]] = []
@@ -136,7 +137,7 @@ def read(store: Store, recordings: Sequence[Kept], start: int, end: int, until: 
     for kept in reversed(recordings):
         if kept.name.session < end:
             try:
-                source = store.source(kept, until if kept.path in wanted else 0.0, curves=False)
+                source = store.source(kept, pace if kept.path in wanted else ends_at(0.0), curves=False)
             except TimeoutError:
                 complete = False
                 continue
@@ -145,25 +146,22 @@ def read(store: Store, recordings: Sequence[Kept], start: int, end: int, until: 
     return found[::-1], complete
 
 
-def alarm_history(
-    folder: Path, cell: str, start_ms: float, end_ms: float, limit: int, store: Store | None = None
-) -> dict[str, Any]:
+def alarm_history(store: Store, start_ms: float, end_ms: float, limit: int) -> dict[str, Any]:
     """Alarms that were up from ``start_ms`` to ``end_ms`` UTC ms, at most ``limit``, the newest first, JSON-ready.
 
     ``evidence_page`` is the path of the page below the route of reports. ``complete`` is false where older ones are
-    left out. With a ``store`` of the same folder less is read. Never call it on an event loop.
+    left out. Never call it on an event loop.
 
     Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
     """
     start, end = span_of(start_ms, end_ms)
-    store = store or Store(folder, cell)
     recordings = store.recordings()
     try:
-        sources, complete = read(store, recordings, start, end, time.monotonic() + PATIENCE)
+        sources, complete = read(store, recordings, start, end, ends_at(time.monotonic() + PATIENCE))
     except OSError as error:
-        raise RecordingError(f"record.folder {folder} cannot be read: {why(error)}") from error
+        raise RecordingError(f"record.folder {store.folder} cannot be read: {why(error)}") from error
     found = [episode for episode in episodes(recordings, sources) if episode.overlaps(start, end)][::-1]
-    told = [_told(episode, folder / packs.FOLDER, cell) for episode in found[:limit]]
+    told = [_told(episode, store.folder / packs.FOLDER, store.cell) for episode in found[:limit]]
     return {"alarms": told, "complete": complete and len(found) <= limit}
 
 

@@ -103,7 +103,7 @@ class Gathering:
 
     def _fold(self, columns: Columns) -> None:
         time, values = (np.concatenate(arrays) for arrays in zip(*self._waiting.pop(columns), strict=True))
-        self._folded.setdefault(columns, []).append(of_samples(time, values, STEPS[0]))
+        self._folded.setdefault(columns, []).append(of_samples(time, values, STEPS[0]).single())
 
     def _reach(self, first: int, last: int) -> None:
         self._start, self._end = min(self._start, first), max(self._end, last)

@@ -12,8 +12,7 @@ import shutil
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -45,7 +44,7 @@ class Store:
     """Sources of a cell's recordings in ``folder``, with level files up to ``most`` bytes. Any thread may ask."""
 
     def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
-        self.folder, self._cell, self._most = folder, cell, most
+        self.folder, self.cell, self._most = folder, cell, most
         self.counts: Counter[str] = Counter()
         """Level files unwritten, damaged and over the budget; recordings that could not be read."""
         self._listing: tuple[float, float, list[Kept]] = (0.0, 0.0, [])
@@ -79,20 +78,19 @@ class Store:
         """A listing that no rename has disturbed, as far as that can be had: a file is missing in one of them."""
         before: list[Path] | None = None
         for _ in range(ATTEMPTS):
-            found = listing(self.folder, self._cell)
+            found = listing(self.folder, self.cell)
             names = [kept.path for kept in found]
             if names == before:
                 break
             before = names
         return found
 
-    def source(self, kept: Kept, until: float, *, curves: bool = True) -> Source | None:
+    def source(self, kept: Kept, pace: Pace, *, curves: bool = True) -> Source | None:
         """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
 
-        None where nothing in it can be read. Raises ``TimeoutError`` where that takes beyond monotonic time ``until``.
+        None where nothing in it can be read. Raises what ``pace`` raises.
         """
-        pace = ends_at(until)
-        with self._readable(kept):
+        try:
             if not kept.closed:
                 growing = self._growing.setdefault(kept.name, Growing(kept.path))
                 with growing.lock:
@@ -101,8 +99,15 @@ class Store:
             if (known := self.known(kept)) is not None or self._waits(kept.path):
                 return known
             pace()
-            return self.made(kept, pace) if curves else gather(kept.path, kept.size, TELLING, pace)
-        return None
+            return self._made(kept, pace) if curves else gather(kept.path, kept.size, TELLING, pace)
+        except TimeoutError:
+            raise
+        except (OSError, RecordingError) as error:
+            # One that was removed to make room is no fault.
+            if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
+                self.counts["unreadable"] += 1
+                self._failed(kept.path, f"{kept.path} has no curves: {error}")
+            return None
 
     def known(self, kept: Kept) -> LevelFile | None:
         """The level file of a closed recording; None where there is no sound one."""
@@ -129,15 +134,12 @@ class Store:
         except OSError as error:
             log.warning("%s cannot be removed: %s", path, why(error))
 
-    def made(self, kept: Kept, pace: Pace) -> Digest:
-        """Read a closed recording, and write its level file where that may be.
-
-        Raises ``OSError``, and ``RecordingError`` where nothing in it can be read.
-        """
+    def _made(self, kept: Kept, pace: Pace) -> Digest:
+        """Read a closed recording, and write its level file where that may be."""
         digest = gather(kept.path, kept.size, CURVES | TELLING, pace)
-        if self.allows(kept):
+        if self._allows(kept):
             try:
-                if not self.room():
+                if not self._room():
                     raise OSError("there is no room for level files: curves of long spans are slow")
                 level_file.write(kept, digest)
                 self._hold()
@@ -155,23 +157,17 @@ class Store:
             growing.grow(pace)
             return Places(growing.chunks[:], growing.tracks)
 
-    def room(self) -> bool:
-        """True where the disk has room for level files, and takes them. Raises ``OSError``."""
-        return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
-
-    def allows(self, kept: Kept) -> bool:
-        """False for a recording that is as old as one whose level file was beyond the budget, or older."""
-        return self._over is None or kept.name > self._over
-
     def look(self, pace: Pace) -> None:
-        """Make the level files that are missing, newest first, and remove those of recordings that are gone."""
+        """Make the level files that are missing, newest first, and remove those of recordings that are gone.
+
+        Raises ``OSError``, ``RecordingError``, and what ``pace`` raises.
+        """
         recordings = self.recordings()
-        for kept in reversed(recordings) if recordings and self.room() else ():
-            if kept.closed and self.allows(kept) and not self._waits(kept.path) and self.known(kept) is None:
-                with self._readable(kept):
-                    self.made(kept, pace)
+        for kept in reversed(recordings) if recordings and self._room() else ():
+            if kept.closed and self._allows(kept):
+                self.source(kept, pace)
         there = {kept.name for kept in self.recordings()}
-        remove([file for file in level_file.listing(self.folder, self._cell) if file.name not in there])
+        remove([file for file in level_file.listing(self.folder, self.cell) if file.name not in there])
         self._hold()
         closed = {kept.name for kept in self.recordings() if kept.closed}
         for name in [*self._files]:
@@ -183,13 +179,21 @@ class Store:
 
     def _hold(self) -> None:
         """Keep to the budget: the level files of the oldest recordings go. Raises ``OSError``."""
-        files = level_file.listing(self.folder, self._cell)
+        files = level_file.listing(self.folder, self.cell)
         if over := surplus(files, keep=self._most, age=0, now=0, reserve=0):
             remove(over)
             self.counts["over budget"] += len(over)
             self._over = over[-1].name
             for file in over:
                 self._files.pop(file.name, None)
+
+    def _room(self) -> bool:
+        """True where the disk has room for level files, and takes them."""
+        return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
+
+    def _allows(self, kept: Kept) -> bool:
+        """False for a recording that is as old as one whose level file was beyond the budget, or older."""
+        return self._over is None or kept.name > self._over
 
     def _waits(self, path: Path) -> bool:
         return time.monotonic() < self._again.get(path, 0.0)
@@ -198,18 +202,6 @@ class Store:
         if not self._waits(path):
             log.warning("%s", text)
             self._again[path] = time.monotonic() + RETRY
-
-    @contextmanager
-    def _readable(self, kept: Kept) -> Iterator[None]:
-        """Count and tell a recording that cannot be read, but for one that was removed to make room."""
-        try:
-            yield
-        except TimeoutError:
-            raise
-        except (OSError, RecordingError) as error:
-            if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
-                self.counts["unreadable"] += 1
-                self._failed(kept.path, f"{kept.path} has no curves: {error}")
 
 
 def near(recordings: Iterable[Kept], start: int, end: int) -> list[Kept]:
