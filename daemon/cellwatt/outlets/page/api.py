@@ -86,12 +86,14 @@ class CellApi:
         start, end = _span(request)
         limit = round(min(max(number(request, "limit", 200), 1), MOST_ALARMS))
         told = await cell.archive.alarms(cell.feed.live, start, end, limit)
-        return answer({**told, "alarms": [_with_evidence(cell, alarm) for alarm in told["alarms"]]})
+        return answer(
+            {**told, "alarms": [_addressed(cell, alarm, "evidence_page", "evidence_page") for alarm in told["alarms"]]}
+        )
 
     async def _reports(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
         told = await cell.archive.reports()
-        return answer({**told, "reports": [_with_address(cell, report) for report in told["reports"]]})
+        return answer({**told, "reports": [_addressed(cell, report, "path", "href") for report in told["reports"]]})
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
@@ -103,7 +105,7 @@ class CellApi:
 
     async def _mismatch(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
-        return answer(_with_address(cell, await cell.archive.mismatch()))
+        return answer(_addressed(cell, await cell.archive.mismatch(), "path", "href"))
 
     # what people say ------------------------------------------------------------------------------
 
@@ -200,17 +202,8 @@ def _minutes(body: Mapping[str, Any]) -> float:
     return float(minutes)
 
 
-def _with_address(cell: Cell, report: Mapping[str, Any]) -> dict[str, Any]:
-    """A report with the address at which it is served here."""
-    path = report.get("path")
-    return dict(report) if path is None else {**report, "href": _address(cell, path)}
-
-
-def _with_evidence(cell: Cell, alarm: Mapping[str, Any]) -> dict[str, Any]:
-    """An alarm of the record with the address of its evidence."""
-    path = alarm.get("evidence_page")
-    return dict(alarm) if path is None else {**alarm, "evidence_page": _address(cell, path)}
-
-
-def _address(cell: Cell, path: str) -> str:
-    return f"{prefix(cell.feed.site, cell.feed.cell)}/reports/{quote(path, errors='replace')}"
+def _addressed(cell: Cell, told: Mapping[str, Any], path: str, name: str) -> dict[str, Any]:
+    """What was told with, as ``name``, the address here of the report whose path it has, if any."""
+    if not told.get(path):
+        return dict(told)
+    return {**told, name: f"{prefix(cell.feed.site, cell.feed.cell)}/reports/{quote(told[path], errors='replace')}"}

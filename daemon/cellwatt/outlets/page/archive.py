@@ -128,7 +128,7 @@ def marks(record: Mapping[str, Any], live: LiveCell, start: float, end: float) -
     """Intervals and alarms from ``start`` to ``end`` ms, of the record and of memory, each once."""
     intervals = {(i["source"], i["number"]): i for i in record["intervals"]}
     for body in live.intervals:
-        told = shapes.interval(body)
+        told = shapes.span("interval", body)
         if told["start"] <= end and told["end"] >= start:
             intervals.setdefault((told["source"], told["number"]), told)
     held = [told for told in map(_mark, (*live.cleared, *live.alarms.up)) if _overlap(told, start, end)]

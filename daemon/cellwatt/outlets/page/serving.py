@@ -72,7 +72,15 @@ async def view(
     try:
         with plain_errors():
             async with asyncio.TaskGroup() as group:
-                cells, following = _cells(settings, link, site, cell, verify, browsers, desk)
+                cells: Cells = OneCell(None)
+                following: list[Coroutine[Any, Any, None]] = []
+                if link is not None and cell is None:
+                    cells = Plant(link, site, browsers, desk)
+                    following = [cells.run()]
+                elif link is not None and cell is not None:
+                    feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
+                    cells = OneCell(Cell(feed, Archive(None, cell, settings.reports, desk)))
+                    following = [watch(link, feed, verify), follow_arms(feed, settings.arms, desk)]
                 tasks = [group.create_task(work) for work in following]
                 async with served(settings, cells, browsers, drops=drops) as page:
                     tell(f"the page is at {page.url}")
@@ -83,26 +91,6 @@ async def view(
                     task.cancel()
     finally:
         await asyncio.to_thread(desk.close)
-
-
-def _cells(
-    settings: PageSettings,
-    link: LinkSettings | None,
-    site: str,
-    cell: str | None,
-    verify: Path | None,
-    browsers: Browsers,
-    desk: Desk,
-) -> tuple[Cells, list[Coroutine[Any, Any, None]]]:
-    """What is shown, and what follows it."""
-    if link is None:
-        return OneCell(None), []
-    if cell is None:
-        plant = Plant(link, site, browsers, desk)
-        return plant, [plant.run()]
-    feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
-    shown_cell = Cell(feed, Archive(None, cell, settings.reports, desk))
-    return OneCell(shown_cell), [watch(link, feed, verify), follow_arms(feed, settings.arms, desk)]
 
 
 if __name__ == "__main__":

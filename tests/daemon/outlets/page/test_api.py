@@ -206,31 +206,9 @@ async def test_other_channels_end_the_stream_so_that_the_browser_asks_anew(
 async def test_one_cell_is_a_plant_of_one(browser: aiohttp.ClientSession, page: Served) -> None:
     page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], power_W=123.5))
     (cell,) = (await get(browser, page, "/api/plant"))["cells"]
-    assert 0 <= cell.pop("age_s") < 60
-    assert cell == {
-        "site": SITE,
-        "cell": CELL,
-        "state": "green",
-        "time": MS + 10_000,
-        "sources": 1,
-        "sources_ok": 1,
-        "received": 70,
-        "lost": 3,
-        "alarms": [
-            {
-                "id": "alarm-1",
-                "severity": "error",
-                "since": MS,
-                "statement": "Joint 1 needs more power than it should.",
-                "acknowledged": False,
-            }
-        ],
-        "shelved": 0,
-        "power_W": 123.5,
-        "energy_today_J": None,
-        "task": None,
-        "page": None,
-    }
+    told = [cell[name] for name in ("state", "time", "sources_ok", "received", "lost", "power_W", "page")]
+    assert told == ["green", MS + 10_000, 1, 70, 3, 123.5, None]
+    assert [(alarm["id"], alarm["acknowledged"]) for alarm in cell["alarms"]] == [("alarm-1", False)]
     await get(browser, page, "/api/plant/stream", 404)
 
 

@@ -180,7 +180,7 @@ def test_intervals_and_alarms_are_told_once() -> None:
     live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000)))
     live.add("alarm", asdict(alarm(2)))
     recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS + 1, "cleared": None}
-    told = {"intervals": [shapes.interval(asdict(interval(1)))], "alarms": [recorded]}
+    told = {"intervals": [shapes.span("interval", asdict(interval(1)))], "alarms": [recorded]}
     got = archive.marks(told, live, MS, MS + 2000)
     assert len(got["intervals"]) == 1
     assert {(a["id"], a["cleared"]) for a in got["alarms"]} == {("alarm-1", MS + 500), ("alarm-2", None)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -14,11 +14,8 @@ import pyarrow  # noqa: F401  # so that no loop waits for its import
 import pytest
 
 from cellwatt.outlets.page import plant as plant_module
-from cellwatt.outlets.page.archive import Desk
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.plant import Plant
 from cellwatt.outlets.page.serving import view
-from cellwatt.outlets.page.streams import Browsers
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, alarm, client, csrf, status
@@ -26,7 +23,7 @@ from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.doing import doing
-from tests.patience import eventually, wait_until
+from tests.patience import eventually
 
 SITE = "plant-1"
 
@@ -204,23 +201,6 @@ async def test_a_few_cells_are_followed_at_a_time_and_one_by_itself(
         for where in (f"{SITE}/weld-9", "plant-2/weld-1"):
             async with browser.get(f"{url}/api/cells/{where}/state") as response:
                 assert response.status == 404
-
-
-async def test_a_cell_that_is_looked_at_before_the_link_is_open_is_left_at_the_end(
-    router: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def opening(plant: Plant, stopped: Callable[[], bool]) -> None:
-        plant._loop.call_soon_threadsafe(plant._of, "weld-1")
-        wait_until(stopped, "the end")
-
-    monkeypatch.setattr(Plant, "_open", opening)
-    desk = Desk()
-    plant = Plant(LinkSettings(mode="client", connect=(router,)), SITE, Browsers(1), desk)
-    async with doing(plant.run()):
-        await eventually(lambda: plant.names, "the cell")
-        await plant.cell(SITE, "weld-1")
-    assert not [task for task in asyncio.all_tasks() if "watch" in repr(task.get_coro())]
-    await asyncio.to_thread(desk.close)
 
 
 async def test_nonsense_in_a_cells_name_costs_only_that_cell(router: str, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -23,8 +24,8 @@ Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
 CURVES: Final = frozenset([FRAME_TOPIC, TOPICS[Prediction]])
 TELLING: Final = frozenset([TOPICS[Interval], TOPICS[Alarm], TOPICS[Event]])
 """Topics of a recording that hold what the page shows beside the curves."""
-FOLD: Final = 4096
-"""Samples that wait until they become buckets."""
+FOLD: Final = 64
+"""Blocks of samples that wait until they become buckets."""
 
 
 class Span(NamedTuple):
@@ -81,7 +82,7 @@ class Gathering:
             columns, time, values = found
             waiting = self._waiting.setdefault(columns, [])
             waiting.append((time, values))
-            if sum(len(time) for time, _ in waiting) >= FOLD:
+            if len(waiting) == FOLD:
                 self._fold(columns)
             self._reach(int(time.min()), int(time.max()))
         elif isinstance(item, Interval):
@@ -97,9 +98,10 @@ class Gathering:
         """All that was taken so far."""
         for columns in list(self._waiting):
             self._fold(columns)
-        self._folded = {columns: [joined(parts)] for columns, parts in self._folded.items()}
-        finest = {columns: whole for columns, (whole,) in self._folded.items()}
-        return Digest(self._start, self._end, tuple(self._said), sorted(self._spans.values(), key=_begin), finest)
+        finest = {columns: joined(parts) for columns, parts in self._folded.items()}
+        self._folded = {columns: [whole] for columns, whole in finest.items()}
+        spans = sorted(self._spans.values(), key=attrgetter("start"))
+        return Digest(self._start, self._end, tuple(self._said), spans, finest)
 
     def _fold(self, columns: Columns) -> None:
         time, values = (np.concatenate(arrays) for arrays in zip(*self._waiting.pop(columns), strict=True))
@@ -119,10 +121,6 @@ class Gathering:
         else:
             self._up.pop(alarm.id, None)
         self._said.append(alarm)
-
-
-def _begin(span: Span) -> int:
-    return span.start
 
 
 def samples_of(item: Item) -> tuple[Columns, NDArray[np.int64], NDArray[np.float64]] | None:
