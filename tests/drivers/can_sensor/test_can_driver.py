@@ -11,11 +11,10 @@ from cellwatt.clock import ClockModel
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.can_sensor import CanSensorDriver
-from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
-from .rig import STILL, emulated, running, settings, virtual
+from .rig import emulated, running, settings, virtual
 
 
 @pytest.mark.parametrize("address", [None, "pty"])
@@ -47,23 +46,6 @@ async def test_the_clock_is_known_from_the_first_second_on():
     # This PC's clock stamps the frames, so the truth is known.
     assert np.all(np.abs(times - truth) <= bounds)
     assert bounds[-1] < 100_000_000
-
-
-async def test_frames_that_come_together_are_one_reading():
-    place = virtual()
-    driver_settings = settings(place, rates={"current": "1 kHz"})
-    async with running(driver_settings) as run:
-        bus = can.Bus(interface="virtual", channel=place.partition(":")[2])
-        try:
-            for number in range(400):
-                bus.send(can.Message(arbitration_id=0x521, data=[0, number % 16, 0, 0, 0, 1], is_extended_id=False))
-                if number % 100 == 0:
-                    await asyncio.sleep(0.02)  # lets the driver listen from the first frame on
-            await run.inlet.until(lambda o: o.account.received + o.account.missed.total() >= 300)
-        finally:
-            bus.shutdown()
-    assert len(run.inlet.readings) < 50
-    assert run.stream("current")[-1, 0] == pytest.approx(0.001)
 
 
 async def test_lost_frames_are_counted_to_the_last():
@@ -106,17 +88,6 @@ async def test_frames_that_come_late_in_a_burst_are_not_lost(address):
         seen = run.inlet.account.received
         await run.inlet.until(lambda o: o.account.received >= seen + 150)
     assert run.inlet.account.missed == {}
-
-
-async def test_garbage_from_an_adapter_never_becomes_a_value():
-    async with emulated("pty") as (emulator, place), running(settings(place)) as run:
-        await run.inlet.until(lambda o: o.account.received >= 10)
-        emulator.inject(Fault("garbage", probability=0.3))
-        await run.inlet.until(lambda o: emulator.counts.get("garbage", 0) >= 10)
-        emulator.inject(Fault("garbage", probability=0.0))
-        seen = run.inlet.account.received
-        await run.inlet.until(lambda o: o.account.received >= seen + 10)
-    assert run.stream("current")[:, 0] == pytest.approx(-2.5)
 
 
 async def test_error_frames_and_bus_off_are_told():
@@ -216,45 +187,3 @@ async def test_nothing_is_sent_to_the_bus():
             while (frame := bus.recv(0)) is not None:
                 heard.add(frame.arbitration_id)
     assert heard == {0x521, 0x522}
-
-
-@pytest.mark.parametrize(
-    ("changes", "allowed"),
-    [({}, {"O", "C"}), ({"bitrate": 500000, "listen_only": True}, {"L", "C", "S6", ""})],
-)
-async def test_an_adapter_is_told_only_what_is_on_the_list(changes, allowed, monkeypatch):
-    heard: set[str] = set()
-    from cellwatt_drivers.can_sensor.emulator import Adapter
-
-    read = Adapter.read
-
-    def spy(self: Adapter) -> None:
-        read(self)
-        heard.update(self.heard)
-
-    monkeypatch.setattr(Adapter, "read", spy)
-    async with emulated("pty") as (_, place):
-        async with running(settings(place, **changes)) as run:
-            await run.inlet.until(lambda o: o.account.received >= 4)
-        await asyncio.sleep(0)
-    assert heard <= allowed
-    assert heard & {"O", "L"}
-
-
-async def test_the_bus_is_released_on_cancellation():
-    async with emulated("pty") as (_, place):
-        for _ in range(2):
-            async with running(settings(place)) as run:
-                await run.inlet.until(lambda o: o.account.received >= 2)
-            assert not run.failures
-
-
-@pytest.mark.parametrize(
-    ("address", "options", "why"),
-    [
-        ("pty", {"cycles": "amps=1"}, "has no amps"),
-    ],
-)
-def test_wrong_options_of_the_emulator(address, options, why):
-    with pytest.raises(ValueError, match=why):
-        CanSensorEmulator(STILL, address, options=options)

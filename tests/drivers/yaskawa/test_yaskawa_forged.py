@@ -94,7 +94,7 @@ async def test_the_same_answer_again_is_a_duplicate() -> None:
     assert inlet.account.anomalies == {"duplicates"} and not inlet.account.forgeries
 
 
-@pytest.mark.parametrize("position", range(len(wire.CONSTANTS)))
+@pytest.mark.parametrize("position", [0, 4, 12])
 async def test_reserved_fields_that_change_are_not_the_controllers(position: int) -> None:
     def answers(number: int) -> list[wire.Answer]:
         if len(controller.numbers) == 1:
