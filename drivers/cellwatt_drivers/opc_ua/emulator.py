@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 from pydantic import ValidationError
 
 from cellwatt.emulation import Emulator, Options, TcpPort
@@ -108,9 +107,7 @@ class OpcUaEmulator(Emulator):
         stamp = self._stamp if strikes("duplicate", now) else time.time_ns() + self._offset
         status = _BAD if strikes("garbage", now) else OVERFLOW if self._overflow else 0
         self._overflow, self._stamp = False, stamp
-        t = time.time() - self.epoch
-        world = {name: float(values[0]) for name, values in self.signals.at(np.array([t])).items()}
-        await self._server.set(world, stamp, status)
+        await self._server.set(self.world(), stamp, status)
         self.tally["sent"] += 1
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -84,17 +84,19 @@ class UrEmulator(Emulator):
         self._wake.set()
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Reboot, send a text message to all clients, or change the signals."""
-        if "reboot" in change:
-            self._reboot(float(change["reboot"]))
-        elif "message" in change:
-            message = wire.TextMessage(str(change["message"]), "emulator", 2)
-            for client in self.clients:
-                client.put(wire.text_message(message))
-                self.tally["message"] += 1
-        else:
-            super().disturb(change)
-            self._remake()
+        """See ``Emulator.disturb``: packages made ahead are no longer true."""
+        super().disturb(change)
+        for place in self._places:
+            place.forget()
+
+    def change(self, kind: str, value: float | str) -> None:
+        """Reboot, or send a text message to all clients."""
+        if kind == "reboot":
+            self._reboot(float(value))
+            return
+        for client in self.clients:
+            client.put(wire.text_message(wire.TextMessage(str(value), "emulator", 2)))
+            self.tally["message"] += 1
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator``."""
@@ -104,7 +106,7 @@ class UrEmulator(Emulator):
             if self._rows is None:
                 await self._cycle(lambda: ready(f"{host}:{port}"))
             if self._start == "epoch":
-                self._begin(time.time() - self.epoch)
+                self._begin(self.elapsed)
             ready(f"{host}:{port}")
             while True:
                 self.advance()
@@ -209,11 +211,6 @@ class UrEmulator(Emulator):
             at = np.array([self._samples.due(elapsed)])
             self._shift = -float(self._samples.stamps(at)[0])
 
-    def _remake(self) -> None:
-        """The world changed: packages made ahead are no longer true."""
-        for place in self._places:
-            place.forget()
-
     def _leave_all(self, seconds: float) -> None:
         self._down_until = time.monotonic() + seconds
         for client in list(self.clients):
@@ -241,7 +238,8 @@ class UrEmulator(Emulator):
     def _strike_once(self, now: float) -> None:
         if fault := self.injector.once("clock_jump"):
             self._shift += fault.seconds
-            self._remake()
+            for place in self._places:
+                place.forget()
         if fault := self.injector.once("stall"):
             for client in self.clients:
                 client.hold(now + fault.seconds)

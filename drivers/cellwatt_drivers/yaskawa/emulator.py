@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import struct
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
@@ -143,18 +142,15 @@ class YaskawaEmulator(Emulator):
         return bytes(a | b for a, b in zip(data, _UNDOCUMENTED_BIT * 2, strict=True)) if self._noisy else data
 
     def _torque(self) -> bytes:
-        counts = self.robot.torques(self._now())
+        counts = self.robot.torques(self.elapsed)
         return struct.pack(f"<{len(counts)}f", *counts) if self._floats else payload.encode_axes(counts)
 
     def _position(self, instance: int) -> bytes | None:
         if instance == 1:
-            return payload.encode_position(payload.PULSE, self.robot.pulses(self._now()))
+            return payload.encode_position(payload.PULSE, self.robot.pulses(self.elapsed))
         if instance == 101:
-            return payload.encode_position(payload.BASE, self.robot.pose(self._now()))
+            return payload.encode_position(payload.BASE, self.robot.pose(self.elapsed))
         return None
-
-    def _now(self) -> float:
-        return time.time() - self.epoch
 
 
 def _refusal(request: wire.Request, number: int, added: int) -> wire.Answer:

@@ -10,7 +10,7 @@ import pytest
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
-from cellwatt_drivers.abb.controller import Controller, state_stream
+from cellwatt_drivers.abb.controller import Controller
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
@@ -58,7 +58,7 @@ async def test_pages_that_are_cut_short_by_the_stop_are_not_missed():
             await asyncio.Event().wait()
 
     asked, inlet = asyncio.Event(), CollectingInlet()
-    controller = Controller(inlet, 10.0, state_stream(10.0), None, 7, "ROB_1", 1.0)
+    controller = Controller(inlet, AbbSettings.model_validate({"host": "192.0.2.1", "web": ["state"]}))
     polling = asyncio.create_task(controller.poll(Silent()))
     await asked.wait()
     polling.cancel()
