@@ -25,7 +25,7 @@ AHEAD = 0.05
 """Seconds of packages made at once; a disturbance of the world makes them anew."""
 UNREAD = 10.0
 """Seconds of packages a client may leave unread before the controller closes, as a real one does."""
-AT_END = ("pause", "hold", "close")
+AT_END = ("pause", "hold")
 
 
 class UrEmulator(Emulator):
@@ -36,8 +36,8 @@ class UrEmulator(Emulator):
     client's start on. All fields not in the signals have plausible constants. Protocol version 1 is refused.
 
     Options: ``polyscope`` (``5.12.0``; 3.x is a CB3 with 125 Hz) · ``at_end`` of a recording: ``pause`` sends no
-    more, ``hold`` repeats the last row, ``close`` closes the connection · ``start`` of a recording: ``client``
-    with the first client, ``epoch`` at the epoch.
+    more, ``hold`` repeats the last row · ``start`` of a recording: ``client`` with the first client, ``epoch`` at the
+    epoch.
 
     Faults: ``loss`` a package is never sent · ``delay`` a package and all behind it wait, as on a stalled
     network · ``stall`` the same once · ``disconnect`` all connections end, none is taken for so long ·
@@ -275,8 +275,6 @@ class UrEmulator(Emulator):
         place.next += unheard * place.stride
         if client is not None:
             self._send(client, ready)
-            if self._ended(place) and self._at_end == "close":
-                client.end()
 
     def _show(self, place: Place, client: EmulatedClient, due: int) -> None:
         """Send what is due to a client that compares clocks."""

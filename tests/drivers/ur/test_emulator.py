@@ -138,14 +138,6 @@ async def test_rows_of_a_recording_are_sent_as_they_are():
         assert emulator.counts["made"] == emulator.counts["sent"] == 40
 
 
-async def test_the_connection_closes_with_the_recording():
-    async with serving(recording(n=10), at_end="close") as (_, connect):
-        peer = await connect()
-        await peer.start()
-        await peer.packages(10)
-        assert await peer.at_end()
-
-
 async def test_a_disturbance_of_the_world_and_messages():
     async with serving(ArmSignals(noise=0.0)) as (emulator, connect):
         peer = await connect()
