@@ -32,6 +32,8 @@ class ScriptedBus(can.BusABC):
 
     def __init__(self) -> None:
         self._near, self._far = socket.socketpair()
+        self._near.setblocking(False)
+        self._far.setblocking(False)
         self._waiting: deque[can.Message] = deque()
         self._is_shutdown = True
 
