@@ -127,28 +127,6 @@ async def test_what_arrives_is_the_file_exactly(tmp_path):
     assert [i.firmware for i in inlet.identities] == ["PolyScope 5.12.0.0"]
 
 
-SHARED = Path(__file__).resolve().parents[3] / ".." / "shared" / "data"
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the recordings of real robots are not part of the project")
-@pytest.mark.parametrize(
-    ("name", "rate"), [("ur3e_power/L0L1.csv", 25.0), ("ur_rtde_rest/superarbor_ursim_robot_data.csv", 125.0)]
-)
-async def test_recordings_of_real_robots_arrive_exactly(name, rate):
-    fields = ("actual_q", "actual_current", "target_moment", "joint_temperatures", "actual_robot_voltage", "robot_mode")
-    recording = load_signals(SHARED / name)
-    columns = [c for f in fields for c in (f, *(f"{f}_{i}" for i in range(6))) if c in recording.columns]
-    table = np.column_stack([recording.columns[c] for c in columns])
-    async with (
-        emulated(SHARED / name) as emulator,
-        watching(emulator.address, rate=rate, channels=fields) as watched,
-    ):
-        await watched.inlet.until(lambda o: o.account.received == len(table))
-    np.testing.assert_array_equal(watched.inlet.values, table)
-    np.testing.assert_array_equal(watched.inlet.device_time, np.rint(recording.time * 1e9))
-    assert watched.inlet.account.expected == len(table)
-
-
 async def test_losses_are_counted_one_by_one(tmp_path):
     async with serving(tmp_path, ROWS, **HOLD) as (emulator, table), watching(emulator.address) as watched:
         inlet = watched.inlet

@@ -126,18 +126,6 @@ def apart(rows: np.ndarray) -> list[float]:
     return worst
 
 
-async def test_rows_of_a_recording_are_sent_as_they_are():
-    signals = recording()
-    async with serving(signals) as (emulator, connect):
-        peer = await connect()
-        await peer.start()
-        rows = np.array(await peer.packages(40))
-        assert rows[:, 0].tolist() == signals.time.tolist()
-        for i in range(6):
-            assert rows[:, 1 + i].tolist() == signals.columns[f"actual_q_{i}"].tolist()
-        assert emulator.counts["made"] == emulator.counts["sent"] == 40
-
-
 async def test_a_disturbance_of_the_world_and_messages():
     async with serving(ArmSignals(noise=0.0)) as (emulator, connect):
         peer = await connect()
