@@ -9,11 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Layout
-from cellwatt.registry import stage as find_stage
 from cellwatt.results import Alarm, Prediction
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.mismatch.fit.problem import Term
@@ -70,11 +68,6 @@ def healthy():
 def stiff():
     """Friction comes on joint 2 at 14 s and goes at 34 s."""
     return frames(recorded(60, 50, viscous=30.0, since=14.0, until=34.0), layout())
-
-
-def test_it_is_found_by_name_and_runs_after_segment():
-    assert find_stage("mismatch") is MismatchStage
-    assert MismatchStage.needs == ("segment",)
 
 
 def test_a_healthy_arm_stays_in_its_bands(robot, healthy):
@@ -153,14 +146,6 @@ def test_frames_without_motion_or_torque_are_left_out_and_counted(robot, stiff):
     assert not set(range(485, 615)) & set(given.tolist()), "no acceleration is known beside a hole"
 
 
-def test_a_hole_in_the_grid_is_no_motion(robot, healthy):
-    kept = np.r_[0:400, 500 : len(healthy)]
-    parts = (healthy.time[kept], healthy.values[kept], healthy.quality[kept], healthy.bound[kept])
-    stage = made(robot)
-    assert alarms(run(stage, replace(healthy, time=parts[0], values=parts[1], quality=parts[2], bound=parts[3]))) == []
-    assert stage.counts["intervals judged"] > 8
-
-
 def test_a_channel_that_is_missing_does_not_stop_the_torques_of_others(robot, stiff):
     """The power from the start, the torque of joint 3 from 5 s on."""
     values = stiff.values.copy()
@@ -212,12 +197,6 @@ def test_the_cells_robot_is_the_default(robot):
         made(robot, robot=None)
 
 
-@pytest.mark.parametrize(("name", "hint"), [("ur99", "these are packaged: mh12"), ("mh21", r"did you mean mh12\?")])
-def test_a_robot_that_nobody_knows(robot, name, hint):
-    with pytest.raises(ConfigError, match=f"robot '{name}': no such file or folder, and no packaged robot .*; {hint}"):
-        made(robot, cell_robot=name)
-
-
 def channels(*named):
     return Layout(tuple(FrameChannel(name, unit, "continuous", "linear") for name, unit in named), 50.0)
 
@@ -235,32 +214,6 @@ def test_channels_must_be_there_in_their_units(robot):
     with pytest.raises(ConfigError, match=r"write one of board\.supply\.power, meter\.supply\.power"):
         made(robot, two)
     assert made(robot, two, power="meter.supply.power")
-
-
-def test_currents_need_their_torque_constants(tmp_path):
-    robot = write_robot(tmp_path, torque_constant=0.0).parent
-    with pytest.raises(ConfigError, match="the torque_constant of joint 1, joint 2"):
-        made(robot, layout(torque="current"))
-
-
-def test_a_model_that_is_none_is_refused(robot, tmp_path):
-    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
-        made(robot, simulation=str(tmp_path / "nowhere.yaml"))
-
-
-def test_settings_take_units_and_refuse_what_they_do_not_know():
-    settings = MismatchSettings.model_validate(
-        {
-            "band": {"share": "5 %", "noise": 6, "learn": 3},
-            "explain": {"every": "2 h", "recording": "3 min", "memory": "2 GB"},
-        }
-    )
-    assert settings.band.share == pytest.approx(0.05)
-    assert settings.explain is not None
-    assert (settings.explain.every, settings.explain.recording, settings.explain.memory) == (7200.0, 180.0, 2e9)
-    assert MismatchSettings.model_validate({"explain": None}).explain is None
-    with pytest.raises(ValidationError, match="tolerance"):
-        MismatchSettings.model_validate({"tolerance": 1})
 
 
 def test_without_its_packages_it_names_the_extra(tmp_path):

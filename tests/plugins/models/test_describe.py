@@ -73,17 +73,6 @@ def test_described_file_is_taken_and_says_what_was_written(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]
 
 
-def test_other_metadata_and_the_graph_stay(tmp_path):
-    path = Mlp.random(1).save(tmp_path / "m.onnx", None)
-    before = onnx.load(path)
-    onnx.helper.set_model_props(before, {"author": "me"})
-    onnx.save(before, path)
-    describe(path, metadata())
-    after = onnx.load(path)
-    assert {p.key for p in after.metadata_props} == {"author", "cellwatt", "cellwatt.sha256"}
-    assert after.graph == before.graph
-
-
 @settings(max_examples=50, deadline=None)
 @given(at=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_any_flipped_bit_is_seen_until_the_file_is_described_again(tmp_path_factory, at, bit):
@@ -178,12 +167,6 @@ def test_training_of_a_table():
     assert made.range == ((1.0, 3.0), (-5.0, 10.0))
     assert (made.rows, made.created) == (3, when)
     assert Training.of(np.array([[1.5]])).data == hashlib.sha256(struct.pack("<d", 1.5)).hexdigest()
-
-
-@pytest.mark.parametrize("table", [[1.0, 2.0], [], [[1.0, float("nan")]]])
-def test_no_training_of_what_is_no_table(table):
-    with pytest.raises(ModelError, match="training table"):
-        Training.of(table)
 
 
 def test_contradictions_are_refused_when_made():

@@ -88,12 +88,3 @@ def test_packaged_robots_are_known_by_name():
     assert (arm.name, arm.joints) == ("mh12", 6)
     np.testing.assert_allclose(arm.forward(np.zeros((1, 6)))[0, 4, :3, 3], [0.795, 0.0, 1.264], atol=1e-9)
     assert arm.gravity(np.zeros((2, 6))).shape == (2, 6)
-
-
-@pytest.mark.parametrize(
-    ("name", "hint"),
-    [("mh21", r"did you mean mh12\?"), ("MH12", r"did you mean mh12\?"), ("scara", "these are packaged: ")],
-)
-def test_an_unknown_robot_is_told_with_the_nearest(name, hint):
-    with pytest.raises(ConfigError, match=f"robot '{name}': no such file or folder, .*{hint}"):
-        Arm.load(name)

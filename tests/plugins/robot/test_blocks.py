@@ -100,18 +100,6 @@ def test_gains_of_several_blocks_are_those_of_each_alone(keep):
             assert np.allclose(coefficients, alone[1])
 
 
-def test_no_blocks_have_no_gains():
-    assert Case(2).regression.gains([]) == []
-
-
-def test_fitted_and_residual_are_the_target():
-    case = Case(3)
-    blocks = [*case.fixed, *case.added]
-    fitted = np.concatenate([full(b) for b in blocks], axis=1) @ case.regression.coefficients
-    assert np.allclose(case.regression.fitted.T.ravel(), fitted)
-    assert np.allclose(case.regression.fitted + case.regression.residual, case.target)
-
-
 def test_a_block_times_its_coefficients_is_what_it_adds():
     case = Case(4)
     for block in [*case.fixed, *case.tried]:

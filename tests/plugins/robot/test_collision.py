@@ -70,12 +70,6 @@ def test_distances_between_rods(seed, planar):
     assert found <= brute + 1e-9
 
 
-def test_a_rod_without_length_is_a_ball(planar):
-    ball = Capsule(link=2, start=(0.2, 0.0, 0.0), end=(0.2, 0.0, 0.0), radius=0.1)
-    gaps = Checker(outlined(planar, ball, floor=-1.0), WIDE).gaps(np.array([[0.0, 0.0], [0.0, np.pi / 2]]))
-    np.testing.assert_allclose(gaps[:, 0], [0.9, 0.7], atol=1e-9)
-
-
 def test_a_robot_without_an_outline_has_rods(tmp_path):
     file = arms.write_robot(tmp_path, arms.Arm())
     assert [capsule.link for capsule in rods(Arm.load(file))] == [0, 1, 2, 3, 4, 5]

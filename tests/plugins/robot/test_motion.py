@@ -36,7 +36,7 @@ def test_smoothing_leaves_a_parabola_as_it_is(coefficients, step, bandwidth):
     assert np.allclose(smooth(parabola, step, bandwidth), parabola, atol=1e-5 * max(1, np.max(np.abs(parabola))))
 
 
-@pytest.mark.parametrize("frequency", [0.5, 2.0, 5.0, 6.0, 8.0, 15.0])
+@pytest.mark.parametrize("frequency", [2.0, 6.0, 15.0])
 def test_smoothing_passes_a_sine_as_its_transfer_function_says(frequency):
     t = np.arange(4000) * STEP
     sine = np.sin(2 * np.pi * frequency * t)[:, None]
@@ -62,8 +62,8 @@ def test_derivatives_of_a_parabola_are_exact():
     assert np.allclose(second, [6, -2])
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.001, 0.004, 0.01, 0.03])
-@pytest.mark.parametrize("velocity", [0.0, 0.002, -0.006, 0.02, 0.05])
+@pytest.mark.parametrize("spread", [0.0, 0.004, 0.03])
+@pytest.mark.parametrize("velocity", [0.0, -0.006, 0.05])
 def test_the_expected_sign_and_its_spread_are_those_of_drawn_velocities(velocity, spread):
     drawn = np.tanh((velocity + spread * np.random.default_rng(1).standard_normal(400_000)) / 0.004)
     mean, deviation = expected_sign(np.array([velocity]), np.array([spread]))
@@ -90,19 +90,12 @@ def test_the_expected_sign_is_odd_and_within_one(velocity, spread):
     assert mean**2 + deviation**2 <= 1 + 1e-9
 
 
-@pytest.mark.parametrize("sigma", [1e-6, 5e-5, 2e-3])
+@pytest.mark.parametrize("sigma", [1e-6, 2e-3])
 def test_encoder_noise_is_found_beneath_the_motion(sigma):
     t = np.arange(5000) * STEP
     motion = np.column_stack([np.sin(t), 2 * np.cos(0.7 * t)])
     noise = sigma * np.random.default_rng(2).standard_normal(motion.shape)
     assert encoder_noise(motion + noise) == pytest.approx([sigma, sigma], rel=0.08)
-
-
-def test_encoder_noise_of_a_coarse_encoder_is_its_rounding():
-    t = np.arange(5000) * STEP
-    step = 1e-3
-    rounded = step * np.round(np.sin(t)[:, None] / step)
-    assert encoder_noise(rounded)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
 
 
 def test_rests_are_no_sample_of_a_coarse_encoders_noise():
@@ -125,10 +118,6 @@ def test_rates_are_the_derivatives_of_what_is_slow_enough():
     assert qdd[inner, 0] == pytest.approx(-16 * np.sin(4 * t)[inner], abs=0.3)
     hum = rates(np.sin(2 * np.pi * 60 * t)[:, None], STEP)
     assert np.abs(hum[0][inner]).max() < 0.01
-
-
-def test_noise_is_never_nothing():
-    assert encoder_noise(np.zeros((100, 2))) == pytest.approx([1e-9, 1e-9])
 
 
 def test_an_exact_motion_leaves_no_doubt():
@@ -181,7 +170,7 @@ def test_the_sign_is_doubtful_at_stops_and_certain_at_speed():
     assert np.array_equal(np.sign(found.sign[fast]), np.sign(qd[fast]))
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.004, 0.013, 0.03])
+@pytest.mark.parametrize("lag", [0.0, 0.013])
 def test_a_servo_that_lags_behind_moves_as_planned_but_later(lag):
     course = plant.moves(3, 20.0)
     time = np.arange(2500) * STEP

@@ -41,15 +41,6 @@ def test_the_floor_is_that_of_the_quiet_part():
     assert floor([residual], [0.008]) == pytest.approx([1, 1], rel=0.1)
 
 
-def test_a_recording_shorter_than_a_window_has_its_own_deviation():
-    residual = white(6, 6)
-    assert floor([residual], [0.1]) == pytest.approx(np.std(residual, axis=0))
-
-
-def test_a_channel_without_noise_has_a_floor_above_nothing():
-    assert np.all(floor([np.zeros((1000, 1))], [0.01]) > 0)
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.floats(1e-3, 1e3))
 def test_floor_and_factor_follow_the_unit(seed, scale):

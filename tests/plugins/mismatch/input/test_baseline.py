@@ -55,11 +55,6 @@ def test_without_a_simulation_it_is_the_description(described):
     assert base.beyond(bare) == (None, None)
 
 
-def test_a_simulation_that_follows_the_description_is_the_description(described):
-    base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME))], described)
-    assert base.arm == described
-
-
 @pytest.mark.parametrize("lead", [0.0, 0.0095])
 def test_friction_that_turns_over_early_is_found_in_the_simulation(silent, lead):
     """As MuJoCo's soft friction does."""

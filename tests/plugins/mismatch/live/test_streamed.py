@@ -50,16 +50,6 @@ def test_what_the_twin_leaves_out_raises_the_alarm(robot):
     assert [(a.joint, a.active) for a in alarms if a.joint is not None] == [(2, True)]
 
 
-def test_predictions_are_what_was_streamed(robot):
-    arm = recorded(10, 50)
-    block = beside(arm, recorded(10, 50, seed=5))
-    predictions = [r for r in told(robot, block) if isinstance(r, Prediction)]
-    sequence = np.concatenate([p.sequence + np.arange(len(p.time)) for p in predictions])
-    said = np.concatenate([p.outputs["arm.joint_2.torque"] for p in predictions])
-    column = block.layout.names.index("twin.joint_2.torque")
-    assert np.array_equal(said, block.values[sequence, column])
-
-
 def test_a_twin_without_a_torque_is_refused(robot):
     block = beside(recorded(4, 50), recorded(4, 50), without=("twin.joint_3.torque",))
     with pytest.raises(ConfigError, match=r"twin is to stream the simulation and gives no twin\.joint_3\.torque"):

@@ -49,11 +49,6 @@ def test_one_motion_of_a_cycle_that_is_outside_each_time():
     assert changes[0][2].evidence["intervals"] == 3
 
 
-def test_motions_outside_one_after_the_other():
-    changes = Watching().see([0, 1, 2], lambda motion: True)
-    assert [(sign, n) for sign, n, _ in changes] == [("+", 3)]
-
-
 def test_a_motion_that_is_inside_again_does_not_count():
     watching = Watching()
     assert watching.see([5, 5], lambda motion: True) == []
@@ -80,24 +75,13 @@ def test_a_motion_that_is_not_done_any_more_is_forgotten():
     assert [(sign, n) for sign, n, _ in changes] == [("-", STALE + 1)]
 
 
-def test_the_supply_is_no_joint():
-    watch = ChannelWatch("mismatch", "arm", 1)
-    (alarm,) = watch.take(0, interval(4), [reading(True, SUPPLY)])
-    assert alarm.joint is None
-    assert alarm.id == "mismatch.meter.supply.power.simulation_differs"
-    assert alarm.evidence["residual_W"] == 2.0
-
-
 @pytest.mark.parametrize(
     ("other", "same"),
     [
-        (interval(9), True),
-        (interval(9, way=0.52), True),
         (interval(9, way=0.55), False),
         (interval(9, pose=0.2), False),
         (interval(9, moving=(2, 3)), False),
         (interval(9, length=1.2), False),
-        (interval(9, length=1.05), True),
     ],
 )
 def test_what_is_the_same_motion(other, same):

@@ -86,13 +86,6 @@ def test_frames_that_are_not_on_the_grid_end_a_stretch():
     assert {*range(EDGE, 200 - EDGE), *range(200 + EDGE, 340)} <= set(numbers)
 
 
-def test_nothing_but_missing_frames_gives_nothing_and_keeps_nothing():
-    window, stretches = fed(np.full((300, 1), np.nan), grid(300))
-    assert stretches == []
-    assert window.counts["missing"] == 300
-    assert window.settled == grid(300)[-1]
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.integers(1, 10), max_size=40))
 def test_history_keeps_the_newest_rows(sizes):

@@ -37,28 +37,6 @@ def test_stated_deviations_are_those_of_repeated_fits():
     assert 0.8 < np.std(errors) < 1.25
 
 
-def test_groups_of_other_outputs_are_left_out_together():
-    slopes, _, _, prior = problem()
-    apart = np.zeros((200, 2, 6))
-    apart[:, 0, :3], apart[:, 1, 3:] = slopes[:, 0, :3], slopes[:, 1, 3:]
-    parts = tuple(slice(k, k + 1) for k in range(6))
-    outputs = ((0,), (0,), (0,), (1,), (1,), (1,))
-    each = Belief(parts, np.ones(6), np.full(6, 3.0), prior.noise, outputs)
-    truth = np.array([1.0, 0.0, -1.0, 0.0, 0.0, 2.0])
-    said = apart @ truth + 0.1 * np.random.default_rng(5).normal(size=(200, 2))
-    found = fit(lambda p: (apart @ p, apart.copy()), said, np.ones((200, 2), bool), each)
-    np.testing.assert_array_equal(found.active, truth != 0)
-
-
-def test_what_is_not_used_does_not_count():
-    slopes, truth, measured, prior = problem()
-    used = np.ones((200, 2), bool)
-    used[::5] = False
-    spoiled = np.where(used, measured, 1e6)
-    found = fit(lambda p: (slopes @ p, slopes.copy()), spoiled, used, prior)
-    np.testing.assert_allclose(found.mean[:4], truth[:4], atol=0.05)
-
-
 def test_curved_models_are_followed():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(300, 1, 2))

@@ -67,15 +67,6 @@ def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
     np.testing.assert_array_equal(np.sign(poses.approach[1:]), np.sign(np.diff(goals, axis=0)))
 
 
-def test_several_files_follow_each_other(tmp_path, robot):
-    table = arms.samples(arms.Arm(), np.random.default_rng(1), 24)
-    halves = [{k: v[part] for k, v in table.items()} for part in (slice(0, 1200), slice(1200, 2400))]
-    paths = [save(tmp_path, half, f"{i}.parquet") for i, half in enumerate(halves)]
-    poses = read_poses(paths, robot)
-    assert len(poses) == 24
-    assert np.isnan(poses.approach[[0, 12]]).all()
-
-
 def test_poses_with_few_samples_are_left_out_and_said(tmp_path, robot):
     table = arms.samples(arms.Arm(), np.random.default_rng(1), 20)
     keep = (table["pose"] != 7) | (np.arange(2000) % 100 < 5)
