@@ -110,7 +110,7 @@ def test_in_words_each_finding_is_a_sentence(cell, call, tmp_path):
         "--no-report",
     )
     assert code == 0
-    assert said.startswith("Explained")
+    assert said.startswith("The difference is explained: torque offset (joint 3).")
     assert "joint 3" in said.lower()
     assert "held-out error" in said
     assert (

@@ -26,7 +26,7 @@ def case(tmp_path_factory):
 
 def check_page(page, report):
     check(page)
-    assert len(page.figures) == 5  # three moves, errors of all, residuals
+    assert len(page.figures) == 4  # three moves, residuals
     for row in page.tables["Moves held out"][1:]:
         told = report["held_out"][row[0]]
         scores = [told[name] for name in ("energy_error_mean_percent", "energy_error_worst_percent", "power_rmse_watt")]

@@ -61,7 +61,7 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_report(case):
         "Rivals",
         "What the arm has and its CAD model lacks",
     ]
-    assert len(page.figures) == 3
+    assert len(page.figures) == 2
     assert [len(trace["x"]) for trace in page.figures[1]["data"]] == [48] * 6
     for row, method in zip(page.tables["Rivals"][1:], report["methods"], strict=True):
         told = [numbers(cell)[0] for cell in row[2:]]
