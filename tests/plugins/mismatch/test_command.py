@@ -89,17 +89,6 @@ def test_findings_model_and_report_are_written(explained):
     assert 'src="http' not in page
 
 
-def test_simulations_may_follow_one_option_or_several(cell, call, tmp_path):
-    out = tmp_path / "out"
-    tail = ["--robot", cell, "--out", out, "--json", "--no-report"]
-    one, two = simulations(cell)
-    words = [*recordings(cell), "--simulation", one, "--no-report", "--simulation", two, *tail]
-    code, said, errors = call("explain", *words)
-    assert (code, errors) == (0, "")
-    assert json.loads(said) == json.loads((out / "findings.json").read_text())
-    assert not (out / "report.html").exists()
-
-
 def test_in_words_each_finding_is_a_sentence(cell, call, tmp_path):
     code, said, _ = call(
         "explain",
@@ -148,19 +137,6 @@ def test_simulate_says_what_the_model_says(call, explained, tmp_path):
     assert np.allclose(table["power"], expected.power)
     for i in range(plant.JOINTS):
         assert np.allclose(table[f"tau_{i + 1}"], expected.torque[:, i])
-
-
-def test_simulated_torque_is_that_of_the_plant_and_its_offset(call, explained, tmp_path):
-    columns, motion = motion_columns()
-    call(
-        "simulate", "--model", explained, "--motion", parquet(tmp_path / "m.parquet", columns), "--out", tmp_path / "p"
-    )
-    table = pq.read_table(tmp_path / "p")
-    truth = plant.motors(plant.REAL, motion.position, motion.velocity, motion.acceleration) + np.array([0, 0, 1.5])
-    nominal = plant.motors(plant.NOMINAL, motion.position, motion.velocity, motion.acceleration)
-    for i in range(plant.JOINTS):
-        off = np.sqrt(np.mean((np.asarray(table[f"tau_{i + 1}"]) - truth[:, i]) ** 2))
-        assert off < 0.5 * np.sqrt(np.mean((nominal - truth)[:, i] ** 2)) + 0.05
 
 
 def one_line(call, *words):

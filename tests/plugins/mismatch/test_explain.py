@@ -96,21 +96,6 @@ def test_one_effect_is_found_alone_with_its_numbers(explained, name):
         assert parameter.std < 0.5 * max(abs(value), 0.1), key
 
 
-@pytest.mark.parametrize("name", SINGLE)
-def test_each_finding_shows_its_gain_and_whether_on_data_left_out(explained, name):
-    found = explained(SINGLE[name].missing).findings
-    (finding,) = found.findings
-    gain = finding.improvement
-    # What happened once cannot be told from the time in which it did not happen.
-    assert gain.held_out == (name != "contact")
-    assert gain.after < gain.before
-    # A finding's own step leaves the user's numbers as they are; the model has them retuned.
-    (model,) = [channel.model for channel in found.fit if channel.channel == gain.channel]
-    assert (model if gain.held_out else gain.after) < 1.5 * gain.noise_floor
-    assert gain.channel in finding.where.channels
-    assert finding.statement.endswith(".")
-
-
 def test_two_effects_at_two_joints_are_both_found(explained):
     both = Missing(
         added=lambda t, q, qd, run: column(30 * (q[:, 1] + 0.3), 2),

@@ -89,23 +89,6 @@ def test_a_payload_is_carried_and_paid_for(robot, motion):
     assert np.allclose(said.power, plant.draw(loaded, torque, motion.velocity), atol=1e-7)
 
 
-def test_errors_of_the_torque_sensor_draw_no_power(robot, motion):
-    """A gain scales what is read, not what the arm needs."""
-    nominal = predict(Model(robot, Retuned.nothing(plant.JOINTS)), motion)
-    said = predict(Model(robot, Retuned.nothing(plant.JOINTS), (TERMS[3],)), motion)
-    assert np.allclose(said.torque, nominal.torque * [1.07, 1, 1], atol=1e-9)
-    assert np.array_equal(said.power, nominal.power)
-
-
-def test_supply_effects_add_up(robot, motion):
-    nominal = predict(Model(robot, Retuned.nothing(plant.JOINTS)), motion)
-    said = predict(Model(robot, Retuned.nothing(plant.JOINTS), TERMS[-2:]), motion)
-    fan = 30.0 * ((motion.time >= 1) & ((motion.time - 1) % 5 < 2))
-    expected = nominal.power + 0.2 * (nominal.power - plant.NOMINAL.standby) + fan
-    assert np.mean(np.abs(said.power - expected) > 1e-6) < 0.005
-    assert np.array_equal(said.torque, nominal.torque)
-
-
 def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
     model = Model(robot, difference(plant.REAL, plant.NOMINAL), TERMS)
     save_model(model, tmp_path / "model.yaml")
@@ -115,14 +98,6 @@ def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
     before, after = predict(model, motion), predict(again, motion)
     assert np.array_equal(before.torque, after.torque)
     assert np.array_equal(before.power, after.power)
-
-
-def test_a_model_travels_with_its_folder(robot, motion, tmp_path):
-    (tmp_path / "here").mkdir()
-    model = Model(robot, Retuned.nothing(plant.JOINTS), TERMS)
-    save_model(model, tmp_path / "here" / "model.yaml")
-    moved = (tmp_path / "here").rename(tmp_path / "there")
-    assert np.array_equal(predict(load_model(moved), motion).torque, predict(model, motion).torque)
 
 
 def damaged(folder, robot, change):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.plugins.models.making import CHANNELS, COLUMNS, START, Mlp, alarms, cut, frames, layout, metadata, run, stage
+from tests.plugins.models.making import CHANNELS, COLUMNS, START, Mlp, alarms, frames, layout, metadata, run, stage
 
 SECOND = 50
 
@@ -61,19 +61,6 @@ def test_missing_values_neither_raise_nor_clear(path):
     spans = (4.5, 1), (0, SECOND - 1), (np.nan, 2 * SECOND), (0, 1)
     cleared = alarms(run(stage(path), [frames(voltage(*spans))]))[1:]
     assert [a.time for a in cleared] == [at(3 * SECOND)]
-
-
-@pytest.mark.parametrize(("outside", "count"), [(0.0, 1), (0.125, 0)])
-def test_the_margin_is_a_setting(path, outside, count):
-    assert len(alarms(run(stage(path, outside=outside), [frames(voltage((4.9, 1)))]))) == count
-
-
-def test_each_input_has_its_own_in_the_order_of_time(path):
-    values = voltage((0, 10), (5, 2), (0, 3 * SECOND))
-    values[5, COLUMNS[2]] = -9
-    found = alarms(run(stage(path), cut(frames(values), [7, 11, 60])))
-    names = ["arm.joint_2.position", "meter.supply.voltage"]
-    assert [(a.evidence["channel"], a.active) for a in found] == [(n, up) for up in (True, False) for n in names]
 
 
 def test_the_noise_of_an_input_that_rested_in_the_training_is_no_alarm(tmp_path):

@@ -72,12 +72,6 @@ def _stribeck(rng: np.random.Generator, arm: Arm) -> Concealed:
     return Concealed("stribeck", "stribeck_friction", joint, numbers, text)
 
 
-def _load_friction(rng: np.random.Generator, arm: Arm) -> Concealed:
-    joint, share = int(rng.choice(HEAVY)), float(rng.uniform(0.08, 0.16))
-    text = f"Joint {joint + 1} loses {100 * share:.1f} % of its load to friction"
-    return Concealed("load-friction", "load_dependent_friction", joint, {"coefficient": (share, "")}, text)
-
-
 def _payload(rng: np.random.Generator, arm: Arm) -> Concealed:
     mass, reach, aside = float(rng.uniform(1.0, 3.0)), float(rng.uniform(0.05, 0.15)), float(rng.uniform(0.04, 0.09))
     text = f"The flange carries {mass:.2f} kg, {1000 * aside:.0f} mm beside the last joint's axis"
@@ -119,7 +113,6 @@ def _any(rng: np.random.Generator) -> int:
 _DRAWN: Final[Mapping[str, Draw]] = {
     "friction": _friction,
     "stribeck": _stribeck,
-    "load-friction": _load_friction,
     "payload": _payload,
     "spring": _spring,
     "gain": _gain,

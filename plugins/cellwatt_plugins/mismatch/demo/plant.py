@@ -106,45 +106,20 @@ def run(arm: Arm, simulation: Path, concealed: Sequence[Concealed], motion: Moti
     data = mujoco.MjData(model)
     wanted = _feed_forward(mujoco, simulation, motion)
     stiffness, damping = _gains(mujoco, model, data, motion)
-    acting = _Acting(model, concealed)
+    dry = model.dof_frictionloss.copy()
+    sticking = [(each.joint, each.numbers) for each in concealed if each.kind == "stribeck"]
     n = len(motion.q)
     data.qpos[:] = motion.q[0]
     q, qd, torque = (np.empty((n, JOINTS)) for _ in range(3))
     for i in range(-round(SETTLE / STEP), n):
         k = max(i, 0)
         data.ctrl[:] = wanted[k] + stiffness * (motion.q[k] - data.qpos) + damping * (motion.qd[k] - data.qvel)
-        acting.on(model, data)
+        for joint, value in sticking:
+            slow = np.exp(-((data.qvel[joint] / value["velocity"][0]) ** 2))
+            model.dof_frictionloss[joint] = dry[joint] + value["excess"][0] * slow
         q[k], qd[k], torque[k] = data.qpos, data.qvel, data.ctrl
         mujoco.mj_step(model, data)
-        acting.felt(model, data)
     return _measured(q, qd, torque, concealed, rng)
-
-
-class _Acting:
-    """What is concealed and acts on the joints, from step to step."""
-
-    def __init__(self, model: Any, concealed: Sequence[Concealed]) -> None:
-        self.concealed = [c for c in concealed if c.joint is not None]
-        self.dry = model.dof_frictionloss.copy()
-        self.load = np.zeros(JOINTS)
-
-    def on(self, model: Any, data: Any) -> None:
-        """Set the friction of the next step."""
-        dry = self.dry.copy()
-        for each in self.concealed:
-            j = each.joint
-            value = {name: number for name, (number, _) in each.numbers.items()}
-            if each.kind == "stribeck":
-                dry[j] += value["excess"] * np.exp(-((data.qvel[j] / value["velocity"]) ** 2))
-            elif each.kind == "load-friction":
-                dry[j] += value["coefficient"] * abs(self.load[j])
-        model.dof_frictionloss[:] = dry
-
-    def felt(self, model: Any, data: Any) -> None:
-        """Take the load that the links put on each gear in the step that was made."""
-        dry = data.qfrc_constraint
-        rotor = model.dof_armature * data.qacc
-        self.load = data.qfrc_actuator + data.qfrc_passive + dry - rotor
 
 
 def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:

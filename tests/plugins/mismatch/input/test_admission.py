@@ -214,23 +214,6 @@ def test_joints_are_told_though_wrists_carry_next_to_nothing(change, message, fr
     assert message in refusal([change(run)], bare)
 
 
-def test_an_unread_torque_speaks_for_no_order(frictionless, bare):
-    torque = frictionless.torque.copy()
-    torque[:, [3, 5]] = np.nan
-    run = replace(frictionless, torque=torque)
-    assert sum("no torque of joints 4, 6" in note for note in examine([run], bare)[1]) == 1
-    assert f"another order than in the robot's description: {ELBOW_TEXT}" in refusal(
-        [ordered(ELBOW_FIRST, *ALL)(run)], bare
-    )
-
-
-def test_currents_in_milliampere(run, arm):
-    wrong = replace(run, torque=run.torque * 1e3, torque_from="current")
-    assert "torque from current is 1000 times what motion and description ask for: it seems to be in mA" in refusal(
-        [wrong], arm
-    )
-
-
 def test_a_simulation_of_another_run(described, arm):
     runs = [recorded(described, excitation(seed), name=f"run_0{seed}") for seed in (1, 2, 3)]
     crossed = [replace(run, plan=plan.plan) for run, plan in zip(runs, runs[1:] + runs[:1], strict=True)]
@@ -238,13 +221,6 @@ def test_a_simulation_of_another_run(described, arm):
     alone = refusal(crossed[:1], arm)
     assert "run_01: the recording does not follow its simulation (joint " in alone
     assert "is it the simulation of this run?" in alone
-
-
-def test_one_joint_of_another_program(run, arm):
-    plan = run.plan.position.copy()
-    plan[:, 4] = 0.5 * np.sin(3.3 * run.time + 1)
-    other = replace(run, plan=replace(run.plan, position=plan))
-    assert "does not follow its simulation (joint 5 is" in refusal([other], arm)
 
 
 def test_too_short(described, arm):
@@ -268,10 +244,6 @@ def test_nothing_moves(described, arm):
 
 def test_a_run_at_rest_among_others_is_a_note(described, arm):
     assert examine([at_rest(described), recorded(described, excitation(1))], arm)[1] == ["rest: the arm stands still"]
-
-
-def test_no_recording(arm):
-    assert refusal([], arm) == "no recording given"
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -349,17 +321,6 @@ def test_cut_off_and_coarse_torques_are_notes(described, arm):
     torque[:, 2] = np.round(torque[:, 2] / steps) * steps
     (note,) = examine([replace(run, torque=torque)], arm)[1]
     assert note == f"run_01: the torque of joint 3 comes in steps of {steps:.3g} Nm: smaller effects cannot be seen"
-
-
-def test_notes_of_reading_and_missing_power(described, arm):
-    run = recorded(described, excitation(1))
-    gaps = np.arange(len(run.time)) % 100 == 0
-    notes = examine([replace(run, power=None, gaps=gaps, notes=("as read",))], arm)[1]
-    assert notes == [
-        "as read",
-        "no power recorded: nothing can be said of the supply",
-        "run_01: 1 % of the samples were filled in and do not count",
-    ]
 
 
 def concealed():

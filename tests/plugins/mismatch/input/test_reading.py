@@ -7,7 +7,6 @@ from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
-from cellwatt_plugins.mismatch.input.sources import run_name
 from tests.plugins.mismatch.recorded_arm import CONSTANT, JOINTS, load, write_robot
 
 RATE = 125.0
@@ -157,14 +156,6 @@ async def test_cellwatts_own_recordings(tmp_path, arm):
         np.testing.assert_array_equal(run.power, 100 + t)
 
 
-async def test_a_source_that_was_away_leaves_a_gap(tmp_path, arm):
-    t = times(rate=50.0)
-    await recorded_by_cellwatt(tmp_path, t, silent=slice(100, 150))
-    run = one(tmp_path, arm)
-    assert run.gaps[100:150].all()
-    assert run.gaps.sum() == 50
-
-
 def test_currents_need_torque_constants(tmp_path):
     arm = load(write_robot(tmp_path, torque_constant=0.0))
     columns = recording(times())
@@ -194,18 +185,6 @@ def test_holes_in_time_are_marked(tmp_path, arm):
     assert len(run.time) == len(t)
     np.testing.assert_array_equal(run.gaps, ~kept)
     np.testing.assert_allclose(run.position[kept], motion(t)[0][kept], atol=1e-9)
-
-
-def test_a_simulation_of_another_rate_is_interpolated(tmp_path, arm):
-    t = times()
-    seen = parquet(tmp_path / "seen.parquet", recording(t))
-    said = parquet(tmp_path / "said.parquet", simulation(times(rate=1000.0)))
-    (run,) = read_runs([seen], [said], arm.description)
-    q, qd, qdd, _ = motion(t)
-    for got, true in ((run.plan.position, q), (run.plan.velocity, qd), (run.plan.acceleration, qdd)):
-        np.testing.assert_allclose(got, true, atol=1e-5)
-    np.testing.assert_allclose(run.simulated.torque, motion(times(rate=1000.0))[3])
-    assert run.notes == ()
 
 
 def test_a_slow_simulation_leaves_no_share_of_the_jerk(tmp_path, arm):
@@ -247,16 +226,6 @@ def test_what_a_simulation_lacks_of_the_motion_is_derived(tmp_path, arm):
     np.testing.assert_allclose(run.plan.velocity[inside], motion(t)[1][inside], atol=2e-3)
     np.testing.assert_allclose(run.plan.acceleration[inside], motion(t)[2][inside], atol=5e-3)
     assert run.simulated is None, "it says nothing of torque: robot.yaml does"
-
-
-def test_missing_velocity_power_and_temperature_are_none(tmp_path, arm):
-    t = times()
-    q, _, _, tau = motion(t)
-    run = one(parquet(tmp_path / "a.parquet", {"t": t, **numbered("q", q), **numbered("tau", tau)}), arm)
-    assert run.velocity is None
-    assert run.power is None
-    assert run.temperature is None
-    assert run.plan is None
 
 
 def test_few_unusable_values_are_filled_and_marked(tmp_path, arm):
@@ -324,18 +293,6 @@ def test_what_is_wrong_with_a_table_is_said_in_one_line(tmp_path, arm, change, m
     assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
 
 
-@pytest.mark.parametrize(
-    ("name", "run"),
-    [
-        ("run_01.recording.parquet", "run_01"),
-        ("ur-20_02_12.csv", "ur-20_02_12"),
-        ("bench_20260301T120000_000000001Z_000001.mcap.part", "bench_20260301T120000_000000001Z_000001"),
-    ],
-)
-def test_runs_are_called_after_their_files(tmp_path, name, run):
-    assert run_name(tmp_path / name) == run
-
-
 def test_simulations_are_matched_by_name_or_by_place(tmp_path, arm):
     t = times()
     later = {name: values + (name[0] == "q" and name[1] == "_") for name, values in recording(t).items()}
@@ -385,18 +342,6 @@ def test_a_fast_recording_is_looked_at_in_means(tmp_path, arm, rate, count):
     assert np.std((run.torque - tau)[known]) == pytest.approx(0.5 / np.sqrt(count), rel=0.1)
     assert 7 <= run.gaps.sum() <= 9
     assert len(one(parquet(tmp_path / "b.parquet", columns), arm).time) == len(run.time)
-
-
-def test_a_motion_with_accelerations_was_planned(tmp_path, arm):
-    t = times()
-    q, qd, qdd, _ = motion(t)
-    whole = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
-    got, known = read_motion(
-        parquet(tmp_path / "a.parquet", {**whole, **numbered("temperature", 30 + q)}), None, arm.description
-    )
-    np.testing.assert_allclose(got.time, t)
-    for have, true in ((known.position, q), (known.velocity, qd), (known.acceleration, qdd), (got.temperature, 30 + q)):
-        np.testing.assert_array_equal(have, true)
 
 
 def test_a_measured_motion_is_taken_beside_its_simulation_whole(tmp_path, arm):

@@ -65,15 +65,6 @@ def test_of_many_those_that_differ_are_looked_at_in_their_order(
     assert sorted((*chosen.close, *chosen.others), key=lambda file: file.name) == files
 
 
-@pytest.mark.parametrize(("fit", "looked"), [(0.1, 2), (2.0, 5), (4.0, FEW)])
-def test_of_long_ones_as_many_are_looked_at_as_leave_enough_samples_of_each(
-    robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fit: float, looked: int
-) -> None:
-    """``fit`` of them could be looked at with all samples, 2.5 times as many with enough."""
-    looked_at(monkeypatch, (fit + 0.01) * SECONDS)
-    assert len(select(recorded(tmp_path, *np.linspace(0.1, 2.0, 20)), robot).close) == looked
-
-
 def test_each_next_one_is_furthest_from_all_before() -> None:
     places = np.random.default_rng(3).normal(size=(40, 5))
     places[7] = places[3]

@@ -12,7 +12,6 @@ from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.baseline import baseline
 from cellwatt_plugins.mismatch.input.reading import read_runs
 from tests.plugins.mismatch.recorded_arm import (
-    CONSTANT,
     COULOMB,
     JOINTS,
     excitation,
@@ -68,16 +67,6 @@ def test_an_empty_constant_or_idle_column_is_none(size, tmp_path, run, arm):
     found = read(tmp_path, run, arm, tau_3=dead, tau_4=np.full(len(run.time), np.nan))
     assert silent(found) == [3, 4]
     assert sum(NOT_USED in note for note in examine([found], arm)[1]) == 1
-
-
-def test_idle_currents_of_a_joint_without_torque_constant(tmp_path, run, arm):
-    joints = list(arm.description.joints)
-    joints[5] = joints[5].model_copy(update={"torque_constant": 0.0})
-    robot = replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
-    currents = {f"current_{j + 1}": run.torque[:, j] / CONSTANT[j] for j in range(JOINTS - 1)}
-    found = read(tmp_path, run, robot, drop=[f"tau_{j + 1}" for j in range(JOINTS)], **currents)
-    assert silent(found) == [6]
-    np.testing.assert_allclose(found.torque[:, :5], run.torque[:, :5])
 
 
 @pytest.mark.parametrize("share", [0.002, 1.0])

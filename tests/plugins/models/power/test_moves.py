@@ -35,12 +35,6 @@ def test_a_table_with_several_moves(tmp_path):
     assert moves.payload is None
 
 
-def test_bus_power_where_there_is_no_supply_power(tmp_path):
-    table = columns()
-    table["arm.bus.power"] = table.pop("power") - 50
-    assert read_moves([written(tmp_path, table)], 2).power[0] == 50
-
-
 def test_holes_and_missing_positions_end_a_move(tmp_path):
     table = columns(60)
     table["t"][30:] += 1.0
@@ -58,16 +52,6 @@ def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
     assert np.ptp(np.diff(moves.time)) < 1e-9
     assert np.abs(moves.q[:, 0] - np.sin(moves.time)).max() < 1e-4
     assert np.isnan(moves.current).all()
-
-
-def test_files_follow_each_other_and_a_payload_must_be_in_all(tmp_path):
-    bare = written(tmp_path, columns(), "bare.parquet")
-    loaded = written(tmp_path, columns() | {"payload": np.full(40, 2.0)}, "loaded.parquet")
-    assert read_moves([bare, loaded], 2).payload is None
-    moves = read_moves([loaded, loaded], 2)
-    assert moves.count == 2
-    assert moves.payload is not None
-    assert moves.payload.tolist() == [2.0] * 80
 
 
 @pytest.mark.parametrize(

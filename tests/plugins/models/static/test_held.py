@@ -51,22 +51,6 @@ def test_the_way_to_a_pose_counts_from_where_each_joint_last_turned():
     np.testing.assert_allclose(ways[2], [-1.25, 0.5], atol=1e-9)
 
 
-def test_a_rest_that_is_too_short_is_counted_and_not_given():
-    recogniser = Recogniser(2)
-    q = motion(((1.0, 1.0), 2.0), ((2.0, 2.0), 3.0))
-    found = recogniser.update(STEP * np.arange(len(q)), q, q)
-    assert [pose.q[0] for pose in found] == [2.0]
-    assert recogniser.too_short == 1
-
-
-def test_encoder_noise_is_rest_and_a_slow_creep_is_not():
-    rng = np.random.default_rng(3)
-    still = motion(((1.0, 1.0), 3.0))
-    assert len(run(still + rng.normal(0, 2e-5, still.shape))) == 1
-    creep = np.linspace(0, 0.1, 400)[:, None] * np.ones(2)
-    assert run(creep) == []
-
-
 def test_a_hole_in_the_samples_begins_the_rest_anew_and_gives_the_pose_once():
     q = motion(((1.0, 1.0), 9.0))
     time = STEP * np.arange(len(q))

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.acceptance import OFF_SCALE
 from cellwatt_plugins.robot.curves import CURVES
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, said
@@ -249,18 +248,6 @@ def test_columns_are_what_the_contract_defines(full_runs, name):
     assert np.allclose(added(name.split()[0], run, shape, coefficients), truth(*shoulder(run)), atol=1e-6)
 
 
-def test_a_push_is_at_a_time_that_was_recorded(full_runs):
-    push, last = BY_NAME["external_contact"], full_runs[1].time[-1]
-    assert push.resolved(full_runs, JOINT, (1.0, last - 0.1, 0.3))
-    assert not push.resolved(full_runs, JOINT, (1.0, last + 0.1, 0.3))
-
-
-def test_friction_grows_with_what_the_links_need(full_runs):
-    run = full_runs[0]
-    load = plant.links(plant.NOMINAL, run.q, run.qd, run.qdd)[:, JOINT]
-    assert np.allclose(added("load_dependent_friction", run, (), [0.1]), 0.1 * np.abs(load) * run.sign[:, JOINT])
-
-
 @pytest.mark.parametrize("name", ["payload", "link_inertial_error", "payload_change"])
 def test_a_mass_on_the_last_link_is_what_the_closed_form_needs_more(full_runs, name):
     run = full_runs[0]
@@ -308,26 +295,6 @@ def test_late_torque_is_that_of_the_motion_before(full_runs, name):
     inner = slice(20, None)
     difference = (before - run.torque)[inner]
     assert np.sqrt(np.mean((got[inner] - difference) ** 2)) < 0.1 * np.sqrt(np.mean(difference**2))
-
-
-@pytest.mark.parametrize(("name", "least", "most"), [("time_delay", 0.002, 0.1), ("clock_drift", 0.004, 0.15)])
-def test_what_is_tried_lies_so_near_that_none_is_missed_between(full_runs, name, least, most):
-    longest = max(run.time[-1] - run.time[0] for run in full_runs) if name == "clock_drift" else 1.0
-    tried = np.array([shape[0] * longest for shape in BY_NAME[name].shapes(full_runs, None, [])])
-    for true in np.geomspace(least, most, 100):
-        for sign in (1, -1):
-            # The scale is taken along a line; a large shift bends, so that there must be room.
-            assert np.min(np.abs(sign * true / tried - 1)) < 0.7 * OFF_SCALE
-
-
-def test_a_limit_is_tried_where_the_greatest_torques_read(full_runs):
-    """Narrow peaks, clipped."""
-    time = np.arange(6000) / 200
-    asked = np.zeros((6000, 2))
-    asked[:, JOINT] = 4 * np.sin(time) + 6 * np.exp(-(((time % 3.0) - 1.5) ** 2) / 2e-4)
-    left = np.clip(asked, -7.0, 7.0) - asked
-    levels = [shape[0] for shape in BY_NAME["torque_saturation"].shapes([Asked(asked)], JOINT, [left])]
-    assert min(abs(level - 7.0) for level in levels) < 0.1
 
 
 @dataclass
@@ -385,16 +352,6 @@ def test_brakes_draw_from_before_motion_until_after_it(full_runs):
     assert not stays[run.time < 0.58].any()
     assert stays[(run.time > 0.8) & (run.time < end + 0.05)].all()
     assert not stays[(run.time > end + 0.32) & (run.time < end + 0.48)].any()
-
-
-def test_a_fan_of_the_same_cycle_in_all_runs_is_seen_as_that(full_runs):
-    random = np.random.default_rng(3)
-    runs = [plant.states(r.arm, seed=4, seconds=30.0, index=r.index) for r in full_runs]
-    residual = [
-        (35.0 * (((r.time - 2) % 9 < 4) & (r.time >= 2)) + random.standard_normal(len(r.time)))[:, None] for r in runs
-    ]
-    shapes = BY_NAME["fan_switching"].shapes(runs, None, residual)
-    assert any(np.allclose(shape, (2.0, 4.0, 5.0), atol=0.1) for shape in shapes if len(shape) == 3)
 
 
 def test_recorded_temperature_lowers_friction_by_e_over_its_scale(arms):
