@@ -47,7 +47,7 @@ def command(
 
         page = tables_page.report(recording, start, end, channels)
     else:
-        from cellwatt.runtime.page import report
+        from cellwatt.runtime.plotted import report
 
         opened = open_recording(recording)
         chosen = recorded_section(opened.header.settings, "units", Units).but(units)
