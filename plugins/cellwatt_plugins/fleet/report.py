@@ -176,11 +176,9 @@ def _left(found: Fleet) -> list[Block]:
     blocks: list[Block] = []
     notes = [*found.notes, *(f"{c.cell}: {c.statement}" for c in found.cells if c.statement)]
     notes += [f"{f.cell}: {remark}" for f in found.findings for remark in f.remarks]
+    notes += [f"{s.cell}: {s.place} was skipped: {s.why}" for s in found.skipped]
     if notes:
         blocks.append(Notes(notes))
-    if found.skipped:
-        skipped = [(s.cell, s.place, s.why) for s in found.skipped]
-        blocks.append(Table("Skipped recordings", ("Cell", "Recording", "Why it was skipped"), skipped))
     rows = [
         (c.cell, c.kind, str(c.weeks), str(c.repetitions), f"{c.seconds / 60:.0f}", "yes" if c.temperature else "no")
         for c in found.cells

@@ -1,8 +1,6 @@
 import csv
 import json
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pyarrow.csv
@@ -10,7 +8,6 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.commands import EXIT_ERROR
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt_plugins.energy.command import disaggregate
 from cellwatt_plugins.energy.recordings import read_runs
@@ -127,16 +124,3 @@ def test_an_empty_folder_is_told(copy, tmp_path):
     for path in (copy / "runs").iterdir():
         path.unlink()
     assert "no runs there" in fails(copy, tmp_path, RecordingError)
-
-
-def test_without_its_packages_it_names_the_extra(measured, tmp_path):
-    code = """
-import sys
-sys.modules["scipy"] = None
-from cellwatt.commands import main
-main()
-"""
-    given = [sys.executable, "-c", code, "disaggregate", *words(measured[1], tmp_path / "out")]
-    done = subprocess.run(given, capture_output=True, text=True, check=False)
-    assert done.returncode == EXIT_ERROR
-    assert done.stderr == "cellwatt: disaggregate needs scipy: install it with pip install 'cellwatt[energy]'\n"

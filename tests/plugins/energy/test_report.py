@@ -9,7 +9,7 @@ from tests.daemon.report.reading import check, numbers, read
 @pytest.fixture(scope="module")
 def page(outcome, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
-    report(outcome.findings, outcome.identified, outcome.repetitions, Provenance.here(), Units()).write(path)
+    report(outcome.findings, outcome.identified, Provenance.here(), Units()).write(path)
     return read(path)
 
 
