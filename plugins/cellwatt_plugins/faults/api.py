@@ -172,7 +172,8 @@ def learn_from(
     columns, channel = list(layout.joints("position", arm)), layout.index(power)
     if any(frames.layout != layout for frames in blocks):
         raise RecordingError("the channels or the rate of the frames change from one recording to the next")
-    found: Sequence[Result] = segment.of_recording(blocks)
+    found: list[Result] = [result for frames in blocks for result in segment.process(frames, ())]
+    found += segment.close()
     source = layout.channels[columns[0]].source
     head = Cell(robot, source, power, layout.step * 1e-9)
     tasks = [r for r in found if isinstance(r, Task)]

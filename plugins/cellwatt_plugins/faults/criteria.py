@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellwatt.quantity import Fraction, Radians, Watts
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -15,13 +17,17 @@ Codes = NDArray[np.int8]
 Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_fault"]
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance:
-    """Permitted distance from the reference: ``position`` rad, ``power`` relative, and at least ``floor`` W."""
+class Tolerance(BaseModel):
+    """Distance from the healthy reference that is still healthy."""
 
-    position: float = math.radians(1.0)
-    power: float = 0.10
-    floor: float = 5.0
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    position: Radians = Field(default=math.radians(1.0), gt=0)
+    """Encoder position."""
+    power: Fraction = Field(default=0.10, gt=0)
+    """Power, relative to the reference …"""
+    floor: Watts = Field(default=5.0, ge=0)
+    """… but at least this."""
 
     def watts(self, reference: Float) -> Float:
         """epsilon_p of equation (16), W, for reference powers (n,) W ("±10 % over the reference", section V.D)."""

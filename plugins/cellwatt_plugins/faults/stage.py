@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
-from cellwatt.quantity import Fraction, Radians, Watts
+from cellwatt.quantity import Fraction
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
@@ -34,19 +33,6 @@ MARGIN = 10**9
 """… and so much before."""
 
 
-class ToleranceSettings(BaseModel):
-    """Distance from the healthy reference that is still healthy."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
-
-    position: Radians = Field(default=math.radians(1.0), gt=0)
-    """Encoder position."""
-    power: Fraction = Field(default=0.10, gt=0)
-    """Power, relative to the reference …"""
-    floor: Watts = Field(default=5.0, ge=0)
-    """… but at least this."""
-
-
 class FaultsSettings(StageSettings):
     """Compares an arm with its healthy reference and names the faulty joint or encoder."""
 
@@ -59,7 +45,7 @@ class FaultsSettings(StageSettings):
     robot: Path | None = None
     """Description of the robot (``robot.yaml``), as given to `cellwatt reference`: whole cycles are judged by the
     physics of the arm, and ``tolerance``, ``confirm`` and ``jitter`` are not used."""
-    tolerance: ToleranceSettings = ToleranceSettings()
+    tolerance: Tolerance = Tolerance()
     """Distance from the healthy reference that is still healthy."""
     confirm: int = Field(default=5, ge=2, le=100)
     """Frames in a row that must be outside."""
@@ -88,8 +74,7 @@ class FaultsStage(Stage[FaultsSettings]):
         self._source = layout.channels[self._positions[0]].source
         if settings.robot is None and not self._reference.tasks:
             raise ModelError(f"reference {path}: has whole cycles only: set robot to the description of the robot")
-        t = settings.tolerance
-        rules = Rules(Tolerance(t.position, t.power, t.floor), settings.confirm, settings.jitter * layout.step * 1e-9)
+        rules = Rules(settings.tolerance, settings.confirm, settings.jitter * layout.step * 1e-9)
         self._judge = Judge(self._reference, rules)
         self._alarms = IntervalAlarms(name, self._source, self._reference, settings.clear)
         self._trace = Trace.empty(len(self._positions))

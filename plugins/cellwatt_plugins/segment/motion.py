@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.segment.noise import CHUNK, NoiseEstimate
+from cellwatt_plugins.segment.settings import SegmentSettings
 
 Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
@@ -22,26 +23,6 @@ CREEP = 0.2
 """Share of the stop speed down to which a start or stop is followed to its true moment."""
 TRAIL = 1.0
 """Time in s that a start or stop may be followed back."""
-
-
-@dataclass(frozen=True, slots=True)
-class Thresholds:
-    """Thresholds at which a joint counts as moving, and a set of moving joints as an interval.
-
-    A joint starts when its speed (rad/s, over ``window`` s) stays above ``start_speed`` for ``confirm``
-    frames and stops when it stays below ``stop_speed`` as long; both rise with the position noise. Sets of
-    moving joints that last less than ``minimum_length`` s belong to their neighbours; joints that join
-    or leave before or after the others moved by less than ``minimum_travel`` rad belong to the same
-    interval. Positions missing for more than ``gap`` s cut the interval.
-    """
-
-    start_speed: float = math.radians(1.0)
-    stop_speed: float = math.radians(0.5)
-    window: float = 0.08
-    confirm: int = 3
-    minimum_length: float = 0.12
-    minimum_travel: float = math.radians(1.0)
-    gap: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +71,7 @@ class Motion:
     ``robot.motion`` smooths over times that are still to come.
     """
 
-    def __init__(self, joints: int, step: int, thresholds: Thresholds) -> None:
+    def __init__(self, joints: int, step: int, thresholds: SegmentSettings) -> None:
         self.joints = joints
         self.step = step
         self.thresholds = thresholds

@@ -18,11 +18,6 @@ MEMORY = 8
 """Estimates of which the smallest counts, so that jerky motion does not pass for noise."""
 
 
-def first_that_counts(count: int) -> int:
-    """Index of the first of so many positions on which an estimate still depends after all of them."""
-    return max(0, count // CHUNK - MEMORY) * CHUNK
-
-
 @dataclass
 class NoiseEstimate:
     """``sigma`` (joints,) rad: standard deviation of the position noise; 0 until the first chunk is full.
@@ -38,13 +33,6 @@ class NoiseEstimate:
         self.sigma = np.zeros(self.joints)
         self._chunk: Float = np.empty((CHUNK, self.joints))
         self._estimates: deque[Float] = deque(maxlen=MEMORY)
-
-    def hear(self, positions: Float) -> None:
-        """Take any number of positions (n, joints) rad."""
-        while len(positions):
-            n = CHUNK - self.filled
-            self.add(positions[:n])
-            positions = positions[n:]
 
     def add(self, positions: Float) -> None:
         """Take n more positions (n, joints) rad, at most ``CHUNK - filled``."""

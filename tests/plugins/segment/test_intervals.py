@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.segment.intervals import Segmenter
-from cellwatt_plugins.segment.motion import Thresholds
+from cellwatt_plugins.segment.settings import SegmentSettings
 from tests.plugins.segment.motions import HOME, Leg, follow, positions, since_start
 
 STEP = 20_000_000  # ns
@@ -187,7 +187,7 @@ def test_slow_motion_needs_a_lower_threshold():
     time, q = positions([Leg(1.0, {1: 0.06}, 8.0)], 11.0)
     found = []
     for speed in (math.radians(1.0), math.radians(0.3)):
-        segmenter = Segmenter("arm", 4, STEP, Thresholds(start_speed=speed, stop_speed=speed / 2))
+        segmenter = Segmenter("arm", 4, STEP, SegmentSettings(start_speed=speed, stop_speed=speed / 2))
         found.append(moving(segmenter.update(time, q) + segmenter.finish()))
     assert found[0] == []
     assert [i.moving for i in found[1]] == [(1,)]

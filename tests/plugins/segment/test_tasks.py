@@ -1,7 +1,7 @@
 import pytest
 
 from cellwatt.results import Interval
-from cellwatt_plugins.segment.tasks import Likeness, TaskRecogniser, signature
+from cellwatt_plugins.segment.tasks import TaskRecogniser, signature
 
 SECOND = 10**9
 A = [{1: 0.9}, {3: -0.7}, {2: 0.35, 3: 0.2}, {1: -0.9}, {2: -0.35, 3: 0.5}]
@@ -220,7 +220,7 @@ def test_the_signature_is_the_same_in_any_session():
 
 
 def test_memory_stays_bounded():
-    recogniser = TaskRecogniser(Likeness())
+    recogniser = TaskRecogniser()
     world = World()
     for k in range(900):
         world.add({1: 0.1 + 0.001 * (k % 677)}, 0.5)

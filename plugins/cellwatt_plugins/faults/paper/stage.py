@@ -31,7 +31,6 @@ from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import Reference, columns_of, load
-from cellwatt_plugins.faults.stage import ToleranceSettings
 from cellwatt_plugins.faults.trace import Trace
 
 TRAIN = "train it with `cellwatt faults train`"
@@ -104,7 +103,7 @@ class PaperFaultsSettings(StageSettings):
     network: Path | None = None
     """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several; it names the joint in place
     of a comparison with the motion."""
-    tolerance: ToleranceSettings = ToleranceSettings()
+    tolerance: Tolerance = Tolerance()
     """Distance from the reference that is still healthy."""
     equations: Path | None = None
     """Folder made by ``cellwatt train pattern``: power is held against these equations, not against mean cycles."""
@@ -125,11 +124,10 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
         reference = load(path)
         self._positions, self._power = columns_of(reference, path, layout, settings.arm, settings.power)
         self._source = layout.channels[self._positions[0]].source
-        t = settings.tolerance
         courses = courses_of(reference)
         if settings.equations:
             courses = by_equations(courses, cell.folder / settings.equations)
-        follower = CycleFollower(courses, Tolerance(t.position, t.power, t.floor), settings.residual)
+        follower = CycleFollower(courses, settings.tolerance, settings.residual)
         self._seen = CyclesSeen(follower, len(self._positions))
         networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else {}
         self._isolation = {key: by_network_or_agreement(network) for key, network in networks.items()}
