@@ -131,10 +131,10 @@ def faults(
     if recording.joints != learnt.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     from cellwatt_plugins.faults.cycles.findings import judge_recording
-    from cellwatt_plugins.faults.cycles.watch import known_of
+    from cellwatt_plugins.faults.cycles.known import known_of
 
     evidence: list[Evidence] = []
-    found = judge_recording(recording, known_of(learnt, file, Path(robot), false_alarms), evidence.append)
+    found = judge_recording(recording, known_of(learnt, file, Path(robot), false_alarms), evidence)
     inputs = (*paths_of(recordings), *paths_of(meter), file, Path(robot))
     return Judged(tuple(found), recording, tuple(evidence), inputs)
 

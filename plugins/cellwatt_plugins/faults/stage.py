@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
-from cellwatt.errors import ConfigError, ModelError
+from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction
 from cellwatt.results import Alarm, Interval, Result
@@ -22,7 +22,7 @@ from cellwatt_plugins.faults.reference import columns_of, load
 from cellwatt_plugins.faults.trace import Trace
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.faults.cycles.watch import CycleStage
+    from cellwatt_plugins.faults.cycles.live import CycleStage
 
 EVERY = 3
 """A running interval is looked at every so many grid points."""
@@ -104,12 +104,10 @@ class FaultsStage(Stage[FaultsSettings]):
         return [] if self._cycles is None else self._cycles.close()
 
     def _watched(self, path: Path, robot: Path) -> CycleStage:
-        """The judge of whole cycles, which needs packages that the rest does not."""
-        try:
-            from cellwatt_plugins.faults.cycles.watch import CycleStage, known_of
-        except ModuleNotFoundError as error:
-            need = f"stage {self.name!r}: robot needs the package {error.name}"
-            raise ConfigError(f"{need}: pip install 'cellwatt[explain]'") from error
+        """The judge of whole cycles; what it imports is nothing that a cell without ``robot`` needs."""
+        from cellwatt_plugins.faults.cycles.known import known_of
+        from cellwatt_plugins.faults.cycles.live import CycleStage
+
         alarms = CycleAlarms(self.name, self._source, self.settings.clear)
         known = known_of(self._reference, path, robot, self.settings.false_alarms)
         return CycleStage(known, self.layout.step, alarms)

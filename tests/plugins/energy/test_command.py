@@ -2,15 +2,11 @@ import csv
 import json
 import shutil
 
-import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.command import disaggregate
-from cellwatt_plugins.energy.recordings import read_runs
 from tests.plugins.energy.running import STATES
 
 
@@ -56,18 +52,6 @@ def test_what_a_person_reads(written):
     assert "torque as given is the true torque times" in written[1]
 
 
-def test_csv_files_do_as_well(measured, tmp_path):
-    for path in (measured[1] / "runs").glob("1400_*.parquet"):
-        pyarrow.csv.write_csv(pyarrow.parquet.read_table(path), tmp_path / f"{path.stem}.csv")
-    again, before = read_runs(tmp_path, 6), {run.name: run for run in read_runs(measured[1] / "runs", 6)}
-    assert [run.name for run in again] == ["1400_0kg", "1400_5kg"]
-    for one in again:
-        other = before[one.name]
-        for name in ("time", "position", "velocity", "torque"):
-            assert np.allclose(getattr(one.motion, name), getattr(other.motion, name), rtol=1e-6, atol=0)
-        assert np.array_equal(one.reading.power, other.reading.power)
-
-
 def fails(folder, tmp_path, error):
     with pytest.raises(error) as caught:
         CliRunner().invoke(disaggregate, words(folder, tmp_path / "out"), catch_exceptions=False)
@@ -86,17 +70,6 @@ def test_a_missing_analyzer_file_is_named(copy, tmp_path):
     assert "150_0kg.analyzer.parquet is not beside it" in fails(copy, tmp_path, RecordingError)
 
 
-def test_a_run_with_another_name_says_how_to_call_it(copy, tmp_path):
-    (copy / "runs" / "150_0kg.robot.parquet").rename(copy / "runs" / "slow.robot.parquet")
-    assert "call it SPEED_PAYLOADkg" in fails(copy, tmp_path, RecordingError)
-
-
-def test_a_missing_column_is_named(copy, tmp_path):
-    path = copy / "runs" / "150_0kg.robot.parquet"
-    pyarrow.parquet.write_table(pyarrow.parquet.read_table(path).drop_columns(["tau_2"]), path)
-    assert "no column tau_2" in fails(copy, tmp_path, RecordingError)
-
-
 def test_a_controller_that_was_not_measured(copy, tmp_path):
     (copy / "controller.parquet").unlink()
     assert "controller_separate: false" in fails(copy, tmp_path, RecordingError)
@@ -111,16 +84,3 @@ def test_a_controller_that_was_not_measured(copy, tmp_path):
     assert found["fixed"]["robot_electronics"] == 0
     assert found == json.loads((tmp_path / "out" / "energy.json").read_text())
     assert not (tmp_path / "out" / "report.html").exists()
-
-
-def test_a_joint_without_resistance_is_refused(copy, tmp_path):
-    lines = (copy / "robot.yaml").read_text().splitlines()
-    at = next(i for i, line in enumerate(lines) if "winding_resistance" in line)
-    (copy / "robot.yaml").write_text("\n".join(lines[:at] + lines[at + 1 :]))
-    assert "joint_1 has no winding_resistance" in fails(copy, tmp_path, ConfigError)
-
-
-def test_an_empty_folder_is_told(copy, tmp_path):
-    for path in (copy / "runs").iterdir():
-        path.unlink()
-    assert "no runs there" in fails(copy, tmp_path, RecordingError)

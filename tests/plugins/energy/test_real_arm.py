@@ -30,7 +30,6 @@ def fit(arm, moves):
 def known_from(identified):
     """What a campaign of these moves would tell the live side; power at rest was not recorded."""
     missed = [one.residual(identified.drive).sum() / one.power.sum() for one in identified.observed]
-    still = (0.0,) * 6
     fixed_twice = [0, *range(len(identified.covariance))]  # no brakes: electronics and fixed power are one
     return Known(
         robot="ur3e",
@@ -39,8 +38,7 @@ def known_from(identified):
         brakes=0.0,
         brakes_uncertainty=0.0,
         model_error=float(np.sqrt(np.mean(np.square(missed)))),
-        viscous=still,
-        coulomb=still,
+        viscous=(0.0,) * 6,
         late=0.0,
         covariance=identified.covariance[np.ix_(fixed_twice, fixed_twice)],
     )

@@ -2,7 +2,7 @@ import pytest
 
 from cellwatt.report import Provenance
 from cellwatt.units import Units
-from cellwatt_plugins.energy.report import headline, report
+from cellwatt_plugins.energy.report import report
 from tests.daemon.report.reading import check, numbers, read
 
 
@@ -11,22 +11,6 @@ def page(outcome, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     report(outcome.findings, outcome.identified, Provenance.here(), Units()).write(path)
     return read(path)
-
-
-def test_it_is_one_of_the_report_pages(page, outcome):
-    check(page)
-    assert page.headings[0] == ("h1", headline(outcome.findings))
-    assert [text for tag, text in page.headings if tag == "h2"] == [
-        "Fixed power",
-        "Average power of each run",
-        "Share of each consumer",
-        "Over time",
-        "Energies of one repetition",
-        "Payload efficiency",
-        "Joints",
-        *(["Notes"] if "Notes" in page.words else []),
-    ]
-    assert len(page.figures) == 6  # power, shares, and two speeds with and without payload
 
 
 def test_bars_are_as_long_as_their_power(page, outcome):
@@ -68,14 +52,3 @@ def test_energies_in_watt_hours_are_the_same_energies(outcome, tmp_path):
     assert page.figures[0]["data"][0]["x"] == pytest.approx(kilowatts, rel=0.001)
     assert page.figures[0]["layout"]["xaxis"]["title"]["text"] == "kW"
     assert "Wh with one standard deviation" in page.words
-
-
-def test_notes_are_told(page, outcome):
-    for note in outcome.findings.notes:
-        assert note.split(":")[0] in page.words
-
-
-def test_the_headline_names_the_largest_first(outcome):
-    shares = numbers(headline(outcome.findings))
-    assert shares == sorted(shares, reverse=True)
-    assert sum(shares) == pytest.approx(100, abs=2)

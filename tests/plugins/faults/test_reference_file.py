@@ -1,11 +1,8 @@
-import math
-
-import numpy as np
 import pytest
 import yaml
 
-from cellwatt.errors import CellwattError, ModelError
-from cellwatt_plugins.faults.reference import Pattern, load, save
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.reference import load, save
 
 
 def test_what_is_saved_is_loaded(rich_reference, tmp_path):
@@ -28,14 +25,6 @@ def test_a_person_can_read_and_plot_it(reference):
     assert times[-1] == pytest.approx(interval["duration"] + 0.1, abs=0.03)
     assert set(interval["position"]) == {2, 3}
     assert max(map(len, reference.read_text().splitlines())) <= 140
-
-
-def test_a_pattern_between_its_points():
-    pattern = Pattern(-0.2, 0.1, (1.0, 1.0, 1.0, 3.0, 5.0), (0.0, 0.0, 0.2, 0.2, 0.2))
-    assert pattern.at(np.array([-9.0, 0.05, 0.2, 9.0])) == pytest.approx([1, 2, 5, 5])
-    assert pattern.spread_at(np.array([-0.05])) == pytest.approx([0.1])
-    low, high = pattern.envelope(np.array([0.1]), 0.1)
-    assert (low[0], high[0]) == pytest.approx((1.0, 5.0))
 
 
 def test_a_file_that_is_not_there(tmp_path):
@@ -91,16 +80,6 @@ def test_files_that_are_no_reference(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(ModelError, match=r"odd\.yaml"):
         load(path)
-
-
-def test_a_place_that_cannot_be_written(reference):
-    with pytest.raises(CellwattError, match="cannot be written"):
-        save(load(reference), reference / "below" / "a" / "file.yaml")
-
-
-def test_numbers_are_kept_to_six_digits(reference):
-    mean = load(reference).tasks[0].variants[0].intervals[0].power.mean
-    assert all(math.isfinite(value) and value == float(f"{value:.6g}") for value in mean)
 
 
 def test_a_file_nested_beyond_all_sense_is_refused_and_does_not_crash(tmp_path):

@@ -82,15 +82,6 @@ def test_what_is_no_joint_or_no_file_is_refused(folder, given):
     assert f"--fault {given}" in str(done.exception)
 
 
-def test_a_recording_of_another_task_is_refused(folder, tmp_path):
-    still = run(Run(POLISHING, 1, 1.0, rate=50.0, seed=2))
-    columns = {f"q_{j}": np.full(len(still.t), 0.1) for j in range(1, 7)}
-    pq.write_table(pa.table({"t": still.t, **columns, "power": still.power}), tmp_path / "still.parquet")
-    done = train(folder, "--fault", f"3={tmp_path / 'still.parquet'}")
-    assert isinstance(done.exception, ModelError)
-    assert "--fault 3: no whole cycle" in str(done.exception)
-
-
 def test_the_network_of_the_example_names_the_elbow():
     assert named(DEMO.parent / "fault-networks", 3, 80.0) == {3}
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.segment.intervals import Segmenter
-from cellwatt_plugins.segment.settings import SegmentSettings
-from tests.plugins.segment.motions import HOME, Leg, follow, positions, since_start
+from tests.plugins.segment.motions import Leg, follow, positions, since_start
 
 STEP = 20_000_000  # ns
 
@@ -40,15 +39,6 @@ def test_starts_and_ends_are_those_of_the_motion(rate, smooth):
             assert interval.displacement[joint - 1] == pytest.approx(by, abs=3e-3)
 
 
-def test_pose_displacement_and_peak_speed():
-    found = moving(segment([Leg(1.0, {3: -0.6}, 0.8)], 3.0))
-    assert len(found) == 1
-    assert found[0].pose == pytest.approx(HOME, abs=1e-3)
-    assert found[0].displacement == pytest.approx((0, 0, -0.6, 0), abs=1e-3)
-    assert found[0].peak_speed[2] == pytest.approx(1.875 * 0.6 / 0.8, rel=0.03)
-    assert max(found[0].peak_speed[:2]) < 0.01
-
-
 def test_intervals_join_without_a_hole_and_count_up():
     found = closed(segment(follow([{1: 0.5}, {2: 0.4}, {1: -0.5}, {2: -0.4}]), 7.0))
     assert [i.moving for i in found] == [(), (1,), (), (2,), (), (1,), (), (2,), ()]
@@ -73,12 +63,6 @@ def test_a_joint_that_joins_midway_begins_another_interval():
     assert since_start(found[1].start) == pytest.approx(1.8, abs=0.05)
 
 
-def test_a_joint_that_leaves_midway_ends_the_interval():
-    found = moving(segment([Leg(1.0, {1: 1.5}, 2.2), Leg(1.0, {2: 0.8}, 1.0)], 5.0))
-    assert [i.moving for i in found] == [(1, 2), (1,)]
-    assert since_start(found[1].start) == pytest.approx(2.0, abs=0.06)
-
-
 def test_joints_of_one_motion_are_one_interval_though_one_hardly_moves():
     found = moving(segment([Leg(1.0, {1: 1.2, 2: -0.9, 4: 0.05}, 1.4)], 4.0))
     assert [i.moving for i in found] == [(1, 2, 4)]
@@ -93,13 +77,6 @@ def test_a_turn_without_rest_is_a_boundary():
     assert [i.moving for i in found] == [(1,)] * 4
     assert [i.displacement[0] for i in found] == pytest.approx([0.8, -0.8, 0.8, -0.8], abs=0.01)
     assert [i.start * 1e-9 for i in found] == pytest.approx([1, 2, 3, 4], abs=0.04)
-
-
-def test_a_short_stop_is_a_boundary_but_no_interval():
-    legs = [Leg(1.0, {1: 0.8}, 0.8), Leg(1.88, {1: -0.8}, 0.8)]
-    found = closed(segment(legs, 4.0))
-    assert [i.moving for i in found] == [(), (1,), (1,), ()]
-    assert [round(i.displacement[0], 1) for i in found] == [0, 0.8, -0.8, 0]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-4, 1e-3])
@@ -127,14 +104,6 @@ def test_a_gap_cuts_the_interval():
     assert since_start(found[1].start) >= 85 / 50
 
 
-def test_missing_frames_are_a_gap_too():
-    time, q = positions(follow([{1: 0.8}]), 3.0)
-    keep = (np.arange(len(time)) < 65) | (np.arange(len(time)) >= 90)
-    segmenter = Segmenter("arm", 4, STEP)
-    found = moving(segmenter.update(time[keep], q[keep]) + segmenter.finish())
-    assert not any(i.complete for i in found)
-
-
 def test_a_few_missing_frames_are_bridged():
     time, q = positions(follow([{1: 0.8}]), 3.0)
     q[70:73] = np.nan
@@ -150,12 +119,6 @@ def test_a_gap_is_known_before_the_data_come_back():
     found = segmenter.update(time, q)
     assert found[-1].closed
     assert not found[-1].complete
-    assert segmenter.finish() == []
-
-
-def test_nothing_comes_of_nothing():
-    segmenter = Segmenter("arm", 4, STEP)
-    assert segmenter.update(np.empty(0, np.int64), np.empty((0, 4))) == []
     assert segmenter.finish() == []
 
 
@@ -181,16 +144,6 @@ def test_blocks_of_any_size_give_the_same_intervals(cuts):
     for part in np.split(np.arange(len(TIME)), sorted(cuts)):
         found += pieces.update(TIME[part], Q[part])
     assert found + pieces.finish() == expected
-
-
-def test_slow_motion_needs_a_lower_threshold():
-    time, q = positions([Leg(1.0, {1: 0.06}, 8.0)], 11.0)
-    found = []
-    for speed in (math.radians(1.0), math.radians(0.3)):
-        segmenter = Segmenter("arm", 4, STEP, SegmentSettings(start_speed=speed, stop_speed=speed / 2))
-        found.append(moving(segmenter.update(time, q) + segmenter.finish()))
-    assert found[0] == []
-    assert [i.moving for i in found[1]] == [(1,)]
 
 
 @settings(max_examples=150, deadline=None)

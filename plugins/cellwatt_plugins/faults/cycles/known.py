@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from cellwatt_plugins.faults.cycles.metering import with_meter
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.stored import StoredJoint, StoredModel
+from cellwatt_plugins.faults.reference import Reference
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
@@ -76,6 +78,18 @@ def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known
     window = 0.0 if model.meter is None else model.meter.window
     patterns = tuple(replace(cycle, window=window) for cycle in cycles)
     return Known(with_covariance(arm, parameters, patterns), patterns, meter=model.meter)
+
+
+def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float) -> Known:
+    """Return the knowledge that a reference (of the file ``path``) has of a described robot.
+
+    ``false_alarms``: share of healthy intervals in which one is accepted. Raises ``ModelError`` where the reference has
+    no cycles or is of another arm.
+    """
+    if reference.power_model is None or not reference.cycles:
+        raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
+    known = restored(reference.power_model, reference.cycles, Arm.load(robot))
+    return replace(known, false_alarms=false_alarms)
 
 
 def _rounded(pattern: Pattern) -> Pattern:

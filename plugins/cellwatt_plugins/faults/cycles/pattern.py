@@ -72,10 +72,10 @@ class Pattern:
     cycles: Annotated[int, Field(ge=1)]
     step: Annotated[float, Field(gt=0)]
     moves: Annotated[tuple[tuple[float, float], ...], Field(min_length=1)]
-    position: _Columns
+    repeat: _Row
     power: _Row
     spread: _Row
-    repeat: _Row
+    position: _Columns
     window: float = 0.0
 
     def __post_init__(self) -> None:

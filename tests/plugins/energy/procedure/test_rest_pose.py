@@ -81,8 +81,3 @@ def test_no_clear_pose_is_told(tmp_path):
     high = replace(arm, description=arm.description.model_copy(update={"floor": 2.0}))
     with pytest.raises(ConfigError, match="no pose of least gravity is clear"):
         rest_pose(high, starts=4)
-
-
-def test_a_joint_without_a_range_is_told(tmp_path):
-    with pytest.raises(ConfigError, match=r"joint_3 has no range: write lower_limit and upper_limit, in rad"):
-        arm_of(tmp_path, [(-3, 3), (-1, 1), (1, 1)])

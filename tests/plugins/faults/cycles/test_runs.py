@@ -4,7 +4,7 @@ import pytest
 from cellwatt import FrameChannel, Frames, Layout
 from cellwatt_plugins.faults.cycles.loops import find_loops
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
-from cellwatt_plugins.faults.cycles.runs import find_runs, jumps, without_jumps
+from cellwatt_plugins.faults.cycles.runs import find_runs
 from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
 
 
@@ -52,18 +52,3 @@ def test_the_way_from_the_end_of_a_table_to_the_start_of_the_next_is_no_motion()
     assert recording.unknown is not None and recording.unknown.any()
     assert not any(recording.unknown[run.first : run.last + 1].any() for run in found)
     assert find_loops(found) == []
-
-
-def test_a_short_hole_is_bridged():
-    measured = run([Cycle("A")], seed=2)
-    measured.position[200:230] = np.nan
-    recording = recording_of([frames(measured.time, measured.position, measured.power)], None, "supply.power")
-    assert recording.unknown is None
-    assert len(find_runs(recording)) == 5
-
-
-def test_jumps_are_told_from_fast_motion():
-    way = np.column_stack([np.linspace(0, 1.0, 20), np.repeat([0.0, 0.3], 10)])
-    assert np.flatnonzero(jumps(way)[:, 0]).size == 0
-    assert np.flatnonzero(jumps(way)[:, 1]).tolist() == [9]
-    assert np.allclose(without_jumps(way)[:, 1], 0.0)

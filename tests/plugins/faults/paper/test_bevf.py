@@ -3,7 +3,7 @@ import pytest
 from bench.faults.printed import phase_18, power_17
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.paper.bevf import PowerEquation, bode_response, fit, pattern, rms
+from cellwatt_plugins.faults.paper.bevf import PowerEquation, bode_response, fit, rms
 from cellwatt_plugins.faults.paper.rational import Rational
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, Run, run
 from tests.plugins.faults.paper.patterns import pattern_of
@@ -82,10 +82,6 @@ def test_the_equation_holds_for_a_cycle_it_has_not_seen_and_between_its_samples(
 
 def test_rms_is_eq_19():
     assert rms(np.array([1.0, 2.0, 5.0]), np.array([1.0, 4.0, 4.0])) == pytest.approx(np.sqrt(5 / 3))
-
-
-def test_pattern_is_the_mean_as_far_as_all_cycles_go():
-    assert pattern([np.array([1.0, 2.0, 3.0]), np.array([3.0, 6.0])]).tolist() == [2.0, 4.0]
 
 
 @pytest.mark.parametrize(

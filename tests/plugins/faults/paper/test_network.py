@@ -21,11 +21,6 @@ def test_its_layers_are_those_of_the_paper(trained):
     assert shapes["output_weights"] == (3 * intervals, 6 + 1)
 
 
-def test_the_same_seed_gives_the_same_file(trained):
-    table, content = trained
-    assert train(table) == content
-
-
 def test_it_is_run_from_a_file_and_knows_its_table(trained, tmp_path):
     table, content = trained
     path = tmp_path / "table.onnx"
@@ -57,11 +52,6 @@ def test_joints_with_one_column_are_named_together_and_joints_without_codes_neve
     assert network.groups == ((2,), (3, 4), (5,), (6,))
     assert network.joints(table[:, 3]) == (3, 4)
     assert network.joints(table[:, 0]) == ()
-
-
-def test_a_table_without_codes_is_refused():
-    with pytest.raises(ModelError, match="no joint has a code"):
-        train(np.zeros((6, 6), np.int8))
 
 
 def test_codes_of_another_task_and_files_that_are_no_network_are_refused(tmp_path):

@@ -9,9 +9,9 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cellwatt.errors import CellwattError, ModelError
+from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
-from cellwatt_plugins.faults.paper.train_pattern import Fitted, _fitted, _in_words, _written
+from cellwatt_plugins.faults.paper.train_pattern import _fitted, _written
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.models.command import train
 from tests.plugins.faults.paper.frames import frames_of
@@ -57,12 +57,6 @@ def test_the_command_writes_the_equation_and_its_fit(reference):
     by_hand = np.abs(file["K"] + (r / (1j * t[:, None] - p)).sum(axis=1))
     assert np.sqrt(np.mean((by_hand - power) ** 2)) == pytest.approx(ours[-1], rel=1e-3)
     assert (file["task"], file["speed"]) == ("task_1", 1.0)
-
-
-def test_words_name_the_papers_figures(reference):
-    said = _in_words(Fitted(**json.loads((reference.parent / "told.json").read_text())[0]))
-    for part in ("task_1 at speed 1.00", "BEVF 44", "(0.27)", "written to"):
-        assert part in said
 
 
 @pytest.mark.parametrize(
@@ -111,16 +105,6 @@ def test_equations_of_something_else_are_refused(reference, tmp_path, change, pr
         file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
     with pytest.raises(ModelError, match=problem):
         watch(reference, plan(1.0), equations=folder)
-
-
-def test_an_odd_order_is_refused(reference, tmp_path):
-    with pytest.raises(ModelError, match=r"order 45 .*expected an even number"):
-        made(reference, tmp_path / "out", "--order", "45")
-
-
-def test_a_folder_that_cannot_be_made_is_told(reference):
-    with pytest.raises(CellwattError, match=r"told\.json/out/\S+ cannot be written"):
-        made(reference, reference.parent / "told.json" / "out")
 
 
 def test_a_tasks_name_names_no_place_outside_the_folder(reference, tmp_path):

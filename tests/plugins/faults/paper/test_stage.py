@@ -99,19 +99,6 @@ def test_an_alarm_is_cleared_by_a_healthy_cycle(reference):
     assert alarms[-1].since == alarms[0].since
 
 
-def test_a_cycle_with_missing_frames_is_not_judged(reference):
-    told = plan(1.0, CUT, BELT, cycles=1, since=0)
-    missing = (told.t > 1.4) & (told.t < 1.7)
-    power = np.where(missing, np.nan, told.power)
-    assert watch(reference, replace(told, power=power)) == []
-
-
-def test_a_meter_that_gives_nothing_yet_stops_nothing(reference):
-    told = plan(1.0, CUT, BELT, cycles=2, since=1)
-    power = np.where(told.t < 0.5 + period(POLISHING, 1.0), np.nan, told.power)  # back in the rest before it
-    assert {alarm.joint for alarm in watch(reference, replace(told, power=power))} == {2, 5}
-
-
 def test_a_cycle_whose_beginning_was_not_seen_is_not_judged(reference):
     told = plan(1.0, CUT, BELT, cycles=1, since=0)
     seen = told.t > 1.05
@@ -198,9 +185,3 @@ def test_check_refuses_a_network_that_does_not_fit_in_one_line_with_its_place(re
     assert len(lines) == 1
     assert lines[0].startswith(f"{cell}:8:3: stages.faults: fault network ")
     assert lines[0].endswith("does not say of which task it is; train it with `cellwatt faults train`")
-
-
-def test_a_wrong_reference_is_refused(tmp_path):
-    (tmp_path / "reference.yaml").write_text("{}")
-    with pytest.raises(ModelError, match="the key 'cellwatt_reference' is missing"):
-        watch(tmp_path / "reference.yaml", plan(1.0, cycles=1))
