@@ -80,10 +80,3 @@ def test_files_that_are_no_reference(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(ModelError, match=r"odd\.yaml"):
         load(path)
-
-
-def test_a_file_nested_beyond_all_sense_is_refused_and_does_not_crash(tmp_path):
-    path = tmp_path / "reference.yaml"
-    path.write_text("- " * 50_000 + "x")
-    with pytest.raises(ModelError, match="nested more than"):
-        load(path)

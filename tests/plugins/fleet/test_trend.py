@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -33,15 +31,6 @@ def test_weeks_that_remember_are_told_from_weeks_that_do_not():
     rng = np.random.default_rng(2)
     assert persistence([wandering(rng, rho=0.0) for _ in range(25)]) <= 0.3
     assert persistence([wandering(rng, rho=0.8, error=0.003) for _ in range(25)]) >= 0.7
-
-
-def test_weeks_that_walk_at_random_leave_a_line_its_error():
-    rng = np.random.default_rng(12)
-    walks = [Course(WEEKS, np.cumsum(0.05 * rng.standard_normal(26)), 1e-8 * np.eye(26)) for _ in range(25)]
-    rho = persistence(walks)
-    lines = [line(each, rho) for each in walks]
-    assert all(each.free > 0 for each in lines)
-    assert np.mean([abs(each.slope) < 3 * each.error for each in lines]) > 0.9
 
 
 def test_a_step_is_found_in_its_week_and_none_in_a_slope():
@@ -189,10 +178,3 @@ def test_what_is_not_known_of_temperature_grows_with_the_season():
         rise = line(course_of(told, 0.05, 0.01, Warmth(0.0, 0.002), 20.0), 0.0)
         pulls.append(rise.slope / rise.error)
     assert np.std(pulls) == pytest.approx(1.0, abs=0.2)
-
-
-def test_few_arms_without_temperature_are_judged_alone():
-    (group,) = fleet_of(np.random.default_rng(11), worn=(1, 2), arms=2)
-    (found,) = judged([replace(group, with_temperature=False)], 0.01, 0.05)
-    assert found.alone
-    assert found.sure == {Place("weld-01", 2)}

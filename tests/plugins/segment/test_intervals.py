@@ -26,7 +26,7 @@ def moving(found):
     return [i for i in closed(found) if i.moving]
 
 
-@pytest.mark.parametrize("rate", [20.0, 50.0, 100.0, 125.0])
+@pytest.mark.parametrize("rate", [20.0, 125.0])
 @pytest.mark.parametrize("smooth", [True, False])
 def test_starts_and_ends_are_those_of_the_motion(rate, smooth):
     legs = [Leg(1.0, {1: 0.8}, 0.9, smooth), Leg(2.3, {2: -0.5, 4: 0.7}, 0.8, smooth), Leg(3.6, {3: 1.1}, 1.0, smooth)]
@@ -134,7 +134,7 @@ TIME, Q = positions(
 Q[430:445, 2] = np.nan
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(1, 499), max_size=12, unique=True))
 def test_blocks_of_any_size_give_the_same_intervals(cuts):
     whole = Segmenter("arm", 4, STEP)
@@ -146,7 +146,7 @@ def test_blocks_of_any_size_give_the_same_intervals(cuts):
     assert found + pieces.finish() == expected
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000))
 def test_intervals_are_ordered_and_long_enough_whatever_the_motion(seed):
     random = np.random.default_rng(seed)

@@ -26,14 +26,6 @@ def book():
     return CycleAlarms("faults", "arm", clear_after=2)
 
 
-def test_an_early_alarm_is_renewed_by_the_whole_cycle(book):
-    (early,) = book.take_early(cycle(fault(2), end=3.0), EPOCH)
-    (whole,) = book.take(cycle(fault(2)), 1, EPOCH)
-    assert early.id == whole.id
-    assert [early.time, whole.time] == [EPOCH + 3 * 10**9, EPOCH + 8 * 10**9]
-    assert early.since == whole.since == EPOCH
-
-
 def test_an_early_alarm_goes_where_the_whole_cycle_names_another(book):
     early = book.take_early(cycle(fault(3, 0.7, (2,)), end=3.0), EPOCH)
     whole = book.take(cycle(fault(2)), 1, EPOCH)

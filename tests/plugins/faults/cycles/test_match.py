@@ -32,11 +32,6 @@ def test_moves_that_only_a_wrong_encoder_shows_are_timed_by_it(of_two_joints):
     assert match.warp.t[0] == pytest.approx(measured.spans[1][0] + 0.1, abs=0.05)
 
 
-def test_the_same_joints_elsewhere_are_no_known_cycle(of_two_joints):
-    matches, _ = found(of_two_joints, Cycle("D2"))
-    assert matches == []
-
-
 def begun(known, cycle, moves):
     """The match of a cycle of which so many moves have gone."""
     measured = run([Cycle("A"), cycle], seed=25)

@@ -50,9 +50,8 @@ def plan(speed, *faults, cycles=3, since=1, seed=7, lead=1.0):
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.5])
-@pytest.mark.parametrize("seed", range(3))
-def test_healthy_running_gives_no_alarm(reference, speed, seed):
-    assert watch(reference, plan(speed, seed=seed, cycles=4)) == []
+def test_healthy_running_gives_no_alarm(reference, speed):
+    assert watch(reference, plan(speed, cycles=4)) == []
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.5])
@@ -130,12 +129,6 @@ def test_a_network_names_what_is_named_without_it_whether_power_rises_or_falls(r
     named = with_network(reference, told, of_the_motion)
     assert {(alarm.joint, alarm.kind) for alarm in named if alarm.active} == {(5, "joint_fault")}
     assert named[0].time == compared[0].time
-
-
-def test_a_network_that_knows_but_rising_power_does_not_silence_what_falls(reference):
-    course = polishing(reference)
-    rising = train(fault_table(course.intervals), task=TrainedFor.of(course), signed=True)
-    assert {alarm.joint for alarm in with_network(reference, plan(1.0, FALLS), rising)} == {5}
 
 
 @pytest.mark.parametrize(
