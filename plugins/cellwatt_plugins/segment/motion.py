@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.segment.noise import CHUNK, NoiseEstimate
+from cellwatt.noise import white_noise
 from cellwatt_plugins.segment.settings import SegmentSettings
 
 Float = NDArray[np.float64]
@@ -23,6 +23,38 @@ CREEP = 0.2
 """Share of the stop speed down to which a start or stop is followed to its true moment."""
 TRAIL = 1.0
 """Time in s that a start or stop may be followed back."""
+
+
+CHUNK = 64
+"""Frames that give one estimate."""
+MEMORY = 8
+"""Estimates of which the smallest counts, so that jerky motion does not pass for noise."""
+
+
+@dataclass
+class NoiseEstimate:
+    """``sigma`` (joints,) rad: standard deviation of the position noise; 0 until the first chunk is full.
+
+    Fourth differences take out smooth motion, the median takes out jerks.
+    """
+
+    joints: int
+    filled: int = 0
+    sigma: Float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.sigma = np.zeros(self.joints)
+        self._chunk: Float = np.empty((CHUNK, self.joints))
+        self._estimates: deque[Float] = deque(maxlen=MEMORY)
+
+    def add(self, positions: Float) -> None:
+        """Take n more positions (n, joints) rad, at most ``CHUNK - filled``."""
+        self._chunk[self.filled : self.filled + len(positions)] = positions
+        self.filled += len(positions)
+        if self.filled == CHUNK:
+            self.filled = 0
+            self._estimates.append(white_noise(self._chunk, 4))
+            self.sigma = np.min(self._estimates, axis=0)
 
 
 @dataclass(frozen=True, slots=True)
