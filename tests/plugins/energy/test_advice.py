@@ -88,3 +88,17 @@ def test_an_open_path_stores_what_it_lifts(measured, arm_and_known):
     work = np.trapezoid((torque * part.velocity).sum(axis=1), dx=1 / RATE)
     assert stored_energy(arm, part) == pytest.approx(work, abs=0.5)
     assert abs(stored_energy(arm, whole)) < 0.01
+
+
+def test_no_joint_is_advised_beyond_its_own_velocity(measured, arm_and_known):
+    arm, known = arm_and_known
+    slow = moving(produced(measured, 150.0))
+    tops = np.abs(slow.velocity).max(axis=0)
+    least = int(np.argmin(tops))
+    joints = [
+        joint.model_copy(update={"velocity_limit": float(top) if i == least else 100.0})
+        for i, (joint, top) in enumerate(zip(arm.description.joints, tops, strict=True))
+    ]
+    limited = replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
+    advice = speed_advice(limited, known, Cycle(slow, 0.0))
+    assert advice.setting["motion_s"] >= len(slow.power) / RATE

@@ -3,7 +3,7 @@ import pytest
 from cellwatt.report import Provenance
 from cellwatt.units import Units
 from cellwatt_plugins.energy.report import report
-from tests.daemon.report.reading import check, numbers, read
+from tests.daemon.report.reading import numbers, read
 
 
 @pytest.fixture(scope="module")
@@ -37,18 +37,3 @@ def test_tables_have_the_numbers_of_the_findings(page, outcome):
         assert [numbers(cell)[0] for cell in row[1:3]] == pytest.approx(
             [drive["torque_gain"], drive["winding_resistance"]], abs=0.0006
         )
-
-
-def test_energies_in_watt_hours_are_the_same_energies(outcome, tmp_path):
-    units = Units(energy="Wh", power="kW")
-    outcome.report(tmp_path / "report.html", units)
-    page = read(tmp_path / "report.html")
-    check(page)
-    runs = outcome.findings.runs
-    for row, run in zip(page.tables["Energies of one repetition"][1:], runs, strict=True):
-        assert numbers(row[2])[0] == pytest.approx(run.total / 3600, abs=0.06 / 3600)
-        assert numbers(row[1])[0] == pytest.approx(run.seconds, abs=0.006)
-    kilowatts = [run.electronics / run.seconds / 1000 for run in runs]
-    assert page.figures[0]["data"][0]["x"] == pytest.approx(kilowatts, rel=0.001)
-    assert page.figures[0]["layout"]["xaxis"]["title"]["text"] == "kW"
-    assert "Wh with one standard deviation" in page.words

@@ -10,7 +10,7 @@ from energy.plant import production
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.energy.drive import features
-from cellwatt_plugins.energy.electronics import at_campaign, followed
+from cellwatt_plugins.energy.electronics import at_campaign
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.spread import GROUPS, group_slopes
 from cellwatt_plugins.energy.task_energy import Stretch, task_energy
@@ -71,19 +71,6 @@ def test_errors_of_all_groups_together_are_those_of_the_measured_total(arm_and_k
     assert energy.uncertainty**2 == pytest.approx(
         explained + np.linalg.norm([2.0, 0.003 * energy.total]) ** 2, rel=0.02
     )
-
-
-def test_after_many_rests_electronics_are_as_sure_as_the_brakes(arm_and_known, stretch):
-    """A rest shows both together, and what holds the arm."""
-    arm, known = arm_and_known
-    level = at_campaign(known)
-    for _ in range(60):
-        level = followed(level, arm, known, np.zeros(6), known.drive.fixed + 3.0)
-    assert level.drift == pytest.approx(3.0, abs=1e-4)
-    energy = task_energy(arm, known, stretch, level)
-    said = energy.group_uncertainty()
-    assert said["electronics"] == pytest.approx(said["brakes"], rel=0.01)
-    assert energy.covariance[0, 1] == pytest.approx(-(said["brakes"] ** 2), rel=0.01)
 
 
 def test_an_energy_json_from_before_is_refused_with_what_to_do(measured, outcome, tmp_path):

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
 from cellwatt_plugins.faults.recordings import APART, frames_of_files, frames_of_table
 
@@ -43,8 +42,3 @@ def test_files_follow_each_other_apart(tmp_path):
     assert blocks[0].layout == blocks[1].layout
     assert blocks[1].time[0] - blocks[0].time[-1] >= APART
     assert blocks[1].values == pytest.approx(blocks[0].values)
-
-
-def test_recordings_and_tables_do_not_mix(tmp_path):
-    with pytest.raises(RecordingError, match="cannot be mixed"):
-        list(frames_of_files([tmp_path / "a.csv", tmp_path / "b.mcap"]))

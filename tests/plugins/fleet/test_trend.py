@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -178,3 +180,10 @@ def test_what_is_not_known_of_temperature_grows_with_the_season():
         rise = line(course_of(told, 0.05, 0.01, Warmth(0.0, 0.002), 20.0), 0.0)
         pulls.append(rise.slope / rise.error)
     assert np.std(pulls) == pytest.approx(1.0, abs=0.2)
+
+
+def test_few_arms_without_temperature_are_judged_alone():
+    (group,) = fleet_of(np.random.default_rng(11), worn=(1, 2), arms=2)
+    (found,) = judged([replace(group, with_temperature=False)], 0.01, 0.05)
+    assert found.alone
+    assert found.sure == {Place("weld-01", 2)}

@@ -172,3 +172,18 @@ def test_memory_stays_bounded():
     for interval in world.intervals:
         recogniser.update(interval)
     assert len(recogniser._moves) <= 512
+
+
+@pytest.mark.parametrize("late", range(len(A)))
+def test_it_begins_after_the_longest_rest_wherever_the_data_begin(late):
+    world = World()
+    for by in A[:late]:
+        world.pose = [p + by.get(j, 0.0) for j, p in enumerate(world.pose, start=1)]
+    for index, by in enumerate(A[late:], start=late):
+        world.add(by, 0.8)
+        world.add({}, 0.8 if index == len(A) - 1 else 0.3)
+    for _ in range(3):
+        world.run(A)
+    tasks = recognise(world)
+    assert len(tasks) == 3 + (late == 0)
+    assert all(numbers(world, t) == A for t in tasks)

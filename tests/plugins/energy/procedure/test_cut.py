@@ -136,3 +136,16 @@ def test_a_reading_at_rest_is_cut_with_its_mean(plant, arm, programme, tmp_path)
         table = pq.read_table(tmp_path / f"{name}.parquet")
         assert table["power"].to_numpy().mean() == pytest.approx(watt, abs=0.02)
         assert table["t"].to_numpy()[-1] == pytest.approx(60, abs=0.2)
+
+
+def test_a_repetition_that_turns_back_took_another_way(cut, programme, plant):
+    rows, watts = programme
+    start = begins(plant, 200.0, 1)
+    half, whole = start + round(2 / STEP), start + round(plant.cube.seconds(200.0).sum() / STEP)
+    back = rows[start:half][::-1].copy()
+    back[:, 6:12] *= -1
+    turned = np.vstack([rows[:half], back, rows[whole:]])
+    power = np.concatenate([watts[:half], watts[start:half][::-1], watts[whole:]])
+    runs = cut(turned, power, least=1)
+    assert runs["200_0kg"].repetitions == 1
+    assert any("another way" in sentence for sentence in runs["200_0kg"].refused)

@@ -194,3 +194,13 @@ def test_the_end_of_the_frames_settles_the_last_cycle(folder):
     settled = faults.close()
     assert [(a.kind, a.joint) for a in settled if a.active] == [("joint_fault", 4)]
     assert {a.joint for a in (*early, *settled) if a.active} - {a.joint for a in settled if not a.active} == {4}
+
+
+def test_nothing_is_told_while_healthy_cycles_run(known):
+    changes = [Cycle("A", 1.04), Cycle("B", pause=2.0), Cycle("B", 0.6, warmth=0.15), Cycle("A", part=0.6), Cycle("C")]
+    assert [t.finding for t in fed(known, run(changes, seed=17)) if t.finding.faults] == []
+
+
+def test_the_stage_says_a_new_task_once(folder):
+    found = alarms(stage(folder), run([Cycle("A"), Cycle("C"), Cycle("C"), Cycle("B"), Cycle("A")], seed=12))
+    assert [(a.kind, a.severity, a.active) for a in found] == [("new_task", "info", True), ("new_task", "info", False)]
