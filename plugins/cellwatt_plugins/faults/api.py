@@ -19,7 +19,7 @@ from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
-from cellwatt_plugins.faults.learn import Cell, learn
+from cellwatt_plugins.faults.learn import learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
 from cellwatt_plugins.faults.trace import Trace
@@ -175,12 +175,12 @@ def learn_from(
     found: list[Result] = [result for frames in blocks for result in segment.process(frames, ())]
     found += segment.close()
     source = layout.channels[columns[0]].source
-    head = Cell(robot, source, power, layout.step * 1e-9)
     tasks = [r for r in found if isinstance(r, Task)]
     values = np.concatenate([frames.values for frames in blocks])
     trace = Trace(np.concatenate([frames.time for frames in blocks]), values[:, columns], values[:, channel])
     with stage("learning intervals"):
-        return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
+        learned = learn(layout.step * 1e-9, trace, [r for r in found if isinstance(r, Interval)], tasks)
+    return Reference(1, robot, source, power, len(columns), learned), tasks
 
 
 class _Described(BaseModel):

@@ -17,7 +17,7 @@ from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.following import CycleFollower, CycleSoFar, CyclesSeen
+from cellwatt_plugins.faults.paper.following import CycleSoFar, CyclesSeen
 from cellwatt_plugins.faults.paper.judging import (
     IntervalVerdict,
     Isolation,
@@ -113,8 +113,7 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
         courses = courses_of(reference)
         if settings.equations:
             courses = by_equations(courses, cell.folder / settings.equations)
-        follower = CycleFollower(courses, settings.tolerance, settings.residual)
-        self._seen = CyclesSeen(follower, len(self._positions))
+        self._seen = CyclesSeen(courses, settings.tolerance, len(self._positions), settings.residual)
         networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else {}
         self._isolation = {key: by_network_or_agreement(network) for key, network in networks.items()}
         self._book = AlarmBook()
