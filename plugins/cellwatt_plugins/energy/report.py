@@ -55,7 +55,6 @@ def report(
         sections=[
             Section("Fixed power", [_fixed(found, power)], "Drawn whatever the robot does."),
             Section("Average power of each run", [_bars(found, power)], f"{power.name}, over one repetition."),
-            Section("Share of each consumer", [_bars(found, None)], "Percent of the run's energy."),
             Section("Over time", _curves(found, identified, power), OVER_TIME),
             Section("Energies of one repetition", [_energies(found, energy)], _columns_told(found, energy)),
             Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
@@ -88,26 +87,30 @@ def _columns_told(found: Findings, energy: Unit) -> str:
     )
 
 
-def _bars(found: Findings, power: Unit | None) -> Figure:
-    """Stacked bars, one a run: Figs 7 and 8, in a unit of power or in percent."""
-    unit = "%" if power is None else power.name
-    labels = [_name(run) for run in found.runs]
-    scales = [100 / run.total if power is None else 1 / run.seconds / power.factor for run in found.runs]
-    sizes = np.array([_parts(run) for run in found.runs]) * np.array(scales)[:, None]
-    traces = [bars(name, labels, sizes[:, i], colour, unit) for i, (name, colour) in enumerate(GROUPS.items())]
+def _bars(found: Findings, power: Unit) -> Figure:
+    """Stacked bars of mean power, one a run, with the electronics' share (Figs 7 and 8)."""
+    runs = found.runs
+    labels = [_name(run) for run in runs]
+    sizes = np.array([_parts(run) for run in runs]) / np.array([[run.seconds * power.factor] for run in runs])
+    traces = [bars(name, labels, sizes[:, i], colour, power.name) for i, (name, colour) in enumerate(GROUPS.items())]
     ends = np.maximum(sizes, 0.0).sum(axis=1)
+    shares = [f"electronics {100 * run.electronics / run.total:.0f} %" for run in runs]
     said = [
-        f"electronics {p[0]:.0f} %" if power is None else f"{amount(run.total / run.seconds, power, 0)} {unit}"
-        for run, s, p in zip(found.runs, scales, sizes, strict=True)
+        f"{amount(run.total / run.seconds, power, 0)} {power.name}, {share}"
+        for run, share in zip(runs, shares, strict=True)
     ]
     marks = [
         {**note(f" {text}", float(end), i, up="y"), "xanchor": "left", "yanchor": "middle"}
         for i, (text, end) in enumerate(zip(said, ends, strict=True))
     ]
-    x = Axis(unit, (0.0, 1.14 * float(ends.max())))
+    x = Axis(power.name, (0.0, 1.3 * float(ends.max())))
     rows = [[Panel(traces, x, Axis(names=True, grid=False), marks)]]
-    label = f"Stacked bars of each run's energy by consumer, {unit}"
-    return Figure(label, rows, (ROW * len(labels),), layout={"barmode": "stack", "bargap": 0.22})
+    return Figure(
+        "Stacked bars of each run's mean power by consumer",
+        rows,
+        (ROW * len(labels),),
+        layout={"barmode": "stack", "bargap": 0.22},
+    )
 
 
 def _parts(run: RunEnergy) -> tuple[float, ...]:
