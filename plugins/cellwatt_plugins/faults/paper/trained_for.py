@@ -60,7 +60,7 @@ class TrainedFor:
                 return f"other joints in motion in interval {number}: {_words(its)}, expected {_words(mine)}"
         off = np.abs(np.subtract(self.way, other.way))
         if off.max() > WAY:
-            number, joint = np.unravel_index(int(off.argmax()), off.shape)
+            number, joint = divmod(int(off.argmax()), off.shape[1])
             found, expected = (math.degrees(each.way[number][joint]) for each in (other, self))
             return (
                 f"another way in interval {number + 1}: joint {joint + 1} goes {found:+.0f}°, expected {expected:+.0f}°"
