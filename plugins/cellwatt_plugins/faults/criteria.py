@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
@@ -57,21 +59,14 @@ def outside(value: Float, low: Float, high: Float) -> Float:
 
 def sustained(codes: Codes, frames: int) -> int:
     """The code that holds for ``frames`` neighbours in a row first, 0 if none does: one frame alone proves nothing."""
-    run = 0
-    previous = 0
-    for code in codes.tolist():
-        run = run + 1 if code and code == previous else 1
-        previous = code
-        if code and run >= frames:
-            return int(code)
-    return 0
+    return next((code for code, length in _runs(codes) if length >= frames), 0)
 
 
 def longest(codes: Codes) -> int:
     """Length of the longest run of one nonzero code."""
-    best = run = previous = 0
-    for code in codes.tolist():
-        run = 0 if not code else run + 1 if code == previous else 1
-        previous = code
-        best = max(best, run)
-    return best
+    return max((length for _, length in _runs(codes)), default=0)
+
+
+def _runs(codes: Codes) -> Iterator[tuple[int, int]]:
+    """Each nonzero code with how many neighbours in a row have it."""
+    return ((code, sum(1 for _ in run)) for code, run in groupby(codes.tolist()) if code)
