@@ -8,7 +8,7 @@ end. So only what continues the known numbering, or what the cell itself has ``a
 from __future__ import annotations
 
 import math
-from bisect import insort
+from bisect import bisect_right, insort
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -137,8 +137,9 @@ class Follower:
             return
         if session not in self._ends:
             self._later.append(session)
-        end = max(end, self._ends.get(session, 0))
-        for part in self._held.get(session, ()):
+        known = self._ends.get(session, 0)
+        end, held = max(end, known), self._held.get(session, [])
+        for part in held[bisect_right(held, known, key=lambda p: p.sequence) :]:
             if part.sequence > end:
                 break
             end = max(end, part.end)

@@ -1,7 +1,7 @@
 """A publishing cell as a process: a ``ZenohOutlet`` over a record in memory or in a ``folder``.
 
-Orders, in JSON lines: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from where
-it is, ``{"frames": n}`` at once. Health goes out each 0.2 s.
+Orders, in JSON lines: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from
+where it is, ``{"frames": n}`` at once. Health goes out each 0.2 s.
 """
 
 from __future__ import annotations

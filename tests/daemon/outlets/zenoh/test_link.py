@@ -15,7 +15,7 @@ from cellwatt import OutletError
 from cellwatt.certificates import issue, new_authority
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
-from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config, why_unconnected
+from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config
 from cellwatt.outlets.zenoh.reach import link_to
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE
@@ -123,15 +123,6 @@ def test_opening_can_be_stopped() -> None:
         open_session(LinkSettings(mode="client", connect=(endpoint,)), lambda: True, patience=3600)
 
 
-def test_somebody_who_is_no_zenoh_is_told_apart(tmp_path: Path) -> None:
-    with socket.create_server((HOST, 0)) as server:
-        endpoint = f"tcp/{HOST}:{server.getsockname()[1]}"
-        settings = LinkSettings(mode="client", connect=(endpoint,))
-        assert why_unconnected(settings).startswith(f"{endpoint}: somebody answers but refuses the session")
-        with pytest.raises(OutletError, match="somebody answers but refuses the session"):
-            open_session(settings, lambda: True)
-
-
 @pytest.fixture
 def users(tmp_path: Path) -> Path:
     path = tmp_path / "users"
@@ -203,10 +194,6 @@ def test_a_cell_that_listens_everywhere_is_reached_on_this_pc(tmp_path: Path) ->
     assert (link.mode, link.connect, link.listen, link.namespace) == ("client", ("tcp/127.0.0.1:7447",), (), "eu")
     assert link_to(config, "tcp/other:1").connect == ("tcp/other:1",)
     assert link_to(config, "tcp/other:1").namespace == "eu"
-
-
-def test_a_cell_behind_a_router_is_reached_there(tmp_path: Path) -> None:
-    assert link_to(load(written(tmp_path, "zenoh: {connect: [tcp/router:7447]}\n"))).connect == ("tcp/router:7447",)
 
 
 def test_a_cell_that_is_not_on_the_bus_is_told_with_its_file(tmp_path: Path) -> None:

@@ -112,18 +112,6 @@ async def test_each_item_has_its_key_encoding_and_mark(consumer: Consumer, outle
     assert json.loads(samples[1].payload.to_bytes())["mark"] == {"session": marks[1].session, "sequence": 0}
 
 
-async def test_health_tells_the_numbers_that_were_reached(consumer: Consumer, outlet: ZenohOutlet) -> None:
-    outlet.offer(batch(0, 5))
-    outlet.offer(alarm(1))
-    await consumer.until(2)
-    outlet.health({"state": "green"})
-    body = json.loads((await consumer.until(3))[-1].payload.to_bytes())
-    assert body["status"] == {"state": "green"}
-    assert body["session"] == EPOCH
-    assert body["positions"]["raw/arm/samples"] == [EPOCH, 5]
-    assert body["positions"]["alarm"][1] == 1
-
-
 async def test_a_late_comer_gets_the_active_alarms_and_not_the_cleared_ones(
     consumer: Consumer, outlet: ZenohOutlet
 ) -> None:
