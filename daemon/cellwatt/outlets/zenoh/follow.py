@@ -37,7 +37,8 @@ _LONGEST: Final = 2.0
 _MOST: Final = 1000
 """Topics that are followed, of which a cell has some ten, and claims that wait for the cell's word."""
 _NEAR: Final = 10_000
-"""Numbers by which the first message of a topic may lie beyond what the cell then says."""
+"""Numbers by which the first message of a topic may lie beyond what the cell then says, and the last of a session
+beyond what was known of it."""
 
 Positions = Mapping[str, tuple[int, int]]
 """By topic, session and next number."""
@@ -157,7 +158,11 @@ class Following:
         for topic, (numbering, end) in positions.items():
             if self.wants(topic):
                 refused += self._meet(topic, numbering, end)
-                self._topics[topic].announce(numbering, end)
+                follower = self._topics[topic]
+                claimed, known = self._asked.get((topic, follower.newest), 0), follower.reach(follower.newest) or 0
+                if numbering != follower.newest and claimed <= known + _NEAR:  # of a session that ended at once
+                    follower.announce(follower.newest, claimed)
+                follower.announce(numbering, end)
         self.cell = session
         if not self.joined:
             self.joined, self._since = True, session

@@ -36,7 +36,7 @@ PATIENCE: Final = 10.0
 _PAUSE: Final = 0.2  # s
 _PROBE: Final = 1.0  # s
 _LAST_PORT: Final = 65535
-_ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/([^/]+):(\d+)(?:[?#].*)?")
+ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/([^/]+):(\d+)(?:[?#].*)?")
 _OTHER_ADDRESS = re.compile(r"(unixsock-stream|unixpipe|serial|vsock)/.+")
 _ZENOH_DETAIL = re.compile(r'msg: "((?:[^"\\]|\\.)*)"|Str\("([^"]*)"\)')
 _ZENOH_PLACE = re.compile(r"\s*at /\S+:\d+\.?")
@@ -116,7 +116,7 @@ class LinkSettings(OutletSettings):
     @classmethod
     def _endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
         for endpoint in endpoints:
-            found = _ADDRESS.fullmatch(endpoint)
+            found = ADDRESS.fullmatch(endpoint)
             if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > _LAST_PORT):
                 raise ValueError(
                     f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
@@ -268,7 +268,7 @@ _REFUSED: Final = (
 
 def _probe(endpoint: str) -> str | None:
     """Reason why an endpoint does not accept a plain TCP connection; ``None`` if it does."""
-    found = _ADDRESS.fullmatch(endpoint)
+    found = ADDRESS.fullmatch(endpoint)
     if found is None or found[1] not in ("tcp", "tls", "ws"):
         return "no Zenoh session could be opened there"
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import re
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +23,7 @@ from cellwatt.outlet import CellView, Item, Outlet, refusal
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
-from cellwatt.outlets.zenoh.link import LinkSettings, session_config
+from cellwatt.outlets.zenoh.link import ADDRESS, LinkSettings, session_config
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health, topic_of
 from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
@@ -33,7 +32,6 @@ from cellwatt.outlets.zenoh.signing import Seal
 from cellwatt.quantity import Bytes, BytesPerSecond
 from cellwatt.signing import unusable
 
-_NETWORK = re.compile(r"(tcp|udp|tls|quic|ws)/(\[.*\]|[^/]+):\d+(?:[?#].*)?")
 _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
 _HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
@@ -44,21 +42,15 @@ def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], st
     control: dict[str, Any] = json.loads(session_config(settings).get_json("access_control"))
     ruled = bool(control.get("enabled")) and control.get("default_permission") == "deny"
     for i, endpoint in enumerate(settings.listen):
-        protocol = _protocol(endpoint)
-        missing = [] if protocol in _ENCRYPTED else ["TLS"]
+        found = ADDRESS.fullmatch(endpoint)
+        if found is None or stays_here(found[2].strip("[]")):
+            continue  # a socket, pipe or serial line of this PC, or its loopback address
+        missing = [] if found[1] in _ENCRYPTED else ["TLS"]
         missing += [] if ruled else ["access rules"]
-        if protocol is not None and missing:
+        if missing:
             yield ("listen", i), endpoint, f"open to the network without {' and '.join(missing)}: {_HARM}"
     if settings.scouting:
         yield ("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}"
-
-
-def _protocol(endpoint: str) -> str | None:
-    """The protocol by which other PCs reach an endpoint; ``None`` if they cannot."""
-    found = _NETWORK.fullmatch(endpoint)
-    if found is None:
-        return None  # a socket, pipe or serial line of this PC
-    return None if stays_here(found[2].strip("[]")) else found[1]
 
 
 log = logging.getLogger(__name__)

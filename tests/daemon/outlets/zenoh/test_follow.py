@@ -80,6 +80,18 @@ def test_what_the_cell_does_not_know_is_refused_and_what_came_since_is_not() -> 
     assert (question.hole.first, question.hole.count) == (9, 3)
 
 
+def test_what_came_of_a_session_that_ended_at_once_is_no_forgery() -> None:
+    following = Following(WANTED)
+    following.told(1, {"alarm": (1, 2)}, 0.0)
+    assert following.message("alarm", mark(1, 3), alarm(3)) == []
+    assert following.asks_told(10.0)
+    following.told(2, {"alarm": (2, 0)}, 10.0)
+    (question,) = following.questions(10.0)
+    gap, kept = following.nothing(question, "nothing is kept", 10.0)
+    assert (gap.content, kept.content) == (Gap(1, "nothing is kept"), alarm(3))
+    assert "refused" not in following.counts
+
+
 def test_only_what_is_wanted_is_followed() -> None:
     following = Following(("raw/arm", "prediction/power"))
     assert following.wants("raw/arm/samples")
