@@ -175,8 +175,8 @@ class Subscriber:
     def counts(self) -> dict[str, int]:
         """Number of samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and of bad messages.
 
-        ``unreadable`` messages were not a cell's, ``refused`` ones claimed something that the cell did not confirm,
-        and ``let go`` ones found no room; true messages among these are asked for again.
+        ``unreadable`` messages were not a cell's, ``let go`` ones found no room or came before their schema, and
+        ``refused`` are claims that the cell did not confirm; true messages among these are asked for again.
         """
         following = self._inbox.following
         return {**(following.counts + self._inbox.counts), "duplicates": following.duplicates}
