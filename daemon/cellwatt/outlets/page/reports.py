@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Final
-from urllib.parse import quote
+from typing import Any, Final
 
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BaseModel, FiniteFloat
 
 from cellwatt.errors import why
 from cellwatt.files import check_file, read_bytes
@@ -25,7 +23,6 @@ LONGEST: Final = 64_000_000
 """Bytes of a page, and of its figures, that are read."""
 _OTHER: Final = "~"
 """Before the number of the folder in the path of a report that is not in the first."""
-_NOTHING: Final = {"finding": None}
 
 Entry = tuple[str, Path, Facts]
 
@@ -33,8 +30,8 @@ Entry = tuple[str, Path, Facts]
 def list_reports(folders: Sequence[Path]) -> dict[str, Any]:
     """Pages of cellwatt in some folders and below them, the newest first, and those that cannot be read; JSON-ready.
 
-    ``path`` is that below the first folder; of another it begins with ``~`` and its place. ``href`` is the same as an
-    address. Reads files: never call it on an event loop.
+    ``path`` is that below the first folder; of another it begins with ``~`` and its place. Reads files: never call it
+    on an event loop.
     """
     broken: list[str] = []
     entries = sorted(_pages(folders, broken), key=lambda entry: entry[2].made, reverse=True)
@@ -67,14 +64,14 @@ def newest_mismatch(folders: Sequence[Path]) -> dict[str, Any]:
     """
     entries = [entry for entry in _pages(folders, []) if entry[2].kind == EXPLAINED]
     if not entries:
-        return dict(_NOTHING)
+        return {"finding": None}
     path, file, facts = max(entries, key=lambda entry: entry[2].made)
     return {**_told(path, facts), **_figures(file.with_name(FINDINGS))}
 
 
 def _told(path: str, facts: Facts) -> dict[str, Any]:
     fields = {name: getattr(facts, name) for name in ("kind", "name", "finding", "tone", "made")}
-    return {"path": path, **fields, "about": " · ".join(facts.about), "href": quote(path, errors="replace")}
+    return {"path": path, **fields, "about": " · ".join(facts.about)}
 
 
 # pages ----------------------------------------------------------------------------------------------
@@ -123,35 +120,28 @@ def _facts_of(file: Path, modified: int, size: int) -> Facts | None:
 # figures --------------------------------------------------------------------------------------------
 
 
-def _number(value: object) -> object:
-    return math.nan if value is None else value
-
-
-Number = Annotated[float, BeforeValidator(_number)]
-
-
 class _Fit(BaseModel):
     channel: str
     unit: str
-    simulation: Number
-    model: Number
-    noise_floor: Number = math.nan
+    simulation: FiniteFloat | None
+    model: FiniteFloat | None
+    noise_floor: FiniteFloat | None = None
 
 
 class _Gain(BaseModel):
     channel: str = ""
     unit: str = ""
-    before: Number = math.nan
-    after: Number = math.nan
+    before: FiniteFloat | None = None
+    after: FiniteFloat | None = None
 
 
 class _Effect(BaseModel):
     effect: str
     joint: int | None = None
     kind: str = ""
-    confidence: Number = math.nan
+    confidence: FiniteFloat | None = None
     statement: str = ""
-    improvement: _Gain = Field(default_factory=_Gain)
+    improvement: _Gain = _Gain()
 
 
 class _Figures(BaseModel):
@@ -165,28 +155,14 @@ def _figures(file: Path) -> dict[str, Any]:
         figures = _Figures.model_validate(json.loads(read_bytes(file, LONGEST)))
     except (OSError, ValueError, RecursionError):
         figures = _Figures()
-    worst = max(figures.fit, key=_worse, default=None)
-    fields = ("channel", "unit", "before", "after")
-    error: Mapping[str, Any] = dict.fromkeys(fields)
-    if worst is not None:
-        values = (worst.channel, worst.unit, _finite(worst.simulation), _finite(worst.model))
-        error = dict(zip(fields, values, strict=True))
-    effects = sorted(figures.findings, key=lambda e: e.confidence if math.isfinite(e.confidence) else 0, reverse=True)
-    return {**error, "effects": [_effect(effect) for effect in effects]}
+    error: dict[str, Any] = dict.fromkeys(("channel", "unit", "before", "after"))
+    if (worst := max(figures.fit, key=_worse, default=None)) is not None:
+        error = {"channel": worst.channel, "unit": worst.unit, "before": worst.simulation, "after": worst.model}
+    effects = sorted(figures.findings, key=lambda effect: effect.confidence or 0.0, reverse=True)
+    told = [{**each.model_dump(exclude={"improvement"}), **each.improvement.model_dump()} for each in effects]
+    return {**error, "effects": told}
 
 
 def _worse(fit: _Fit) -> float:
     """Error of the simulation in noise floors, or as it is where none is known."""
-    ratio = fit.simulation / fit.noise_floor if fit.noise_floor > 0 else fit.simulation
-    return ratio if math.isfinite(ratio) else -1.0
-
-
-def _effect(found: _Effect) -> dict[str, Any]:
-    gain = found.improvement
-    told = {"effect": found.effect, "joint": found.joint, "kind": found.kind, "statement": found.statement}
-    error = {"channel": gain.channel, "unit": gain.unit, "before": _finite(gain.before), "after": _finite(gain.after)}
-    return {**told, "confidence": _finite(found.confidence), **error}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return -1.0 if fit.simulation is None else fit.simulation / (fit.noise_floor or 1.0)

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from cellwatt.live import history
-from cellwatt.live.history import SPAN, History
+from cellwatt.live import last_minute
+from cellwatt.live.last_minute import SPAN, LastMinute
 
 SECOND = 10**9
 
 
-def add(kept: History, first: int, count: int, rate: float = 100.0, names: tuple[str, ...] = ("a", "b")) -> None:
+def add(kept: LastMinute, first: int, count: int, rate: float = 100.0, names: tuple[str, ...] = ("a", "b")) -> None:
     """Rows whose values say which they are: ``a`` counts up, ``b`` down."""
     rows = np.arange(first, first + count)
     values = np.column_stack([rows * (1 - 2 * i) for i in range(len(names))]).astype(float)
@@ -16,7 +16,7 @@ def add(kept: History, first: int, count: int, rate: float = 100.0, names: tuple
 
 @pytest.mark.parametrize("block", [1, 7, 1000])
 def test_the_last_minute_is_kept_however_it_came(block: int) -> None:
-    kept = History()
+    kept = LastMinute()
     total = 20_000 // block * block
     for first in range(0, total, block):
         add(kept, first, block)
@@ -26,15 +26,8 @@ def test_the_last_minute_is_kept_however_it_came(block: int) -> None:
     assert (np.diff(kept.time) > 0).all()
 
 
-def test_a_span_holds_its_seconds() -> None:
-    kept = History()
-    assert kept.within(10.0) == slice(0, 0)
-    add(kept, 0, 3000)
-    assert kept.of("a")[kept.within(10.0)].tolist() == list(range(1999, 3000))
-
-
 def test_other_names_begin_anew() -> None:
-    kept = History()
+    kept = LastMinute()
     add(kept, 0, 10)
     add(kept, 10, 5, names=("c",))
     assert kept.names == ("c",)
@@ -42,15 +35,15 @@ def test_other_names_begin_anew() -> None:
 
 
 def test_times_that_went_back_replace_what_was_later() -> None:
-    kept = History()
+    kept = LastMinute()
     add(kept, 0, 10)
     add(kept, 4, 2)
     assert kept.of("a").tolist() == [0, 1, 2, 3, 4, 5]
 
 
 def test_no_more_is_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(history, "_MOST", 2000)
-    kept = History()
+    monkeypatch.setattr(last_minute, "_MOST", 2000)
+    kept = LastMinute()
     for first in range(0, 50_000, 10):
         add(kept, first, 10)
         assert len(kept.time) <= 1000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,33 +54,12 @@ CONSTANTS: Mapping[str, float | Sequence[float]] = {
 """Values of other fields that the signals lack; a field not named here shows 0."""
 
 
-class Timeline(Protocol):
-    """Samples 0, 1, 2 … that a controller makes; times are s since the start of the emulation."""
-
-    end: int | None
-    """Number of samples where it ends."""
-    rate: float | None
-    """Hz where every client gets the part of the samples that it asks for, ``None`` where all get all."""
-
-    def due(self, elapsed: float) -> int:
-        """Return how many samples have been made after ``elapsed`` s."""
-        ...
-
-    def when(self, number: int) -> float:
-        """Return when a sample is made, s."""
-        ...
-
-    def stamps(self, numbers: Numbers) -> Float:
-        """Return the controller time (n,) s of samples."""
-        ...
-
-    def columns(self, numbers: Numbers) -> Mapping[str, Float]:
-        """Return values (n,) of samples by channel or RTDE column."""
-        ...
-
-
 class Cycles:
-    """A controller at ``rate`` Hz in a world whose time is ``offset`` s at the start."""
+    """A controller at ``rate`` Hz in a world whose time is ``offset`` s at the start.
+
+    Samples are numbered 0, 1, 2 …; times are s since the start of the emulation. ``end`` is the number of samples where
+    they end; ``rate`` is ``None`` where every client gets all of them, whatever it asks for.
+    """
 
     def __init__(self, signals: Signals, rate: float, offset: float) -> None:
         self.end: int | None = None
@@ -91,19 +69,19 @@ class Cycles:
         self._hertz = rate
 
     def due(self, elapsed: float) -> int:
-        """See ``Timeline``."""
+        """Return how many samples have been made after ``elapsed`` s."""
         return int(elapsed * self._hertz + PUNCTUAL) + 1
 
     def when(self, number: int) -> float:
-        """See ``Timeline``."""
+        """Return when a sample is made, s."""
         return number / self._hertz
 
     def stamps(self, numbers: Numbers) -> Float:
-        """See ``Timeline``."""
+        """Return the controller time (n,) s of samples."""
         return np.asarray(BOOTED + numbers / self._hertz)
 
     def columns(self, numbers: Numbers) -> Mapping[str, Float]:
-        """See ``Timeline``."""
+        """Return values (n,) of samples by channel or RTDE column."""
         return self._signals.at(self._offset + numbers / self._hertz)
 
 
@@ -126,7 +104,7 @@ class Rows:
         self.end: int | None = None if recording.loop or hold else self._rows
 
     def due(self, elapsed: float) -> int:
-        """See ``Timeline``."""
+        """See ``Cycles``."""
         if self._loop:
             lap = int(elapsed / self._lap)
             return lap * self._rows + int(self._offsets.searchsorted(elapsed - lap * self._lap, side="right"))
@@ -136,17 +114,17 @@ class Rows:
         return int(self._offsets.searchsorted(elapsed, side="right"))
 
     def when(self, number: int) -> float:
-        """See ``Timeline``."""
+        """See ``Cycles``."""
         lap, row, more = self._place(np.array([number]))
         return float(lap[0] * self._lap + self._offsets[row[0]] + more[0] * self._step)
 
     def stamps(self, numbers: Numbers) -> Float:
-        """See ``Timeline``."""
+        """See ``Cycles``."""
         lap, row, more = self._place(numbers)
         return np.asarray(self._time[row] + (lap * self._lap + more * self._step))
 
     def columns(self, numbers: Numbers) -> Mapping[str, Float]:
-        """See ``Timeline``."""
+        """See ``Cycles``."""
         _, row, _ = self._place(numbers)
         return {name: values[row] for name, values in self._table.items()}
 
@@ -155,6 +133,9 @@ class Rows:
         if self._loop:
             return numbers // self._rows, numbers % self._rows, np.zeros_like(numbers)
         return np.zeros_like(numbers), np.minimum(numbers, self._rows - 1), np.maximum(numbers - self._rows + 1, 0)
+
+
+Samples = Cycles | Rows
 
 
 class Encoder:

@@ -15,7 +15,7 @@ from typing import Any, Final, NoReturn
 
 from cellwatt.account import Account
 from cellwatt.errors import SourceError
-from cellwatt_drivers.ur import native
+from cellwatt_drivers.ur import session as rtde
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Float, Selection
 from cellwatt_drivers.ur.wire import TextMessage
@@ -62,8 +62,8 @@ async def compare(
 
 async def _first_package(host: str, port: int, rate: float, timeout: float, now: Callable[[], int]) -> tuple[int, int]:
     newest = _Newest()
-    async with native.connect(host, port, timeout, now, Account()) as (session, version):
-        await native.begin(session, version, _NOTHING, rate, newest, timeout)
+    async with rtde.connect(host, port, timeout, now, Account()) as (session, version):
+        await rtde.begin(session, version, _NOTHING, rate, newest, timeout)
         try:
             ends: set[asyncio.Future[Any]] = {newest.found, session.closed}
             async with asyncio.timeout(timeout):

@@ -15,7 +15,7 @@ _MOST: Final = 2_000_000
 _FIRST: Final = 256
 
 
-class History:
+class LastMinute:
     """The last ``SPAN`` s of columns that share their times; fewer where that would be more than two million values."""
 
     def __init__(self) -> None:

@@ -25,7 +25,7 @@ Order = Callable[[Mapping[str, Any]], Awaitable[None]]
 
 
 @dataclass(slots=True)
-class Room:
+class Cell:
     """One cell; ``order`` is ``None`` where nothing can be changed from here."""
 
     feed: Feed
@@ -38,7 +38,7 @@ def prefix(site: str, cell: str) -> str:
     return f"/api/cells/{quote(site, safe='')}/{quote(cell, safe='')}"
 
 
-class OneRoom:
+class OneCell:
     """A page of one cell; of none, on which recordings can be dropped.
 
     ``acts`` is true if anything can be changed from here.
@@ -47,28 +47,28 @@ class OneRoom:
     hub: Hub | None = None
     """The changes of ``summary``, of a page of many cells."""
 
-    def __init__(self, room: Room | None) -> None:
-        self._room = room
-        self.mode: Mode = "recordings" if room is None else "cell"
-        self.site: str | None = None if room is None else room.feed.site
-        self.acts = room is not None and room.order is not None
+    def __init__(self, cell: Cell | None) -> None:
+        self._cell = cell
+        self.mode: Mode = "recordings" if cell is None else "cell"
+        self.site: str | None = None if cell is None else cell.feed.site
+        self.acts = cell is not None and cell.order is not None
 
     @property
-    def cells(self) -> Sequence[tuple[str, str]]:
+    def names(self) -> Sequence[tuple[str, str]]:
         """Site and name of each cell."""
-        return () if self._room is None else ((self._room.feed.site, self._room.feed.cell),)
+        return () if self._cell is None else ((self._cell.feed.site, self._cell.feed.cell),)
 
-    async def room(self, site: str, cell: str) -> Room:
-        """The room of a cell. Raises ``KeyError`` if there is no such cell, ``OutletError`` if it cannot be opened."""
-        if self._room is None or (site, cell) not in self.cells:
-            raise KeyError(cell)
-        return self._room
+    async def cell(self, site: str, name: str) -> Cell:
+        """One cell. Raises ``KeyError`` if there is no such cell, ``OutletError`` if it cannot be opened."""
+        if self._cell is None or (site, name) not in self.names:
+            raise KeyError(name)
+        return self._cell
 
     def summary(self) -> list[dict[str, Any]]:
         """All cells in figures, JSON-ready."""
-        if self._room is None:
+        if self._cell is None:
             return []
-        feed = self._room.feed
+        feed = self._cell.feed
         age = None if feed.live.heard is None else time.monotonic() - feed.live.heard
         return [plant_cell(feed.site, feed.cell, feed.live.status, age)]
 
