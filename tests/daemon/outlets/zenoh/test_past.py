@@ -23,7 +23,8 @@ from cellwatt.record import History
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.openfile import OpenFile
 from cellwatt.results import Event, Result
-from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames, task
+from tests.daemon.outlets.zenoh.fake_cell import FakeView, task
+from tests.daemon.outlets.zenoh.fake_cell import frames as numbered_frames
 from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
 
 BLOCK = 10
@@ -227,7 +228,7 @@ def test_frames_that_the_record_has_take_little_memory(
     monkeypatch.setattr(view, "config", lambda: {"record": {"frames": recorded}})
     outlet = ZenohOutlet("zenoh", ZenohSettings(listen=("tcp/127.0.0.1:0",)), view)
     for first in range(0, 200_000, 2000):
-        outlet.offer(frames(first, 2000))
+        outlet.offer(numbered_frames(first, 2000))
     kept = [block for _, block in outlet._backlog.frames(view.session, 0, 200_000)]
     size = sum(array.nbytes for block in kept for array in (block.time, block.values, block.quality, block.bound))
     assert 0.7 * most < size <= most
