@@ -8,8 +8,9 @@ History     answers questions about the past while recording goes on
 from cellwatt.record.header import Header
 from cellwatt.record.history import History
 from cellwatt.record.messages import Health
-from cellwatt.record.reader import Recording, Samples
+from cellwatt.record.reader import Recording
 from cellwatt.record.recovery import Recovery, recover
+from cellwatt.record.samples import Samples
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.writer import Recorder
 

@@ -6,7 +6,6 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Batch, Float, Nanoseconds, Qualities, Tick
+from cellwatt.batch import Batch, Tick
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import Places, paths_of
@@ -28,6 +27,7 @@ from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.messages import TOPICS, Health, time_of
 from cellwatt.record.rows import FrameRows, SampleRows
+from cellwatt.record.samples import Samples, join
 from cellwatt.record.scan import Damage, read_at
 from cellwatt.record.survey import (
     Survey,
@@ -357,41 +357,3 @@ def _within(item: Any, span: tuple[int, int]) -> Any:
         return item if span[0] <= time_of(item) <= span[1] else None
     first, last = np.searchsorted(item.time, (span[0], span[1] + 1)).tolist()
     return cut(item, first, last) if first < last else None
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """All samples of one stream: arrays (n,) as in ``Batch``, ``values`` (n, channels).
-
-    ``sequence`` and ``arrival`` are given for each sample; sequence numbers begin anew with each session.
-    """
-
-    source: str
-    stream: Stream
-    sequence: NDArray[np.int64]
-    arrival: Nanoseconds
-    time: Nanoseconds
-    bound: Nanoseconds
-    values: Float
-    quality: Qualities
-    device_time: Nanoseconds | None
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-
-def join(source: str, stream: Stream, batches: Sequence[Batch]) -> Samples:
-    """Batches of one stream in one piece; device times only where every batch has them."""
-    times = [b.device_time for b in batches if b.device_time is not None]
-    no_time = np.empty(0, np.int64)
-    return Samples(
-        source=source,
-        stream=stream,
-        sequence=np.concatenate([no_time, *(np.arange(b.sequence, b.sequence + len(b)) for b in batches)]),
-        arrival=np.concatenate([no_time, *(np.full(len(b), b.arrival) for b in batches)]),
-        time=np.concatenate([no_time, *(b.time for b in batches)]),
-        bound=np.concatenate([no_time, *(b.bound for b in batches)]),
-        values=np.concatenate([np.empty((0, len(stream.channels))), *(b.values for b in batches)]),
-        quality=np.concatenate([np.empty(0, np.uint8), *(b.quality for b in batches)]),
-        device_time=np.concatenate(times) if times and len(times) == len(batches) else None,
-    )

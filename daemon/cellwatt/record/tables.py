@@ -22,7 +22,7 @@ from cellwatt.channel import Channel
 from cellwatt.errors import CellwattError, RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record.header import Header
-from cellwatt.record.reader import Samples, join
+from cellwatt.record.samples import Samples, join
 from cellwatt.units import Units
 
 Channels = Sequence[Channel | FrameChannel]

@@ -1,0 +1,50 @@
+"""All samples of one stream as arrays, joined from the batches in which they were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.batch import Batch, Float, Nanoseconds, Qualities
+from cellwatt.channel import Stream
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """All samples of one stream: arrays (n,) as in ``Batch``, ``values`` (n, channels).
+
+    ``sequence`` and ``arrival`` are given for each sample; sequence numbers begin anew with each session.
+    """
+
+    source: str
+    stream: Stream
+    sequence: NDArray[np.int64]
+    arrival: Nanoseconds
+    time: Nanoseconds
+    bound: Nanoseconds
+    values: Float
+    quality: Qualities
+    device_time: Nanoseconds | None
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def join(source: str, stream: Stream, batches: Sequence[Batch]) -> Samples:
+    """Batches of one stream in one piece; device times only where every batch has them."""
+    times = [b.device_time for b in batches if b.device_time is not None]
+    no_time = np.empty(0, np.int64)
+    return Samples(
+        source=source,
+        stream=stream,
+        sequence=np.concatenate([no_time, *(np.arange(b.sequence, b.sequence + len(b)) for b in batches)]),
+        arrival=np.concatenate([no_time, *(np.full(len(b), b.arrival) for b in batches)]),
+        time=np.concatenate([no_time, *(b.time for b in batches)]),
+        bound=np.concatenate([no_time, *(b.bound for b in batches)]),
+        values=np.concatenate([np.empty((0, len(stream.channels))), *(b.values for b in batches)]),
+        quality=np.concatenate([np.empty(0, np.uint8), *(b.quality for b in batches)]),
+        device_time=np.concatenate(times) if times and len(times) == len(batches) else None,
+    )
