@@ -83,7 +83,7 @@ def test_what_the_cell_does_not_know_is_refused_and_what_came_since_is_not() -> 
 def test_a_flood_of_claims_takes_no_room_for_longer_than_until_the_cell_has_answered() -> None:
     following = Following(WANTED)
     following.told(1, {RAW: (1, 0)}, 0.0)
-    following.hinted(1, {f"raw/ghost{n}/samples": (1, 9) for n in range(900)})
+    following.hinted(1, {f"raw/ghost{n}/samples": (1, 9) for n in range(1000)})
     for n in range(2000):
         assert raw(following, 7, session=100 + n) == []
     confirm(following, {RAW: (1, 9)}, now=100.0)
