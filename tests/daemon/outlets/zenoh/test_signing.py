@@ -350,10 +350,3 @@ async def test_an_answer_of_before_cannot_be_given_again(
     async with subscriber(bus, keys, "alarm") as cell:
         await eventually(lambda: cell.counts.get("unsigned", 0) > 0, "the answer of before")
         assert not cell._inbox.following.joined
-
-
-async def test_a_cell_whose_key_is_gone_publishes_nothing(bus: LinkSettings, keys: Path) -> None:
-    (keys / "cell.key").unlink()
-    outlet = ZenohOutlet("zenoh", ZenohSettings(**bus.model_dump(), sign=keys / "cell.key"), FakeView())
-    with pytest.raises(OutletError, match=r"^sign: .*cell\.key cannot be read"):
-        await outlet.run()
