@@ -72,10 +72,10 @@ class Curves:
 
         There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
         samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
-        Where a step is one frame there is no ``max``. Channels are those of the
-        frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory`` has what may
-        not be recorded yet. ``complete`` is false where something is left out, for want of time or because it is too
-        much. Never call it on an event loop.
+        Of a short span the last one has the newest sample; where a step is one frame there is no ``max``. Channels are
+        those of the frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory``
+        has what may not be recorded yet. ``complete`` is false where something is left out, for want of time or because
+        it is too much. Never call it on an event loop.
 
         Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
         """
@@ -102,7 +102,8 @@ class Curves:
             return None
         if step > BESIDE:
             return None
-        grid = fitting(asked.start, asked.end, points, step)
+        newest = max((int(t[-1]) for each in samples.values() for t, _ in each if len(t)), default=asked.start)
+        grid = fitting(asked.start, max(min(asked.end, newest + 1), asked.start + 1), points, step)
         found = _drawn(grid, {name: [_bucketed(grid, *each)] if each else [] for name, each in samples.items()})
         for values in found["v"].values() if grid.step == step else ():
             del values["max"]

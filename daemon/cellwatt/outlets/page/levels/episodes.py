@@ -88,13 +88,13 @@ def _hear(alarm: Alarm, known: list[Episode]) -> None:
 def _note(event: Event, known: Mapping[str, Sequence[Episode]]) -> None:
     """Give an event to the alarms that it is about: the last of each id, of evidence the first that has none yet."""
     ids = event.data.get("alarms", [event.data.get("alarm")])
-    for episodes in (known[alarm_id] for alarm_id in ids if alarm_id in known):
+    for raised in (known[alarm_id] for alarm_id in ids if alarm_id in known):
         if event.kind != "evidence":
-            episodes[-1].words.append(event)
+            raised[-1].words.append(event)
         elif "pack" in event.data:
             start = event.data.get("start", 0)
-            inside = (episode for episode in episodes if episode.raised >= start and episode.pack is None)
-            next(inside, episodes[-1]).pack = str(event.data["pack"])
+            inside = (episode for episode in raised if episode.raised >= start and episode.pack is None)
+            next(inside, raised[-1]).pack = str(event.data["pack"])
 
 
 def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: Pace) -> dict[str, Any]:
