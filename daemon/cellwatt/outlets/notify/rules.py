@@ -27,11 +27,10 @@ def rank(alarm: Alarm) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Something to tell about one alarm; ``held``: it came in a quiet time that keeps it back."""
+    """Something to tell about one alarm."""
 
     what: Happening
     alarm: Alarm
-    held: bool = False
 
     @property
     def slot(self) -> tuple[str, bool]:
@@ -68,12 +67,12 @@ class Episode:
     over: bool = False
 
 
-Kept = tuple[list[Episode], list[Item], Message | None, dict[str, tuple[int, int]], int]
-_KEPT: Final[TypeAdapter[Kept]] = TypeAdapter(Kept)
+_Saved = tuple[list[Episode], list[Item], Message | None, dict[str, tuple[int, int]], int]
+_SAVED: Final[TypeAdapter[_Saved]] = TypeAdapter(_Saved)
 
 
 @dataclass(slots=True)
-class Told:
+class Recipient:
     """What is known of one recipient."""
 
     episodes: dict[str, Episode] = field(default_factory=dict)
@@ -91,12 +90,12 @@ class Told:
     def kept(self) -> Any:
         """All that is to outlive this process, JSON-ready."""
         all_ = list(self.episodes.values()), list(self.due.values()), self.flight, self.ended, self.more
-        return _KEPT.dump_python(all_, mode="json")
+        return _SAVED.dump_python(all_, mode="json")
 
     @classmethod
-    def read(cls, kept: Any) -> Told:
+    def read(cls, kept: Any) -> Recipient:
         """The same from ``kept``. Raises ``ValueError``."""
-        episodes, due, flight, ended, more = _KEPT.validate_python(kept)
+        episodes, due, flight, ended, more = _SAVED.validate_python(kept)
         return cls({e.alarm.id: e for e in episodes}, {i.slot: i for i in due}, flight, ended, more)
 
     def waiting(self, alarm_id: str) -> Iterator[Item]:
@@ -112,8 +111,6 @@ class Told:
             self.episodes[item.alarm.id] = Episode(item.alarm, session, max(said, rank(item.alarm)), told)
         elif before is not None:
             self.episodes[item.alarm.id] = replace(before, over=True)
-        if item.held:
-            self.counts["held in quiet time"] += 1
         self.changed = True
 
     def drop(self, alarm_id: str, *, counted: bool = False, forgotten: bool = False) -> None:
@@ -192,40 +189,39 @@ class Rules:
 
     # alarms -----------------------------------------------------------------------------------------
 
-    def take(self, told: Told, alarm: Alarm, session: int, passing: int) -> None:
+    def take(self, told: Recipient, alarm: Alarm, session: int, passing: int) -> None:
         """Take a message of the alarm book; ``passing`` is the least rank that passes now."""
         ended, at = told.ended.get(alarm.id, (-1, 0))
         if ended == session and alarm.time <= at:
             return  # it was told to its end, and is given again
         episode = told.episodes.get(alarm.id)
         if alarm.active:
-            self._active(told, alarm, episode, session, passing)
+            self._active(told, alarm, episode, session)
         elif episode is not None:
             self._clear(told, alarm, episode, session, passing)
 
-    def _active(self, told: Told, alarm: Alarm, episode: Episode | None, session: int, passing: int) -> None:
-        held = rank(alarm) < passing
+    def _active(self, told: Recipient, alarm: Alarm, episode: Episode | None, session: int) -> None:
         if episode is None:
             if self.wants(alarm):
-                self._wait(told, Item("raised", alarm, held), session)
+                self._wait(told, Item("raised", alarm), session)
             return
         told.see(alarm, session)
         if rank(alarm) > episode.said and self.wants(alarm):
             waits = told.due.get((alarm.id, False))
             what = waits.what if waits is not None and waits.what == "raised" else "graver"
-            self._wait(told, Item(what, alarm, held), session)
+            self._wait(told, Item(what, alarm), session)
 
-    def _clear(self, told: Told, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
+    def _clear(self, told: Recipient, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
         waits = told.due.get((alarm.id, False))
         kept_back = waits is not None and rank(waits.alarm) < passing
         if kept_back or (episode.told and waits is not None and waits.what == "repeated"):
             told.drop(alarm.id)
         if self.resolved and (episode.told or (waits is not None and not kept_back)):
-            self._wait(told, Item("cleared", alarm, rank(alarm) < passing), session)
+            self._wait(told, Item("cleared", alarm), session)
         else:
             told.end(alarm.id, alarm.time)
 
-    def _wait(self, told: Told, item: Item, session: int) -> None:
+    def _wait(self, told: Recipient, item: Item, session: int) -> None:
         """Let an item wait; without room the least grave one of all, the newest of these, is only counted."""
         full = len(told.due) >= self.queue and item.slot not in told.due
         told.wait(item, session)
@@ -235,7 +231,7 @@ class Rules:
 
     # times ------------------------------------------------------------------------------------------
 
-    def withdraw(self, told: Told, session: int, now: int) -> None:
+    def withdraw(self, told: Recipient, session: int, now: int) -> None:
         """End alarms of an earlier session that did not come again; ``now`` UTC ns."""
         if now < session + AGAIN:
             return
@@ -250,21 +246,21 @@ class Rules:
             elif (alarm.id, False) not in told.due:
                 told.end(alarm.id, clear.time)
 
-    def again(self, told: Told, alarm_ids: Iterable[str], session: int, passing: int) -> None:
+    def again(self, told: Recipient, alarm_ids: Iterable[str], session: int) -> None:
         """Tell alarms once more, where they were told and are not over."""
         for alarm_id in alarm_ids:
             episode = told.episodes.get(alarm_id)
             if episode is not None and episode.told and not episode.over and (alarm_id, False) not in told.due:
-                self._wait(told, Item("repeated", episode.alarm, rank(episode.alarm) < passing), session)
+                self._wait(told, Item("repeated", episode.alarm), session)
 
 
-def silence(told: Told, alarm_id: str) -> None:
+def silence(told: Recipient, alarm_id: str) -> None:
     """Keep silent of an alarm that a person put on the shelf: what waits of it is not told."""
     if (alarm_id, False) in told.due:
         told.drop(alarm_id, forgotten=True)
 
 
-def ready(told: Told, passing: int) -> list[Item]:
+def ready(told: Recipient, passing: int) -> list[Item]:
     """Items that wait and pass now, in the order in which they came; what waits of one alarm stays together."""
     return [i for i in told.due.values() if max(rank(waits.alarm) for waits in told.waiting(i.alarm.id)) >= passing]
 
