@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any, Final
@@ -25,9 +25,17 @@ def line_of(message: Message) -> dict[str, Any]:
 
     Blocks are summarised as count and time span; measured power in frames is kept, to be compared with predictions.
     """
-    kind, body = _kind_and_body(message)
+    kind, content = message.topic.split("/", 1)[0], message.content
+    body: dict[str, Any]
+    if isinstance(content, Batch | Frames):
+        body = {"count": len(content), "start": int(content.time[0]), "end": int(content.time[-1])}
+        body |= _power(content) if isinstance(content, Frames) else {}
+    elif isinstance(content, Health):
+        body = dict(content.status)
+    else:
+        body = asdict(content)
     return {
-        "kind": kind,
+        "kind": "gap" if isinstance(content, Gap) else kind,
         "topic": message.topic,
         "session": message.session,
         "sequence": message.sequence,
@@ -35,20 +43,6 @@ def line_of(message: Message) -> dict[str, Any]:
         "received": time.time_ns(),
         "content": body,
     }
-
-
-def _kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:
-    kind = message.topic.split("/", 1)[0]
-    content = message.content
-    if isinstance(content, Batch | Frames):
-        block = {"count": len(content), "start": int(content.time[0]), "end": int(content.time[-1])}
-        return kind, block | (_power(content) if isinstance(content, Frames) else {})
-    if isinstance(content, Health):
-        return kind, dict(content.status)
-    if isinstance(content, Gap):
-        return "gap", asdict(content)
-    assert is_dataclass(content) and not isinstance(content, type)
-    return kind, asdict(content)
 
 
 def _power(frames: Frames) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cellwatt.alarms import Standing
 from cellwatt.errors import OutletError
-from cellwatt.live.last_minute import LastMinute
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.levels.curves import Curves
@@ -109,18 +108,15 @@ class Archive:
         return await self._desk.ask(newest_mismatch, self._folders)
 
 
-PREDICTED: Final = "prediction/"
-"""Begin of the name of a model's output among channels: ``prediction/<model>/<output>``."""
-
-
 def in_memory(live: LiveCell, channels: Sequence[str]) -> tuple[int, dict[str, tuple[NDArray[Any], NDArray[Any]]]]:
     """Step of the frames, ns, and times, UTC ns, and values of channels in the last minute."""
     between = np.diff(live.frames.time[-50:])
-    found = {}
-    for channel in channels:
-        history, column = _place(live, channel)
-        if history is not None and column in history.names:
-            found[channel] = history.time.copy(), history.of(column).copy()
+    found: dict[str, tuple[NDArray[Any], NDArray[Any]]] = {}
+    for begin, kept in {"": live.frames, **{f"prediction/{m}/": kept for m, kept in live.predicted.items()}}.items():
+        columns = {begin + name: i for i, name in enumerate(kept.names) if begin + name in channels}
+        if columns:
+            time, values = kept.time, kept.values
+            found |= {channel: (time, values[:, i]) for channel, i in columns.items()}
     return int(between.min()) if len(between) else 0, found
 
 
@@ -162,11 +158,3 @@ def _same(recorded: Mapping[str, Any], told: Mapping[str, Any]) -> bool:
     """True if two marks are of one alarm."""
     until = math.inf if told["cleared"] is None else told["cleared"]
     return bool(recorded["id"] == told["id"] and _overlap(recorded, told["raised"], until))
-
-
-def _place(live: LiveCell, channel: str) -> tuple[LastMinute | None, str]:
-    if not channel.startswith(PREDICTED):
-        return live.frames, channel
-    model, _, output = channel.removeprefix(PREDICTED).rpartition("/")
-    predicted: Mapping[str, LastMinute] = live.predicted
-    return predicted.get(model), output
