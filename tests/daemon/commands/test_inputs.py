@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from cellwatt import CellwattError
-from cellwatt.commands.inputs import INPUT
+from cellwatt.commands.options import INPUT
 from tests.daemon.outlets.historian.bucket import Bucket, bucket
 
 KEY = "plant/runs/run-1.mcap"

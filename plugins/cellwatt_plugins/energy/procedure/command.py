@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cellwatt.commands.numbers import FiniteRange
-from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.options import FiniteRange, with_progress
 
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.procedure.rest_pose import RestPose
