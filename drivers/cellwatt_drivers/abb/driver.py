@@ -30,7 +30,6 @@ _CHECK = 0.25  # s between looks at whether anything comes
 class AbbSettings(SourceSettings):
     """An ABB arm: IRC5 with RobotWare 6 or OmniCore with RobotWare 7."""
 
-    asked: ClassVar[tuple[str, ...]] = ("robotware",)
     device_parts: ClassVar[tuple[str, ...]] = ("mechanical_unit",)
 
     host: Host

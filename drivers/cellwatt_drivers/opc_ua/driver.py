@@ -45,7 +45,6 @@ _WAY = 0.005
 class OpcUaSettings(SourceSettings):
     """A PLC or robot controller with an OPC UA server. It is read by a subscription; nothing is written."""
 
-    asked: ClassVar[tuple[str, ...]] = ("model",)
     device_parts: ClassVar[tuple[str, ...]] = ("path",)
 
     host: Host

@@ -1,31 +1,99 @@
-"""The text of a first settings file: what was answered, and every other key commented out with its default."""
+"""A first settings file: what was given, and every other key commented out with its default."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import BaseModel
 
 from cellwatt.channel import Stream
-from cellwatt.config import FrameSettings, SourceConfig, load
+from cellwatt.config import FrameSettings, load
 from cellwatt.config.cell import CellName
 from cellwatt.config.installed import Part, installed
+from cellwatt.config.loading import NAME
 from cellwatt.config.reference import Field, reference
 from cellwatt.config.wording import first_sentence
+from cellwatt.driver import SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, why
-from cellwatt.first_cell.plan import CellPlan, SourcePlan, in_yaml
 from cellwatt.record.settings import RecordSettings
+from cellwatt.registry import driver as find_driver
 from cellwatt.runtime.assemble import prepare
 from cellwatt.units import Units
 
+LISTEN = "tcp/127.0.0.1:7447"
+"""Where a cell is asked and watched from its own PC."""
+RECORD = "recordings"
+"""Folder of the record, beside the settings file."""
+
+_PLAIN = re.compile(r"[A-Za-z/][A-Za-z0-9_./+-]*(?: [A-Za-z0-9_./+-]+)*|[0-9]+(?:\.[0-9]+){3}")
+_WORDS = ("true", "false", "null")
 _COMMENT = 40
 """Column at which comments begin, where the setting leaves room for them."""
 _WIDTH = 120
 _HIDDEN = "*"
+
+
+@dataclass(frozen=True, slots=True)
+class SourcePlan:
+    """One device: the name of its source, its driver, and its settings as they are written in YAML."""
+
+    name: str
+    driver: str
+    settings: Mapping[str, str]
+
+    @property
+    def model(self) -> type[SourceSettings]:
+        """Settings class of the driver."""
+        return find_driver(self.driver).Settings
+
+
+@dataclass(frozen=True, slots=True)
+class CellPlan:
+    """A cell to be written. Without a ``record`` nothing is recorded."""
+
+    site: str
+    cell: str
+    sources: tuple[SourcePlan, ...]
+    robot: str | None = None
+    record: str | None = RECORD
+    listen: str = LISTEN
+
+
+def parse_source(text: str) -> SourcePlan:
+    """Read ``NAME=DRIVER:ADDRESS``. Raises ``ConfigError`` with the nearest driver where it is unknown."""
+    name, equals, rest = text.partition("=")
+    kind, _, address = rest.partition(":")
+    if not equals or not kind:
+        raise ConfigError(f"found {text!r} as a source, expected NAME=DRIVER:ADDRESS, like arm=ur:192.0.2.10")
+    if not NAME.fullmatch(name):
+        raise ConfigError(f"found {name!r} as a name, expected small letters, digits and '_', starting with a letter")
+    settings = find_driver(kind).Settings
+    return SourcePlan(name, kind, address_settings(settings, address) if address else {})
+
+
+def address_settings(model: type[SourceSettings], address: str) -> dict[str, str]:
+    """Settings that say where a device is: ``192.0.2.10``, ``192.0.2.10:30004`` or ``/dev/ttyUSB0``."""
+    is_path = address.startswith("/")
+    key = next((key for key in model.reached_by if (key != "host") == is_path), model.reached_by[0])
+    host, colon, port = address.rpartition(":")
+    alone = host.startswith("[") or ":" not in host
+    if key == "host" and colon and alone and port.isdigit() and "port" in model.model_fields:
+        return {key: in_yaml(host.strip("[]")), "port": port}
+    return {key: in_yaml(address)}
+
+
+def in_yaml(value: str) -> str:
+    """A text as it is written in YAML: in quotes where it would be read as something else."""
+    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
+        return value
+    return json.dumps(value, ensure_ascii=False)
 
 
 def write_cell(path: Path, plan: CellPlan) -> None:
@@ -36,24 +104,15 @@ def write_cell(path: Path, plan: CellPlan) -> None:
     try:
         with _beside(path) as draft:
             draft.write_text(cell_text(plan, ()), encoding="utf-8")
-            with told_of(path):
-                arms = arms_of(prepare(load(draft)).streams)
-                draft.write_text(cell_text(plan, arms), encoding="utf-8")
-                prepare(load(draft))
+            arms = arms_of(prepare(load(draft)).streams)
+            draft.write_text(cell_text(plan, arms), encoding="utf-8")
+            prepare(load(draft))
             draft.replace(path)
+    except ConfigError as error:  # the draft has no lines that its user knows
+        texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
+        raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
     except OSError as error:
         raise CellwattError(f"{path} cannot be written: {why(error)}") from error
-
-
-def source_config(path: Path, source: SourcePlan) -> SourceConfig:
-    """Settings of one source of the file to be. Raises ``ConfigError`` where they are wrong."""
-    lines = ["site: site", "cell: cell", "sources:", *_source(source)]
-    with _beside(path) as draft:
-        draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        with told_of(path):
-            config = load(draft)
-            prepare(config)
-        return config.sources[source.name]
 
 
 @contextlib.contextmanager
@@ -66,16 +125,6 @@ def _beside(path: Path) -> Iterator[Path]:
         yield Path(name)
     finally:
         Path(name).unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def told_of(path: Path) -> Iterator[None]:
-    """Mistakes of a draft as those of the answers: it has no lines that its user knows."""
-    try:
-        yield
-    except ConfigError as error:
-        texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
-        raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
 
 
 def arms_of(streams: Mapping[str, tuple[Stream, ...]]) -> tuple[str, ...]:

@@ -1,1 +1,0 @@
-"""The way to a first settings file: questions, devices, and the file written from the answers."""
