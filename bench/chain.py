@@ -1,4 +1,4 @@
-"""The whole chain, sources to Zenoh, recorded: throughput on one core, and latency at 8 robots.
+"""The whole chain, sources to Zenoh, recorded: throughput, and latency of raw samples, frames and alarms.
 
     python bench/chain.py --json
     python bench/chain.py --json --robots 32 --stages
@@ -6,8 +6,9 @@
 Emulated UR controllers (500 Hz, the full default recipe plus more: 62 values) run in one process, the daemon in
 others, on all cores or alone on one, a plain Zenoh subscriber in a last. Latency is told from the subscriber's receipt:
 ``daemon`` since the newest packet of a message came to this PC, ``emulator`` since the emulator sent each packet of it
-(the fastest of a run counts as 0, so constant transport time is not in it). The peer is the same traffic put on Zenoh
-by a bare loop.
+(the fastest of a run counts as 0, so constant transport time is not in it). ``frame_ms`` and ``alarm_ms`` are since
+the time that a frame is for, and that of the frame that raised or cleared an alarm; frames wait 100 ms for samples.
+The first robot jumps out of the range of a model of its power every other second, which is an alarm.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ import numpy as np
 from footprint import computed, family, memory
 from numpy.typing import NDArray
 
+from cellwatt.demo.cells import shape_file
+
 CHANNELS = (
     "actual_q", "actual_qd", "actual_current", "target_q", "target_qd", "target_moment", "target_current",
     "joint_temperatures", "actual_joint_voltage", "actual_robot_voltage", "actual_robot_current",
@@ -42,10 +45,14 @@ WARM_UP = 3.0  # s
 
 
 class Still:
-    """Signals that cost the emulators next to nothing."""
+    """Signals that cost the emulators next to nothing; ``jumps``: joint 1 is elsewhere in every other second."""
+
+    def __init__(self, jumps: bool) -> None:
+        self._jump = 6.0 * jumps
 
     def at(self, t: NDArray[np.float64]) -> Mapping[str, NDArray[np.float64]]:
-        return {f"joint_{i}.position": np.full(len(t), 0.1 * i) for i in range(1, 7)}
+        still = {f"joint_{i}.position": np.full(len(t), 0.1 * i) for i in range(2, 7)}
+        return still | {"joint_1.position": 0.1 + self._jump * (t % 2 < 1)}
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
         raise ValueError("nothing to disturb")
@@ -58,7 +65,7 @@ async def devices(count: int) -> None:
     loop = asyncio.get_running_loop()
     ports: list[asyncio.Future[str]] = [loop.create_future() for _ in range(count)]
     tasks = [
-        asyncio.create_task(UrEmulator(Still(), "127.0.0.1:0", seed=n).serve(ready.set_result))
+        asyncio.create_task(UrEmulator(Still(n == 0), "127.0.0.1:0", seed=n).serve(ready.set_result))
         for n, ready in enumerate(ports)
     ]
     print(json.dumps([int((await ready).rpartition(":")[2]) for ready in ports]), flush=True)
@@ -71,14 +78,16 @@ def listen(endpoint: str) -> None:
     """The subscriber's process: receipts until its standard input ends, then percentiles as JSON."""
     import zenoh
 
+    from cellwatt.frames import Frames
     from cellwatt.outlets.zenoh.encode import decode, schema_in
     from cellwatt.outlets.zenoh.mark import Mark
 
-    got: list[tuple[int, bytes, bytes]] = []
+    got: list[tuple[int, str, bytes, bytes]] = []
 
     def receive(sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
-        got.append((time.time_ns(), sample.payload.to_bytes(), attachment.to_bytes() if attachment else b""))
+        at, attachment = time.time_ns(), sample.attachment
+        topic = str(sample.key_expr).removeprefix("cellwatt/bench/bench/").partition("/")[0]
+        got.append((at, topic, sample.payload.to_bytes(), attachment.to_bytes() if attachment else b""))
 
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
@@ -86,7 +95,8 @@ def listen(endpoint: str) -> None:
     config.insert_json5("connect/timeout_ms", "20000")
     config.insert_json5("scouting/multicast/enabled", "false")
     session = zenoh.open(config)
-    session.declare_subscriber("cellwatt/bench/bench/raw/**", receive)
+    for topic in ("raw", "frame", "alarm"):
+        session.declare_subscriber(f"cellwatt/bench/bench/{topic}/**", receive)
     print("listening", flush=True)
     sys.stdin.readline()
     early, got = got, []
@@ -94,15 +104,21 @@ def listen(endpoint: str) -> None:
     sys.stdin.readline()
     kept, seconds = got, time.monotonic() - start
     session.close()
-    in_daemon, by_robot, samples = [], {}, 0
+    in_daemon, frames, alarms, by_robot, samples = [], [], [], {}, 0
     schemas: dict[int, bytes] = {}
-    for n, (at, payload, attachment) in enumerate([*early, *kept]):
+    for n, (at, topic, payload, attachment) in enumerate([*early, *kept]):
+        if topic == "alarm":
+            alarms += [at - json.loads(payload)["time"]] * (n >= len(early))
+            continue
         mark = Mark.decode(attachment, payload)
         if not mark.schema:
             schemas[zlib.crc32(schema_in(payload))] = schema_in(payload)
         if n < len(early):
             continue
         batch = decode(schemas[mark.schema] + payload if mark.schema else payload, mark)
+        if isinstance(batch, Frames):
+            frames += (at - batch.time).tolist()
+            continue
         samples += len(batch)
         in_daemon.append(at - batch.arrival)
         by_robot.setdefault(batch.source, []).extend((at - batch.device_time).tolist())
@@ -111,9 +127,11 @@ def listen(endpoint: str) -> None:
         json.dumps(
             {
                 "samples_per_s": samples / seconds,
-                "samples_per_message": samples / len(kept),
+                "samples_per_message": samples / len(in_daemon),
                 "daemon_ms": percentiles(np.array(in_daemon) * 1e-6),
                 "emulator_ms": percentiles(whole),
+                "frame_ms": percentiles(np.array(frames) * 1e-6),
+                "alarm_ms": percentiles(np.array(alarms) * 1e-6) | {"alarms": len(alarms)},
             }
         ),
         flush=True,
@@ -187,7 +205,8 @@ def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path, stages:
         for i, port in enumerate(ports)
     )
     named = "".join(f"  tasks_{i}: {{stage: segment, arm: robot_{i}}}\n" for i in range(len(ports)))
-    judged = f"stages:\n{named}" if stages else ""
+    model = f"  power: {{stage: model, file: {shape_file().with_name('power.onnx')}, source: robot_0}}\n"
+    judged = f"robot: demo\nstages:\n{model}{named if stages else ''}"
     path.write_text(
         f"site: bench\ncell: bench\nlatency: {latency}\nsources:\n{sources}\n{judged}"
         f"record: {{folder: {folder / 'record'}}}\n"

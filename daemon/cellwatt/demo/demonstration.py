@@ -162,7 +162,7 @@ class Demonstration:
     async def _until_running(self, daemon: asyncio.subprocess.Process, watching: asyncio.subprocess.Process) -> None:
         end = time.monotonic() + processes.START
         while time.monotonic() < end:
-            if self.seen.all_up():
+            if not self.seen.not_up():
                 return
             for name, process in (("daemon", daemon), ("subscriber", watching)):
                 if process.returncode is not None:
@@ -170,7 +170,7 @@ class Demonstration:
             if self._stopped:
                 raise CellwattError(f"the demo was ended before everything ran: {self._stopped}")
             await asyncio.sleep(0.05)
-        raise CellwattError(f"not everything ran within {processes.START:.0f} s: {json.dumps(self.seen.status)[:400]}")
+        raise CellwattError(f"not everything ran within {processes.START:.0f} s: {'; '.join(self.seen.not_up())}")
 
     async def _until_delivered(self) -> None:
         """Wait for messages still on their way to the subscriber; the summary reports those that never arrive."""

@@ -38,7 +38,9 @@ class Seen:
         elif kind == "health":
             self.status = content
 
-    def all_up(self) -> bool:
-        """True if every source delivers."""
-        sources = self.status.get("sources", {}).values()
-        return bool(sources) and all(s["state"] == "ok" for s in sources)
+    def not_up(self) -> list[str]:
+        """What does not deliver yet: each source with its state and error."""
+        if not self.status:
+            return ["no health of the daemon came"]
+        sources: dict[str, Any] = self.status["sources"]
+        return [f"{name} is {s['state']} ({s['error']})" for name, s in sources.items() if s["state"] != "ok"]

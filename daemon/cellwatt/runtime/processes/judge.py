@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import resource
 import time
 from collections.abc import Iterable
@@ -23,8 +22,6 @@ log = logging.getLogger(__name__)
 
 QUEUED_FRAMES: Final = 500
 """Frames that may wait in front of a chain (10 s at 50 Hz); then the oldest are dropped and counted."""
-NICE: Final = 5
-"""Niceness by which who judges gives way to who collects, aligns and tells."""
 MEMORY: Final = 2 << 30
 """Bytes that the stages of a chain may take; one that asks for more is made anew."""
 FIRST_TO_GO: Final = 500
@@ -38,9 +35,11 @@ def judge(assignment: Assignment) -> None:
 
 
 def _give_way() -> None:
-    """Leave cores and memory to the other processes, as far as the unit allows to say so."""
+    """Leave memory to the other processes, as far as the unit allows to say so.
+
+    Judges keep the niceness of the daemon: below that, beside busy programs, alarms came 15 s late.
+    """
     for step in (
-        lambda: os.nice(NICE),
         lambda: resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY)),
         lambda: Path("/proc/self/oom_score_adj").write_text(f"{FIRST_TO_GO}\n"),
     ):
