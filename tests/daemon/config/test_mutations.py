@@ -34,7 +34,7 @@ def mutated(draw: st.DrawFn) -> str:
 
 
 @settings(
-    max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 @given(text=mutated())
 def test_any_text_gives_a_config_or_a_config_error(cell_file: Path, text: str) -> None:
@@ -57,7 +57,7 @@ def test_any_text_gives_a_config_or_a_config_error(cell_file: Path, text: str) -
 
 
 @settings(
-    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 @given(content=st.binary(max_size=200))
 def test_any_bytes_give_a_config_error(cell_file: Path, content: bytes) -> None:
