@@ -1,8 +1,7 @@
-"""`cellwatt explain` on recordings of real arms: a concealed payload, friction left out, models before identification.
+"""`cellwatt explain` on recordings of real arms: a concealed payload, a balancer nobody told of, an arm that warms.
 
     python bench/real_recordings.py --json
     python bench/real_recordings.py --story payload --work out
-    python bench/real_recordings.py --pictures docs/pictures
 
 The recordings are looked for in ../shared/data beside the checkout, or where --data says, and then in the folder that
 --more or the environment variable CELLWATT_RECORDINGS names, each under the name that its story gives it; a story whose
@@ -19,9 +18,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from real.browser import drawn
-from real.page import markdown
-from real.pictures import PICTURES
 from real.product import ExplainError
 from real.stories import STORIES
 
@@ -49,16 +45,6 @@ def tell(names: list[str], folders: Sequence[Path], work: Path) -> dict[str, Any
     return out
 
 
-def draw(result: dict[str, Any], folders: Sequence[Path], work: Path, folder: Path) -> None:
-    """Write the pictures of all stories that were told."""
-    told = {name: figures for name, figures in result.items() if not {"skipped", "failed"} & figures.keys()}
-    where = {story: holding(STORIES[story][0], folders) for story in told}
-    figures = {name: f for story in told for name, f in PICTURES[story](where[story], work, told[story]).items()}
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, svg in drawn(figures).items():
-        (folder / f"{name}.svg").write_text(svg)
-
-
 def show(name: str, figures: dict[str, Any], indent: int = 0) -> None:
     """Findings of a story as text."""
     print("  " * indent + name)
@@ -79,25 +65,18 @@ def show(name: str, figures: dict[str, Any], indent: int = 0) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
-    parser.add_argument("--markdown", action="store_true", help="the tables of docs/proof-real.md instead of text")
     parser.add_argument("--story", action="append", choices=list(STORIES), help="only these")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--more", type=Path, default=os.environ.get(MORE), help="another folder with recordings")
     parser.add_argument("--work", type=Path, help="keep robots, recordings and reports here")
-    parser.add_argument("--pictures", type=Path, help="draw pictures into this folder, which takes a browser")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         work = options.work or Path(temporary)
         work.mkdir(parents=True, exist_ok=True)
         folders = [options.data] if options.more is None else [options.data, options.more]
         result = tell(options.story or list(STORIES), folders, work)
-        if options.pictures:
-            draw(result, folders, work, options.pictures)
     if options.json:
         print(json.dumps(result, indent=2))
-        return
-    if options.markdown:
-        print(markdown(result))
         return
     for name, figures in result.items():
         show(name, figures)

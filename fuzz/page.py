@@ -20,9 +20,9 @@ from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.access import Gate
 from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk, P, T
+from cellwatt.outlets.page.cells import Cell, OneCell
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.rooms import OneRoom, Room
 from cellwatt.outlets.page.sessions import Sessions
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.results import Alarm
@@ -72,8 +72,8 @@ def _page() -> tuple[web.Application, bytes]:
         json.dumps(told)
         raise CellwattError("no")
 
-    room = Room(feed, Archive(None, "weld", None, _Desk()), order)
-    page = Page(settings, Gate(settings, sessions), OneRoom(room), Assets(), browsers)
+    cell = Cell(feed, Archive(None, "weld", None, _Desk()), order)
+    page = Page(settings, Gate(settings, sessions), OneCell(cell), Assets(), browsers)
     application = page.application()
     application.freeze()
     return application, sessions.csrf(TOKEN).encode()

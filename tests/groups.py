@@ -45,7 +45,6 @@ FIRST = [
     "tests/plugins/mismatch/test_command.py",
     "tests/plugins/models/power/test_train_command.py",
     "tests/plugins/mismatch/simulators/test_mend.py",
-    "tests/plugins/mismatch/experiments/test_suggest.py",
     "tests/daemon/test_align.py",
     "tests/drivers/yaskawa/test_yaskawa_faults.py",
     "tests/plugins/mismatch/test_stage.py",

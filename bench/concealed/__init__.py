@@ -7,8 +7,8 @@ Nothing here imports the product or its dynamics library: the product runs as a 
     mechanics, sensing, supply   what acts at the joints, in the measured torque and at the meter
     setting, effects, cases      what is drawn how, and which cases a seed stands for; seal: the promise on the seed
     own, simulation              in half of the cases: a simulation that is not what the description says
-    record, files, refit         a case as files with its key; read back; refit of the nominal parameters alone
-    product, sparse, network     the answers: the product's and those of two baselines
+    record, files                a case as files with its key; a recording beside its simulation, read back
+    product                      the answers of the product
     judging, kept, runner        a case from draw to scores; each step kept, so that a stopped run goes on
     scoring, totals, page        one case against its key, all cases, tables
 """

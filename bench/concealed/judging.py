@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from concealed import kept, product
 from concealed.cases import Spec, make_case
-from concealed.files import Robot, Run, load_robot, load_run, load_runs
+from concealed.files import Run, load_run
 from concealed.product import Answer
-from concealed.refit import Refit, refit
 from concealed.scoring import Row, hold_out, predictable, residual_of, score, strength_of
 
 MOTIONS = ("planned", "recorded")
@@ -32,18 +30,16 @@ class Codes:
 
 @dataclass(frozen=True)
 class Job:
-    """One case to make and to judge; `refits` is whether the usual remedy is scored beside the methods."""
+    """One case to make and to judge."""
 
     seed: str
     index: int
     spec: Spec
     work: Path
     command: str
-    methods: tuple[str, ...]
     codes: Codes
     limit: float = product.LIMIT
     motions: tuple[str, ...] = ("planned",)
-    refits: bool = True
 
     @property
     def name(self) -> str:
@@ -64,7 +60,7 @@ class Job:
     @property
     def scored(self) -> tuple[Path, str]:
         """File and stamp of the case's scores."""
-        stamp = kept.stamp(self.answered[1], self.methods, self.motions, self.refits, self.codes.judging)
+        stamp = kept.stamp(self.answered[1], self.motions, self.codes.judging)
         return self.work / "rows" / f"{self.name}.json", stamp
 
 
@@ -92,70 +88,34 @@ def answer(job: Job) -> Answer:
 
 
 def judge(job: Job) -> Row:
-    """Make one case, let every method explain it, and score the answers."""
+    """Make one case, let the product explain it, and score its findings and its model on the sealed runs."""
     if (old := kept.read(*job.scored)) is not None:
         return dict(old)
-    key = make(job)
-    case, sealed = job.work / "dev" / job.name, job.work / "keys" / job.name
-    robot, runs = load_robot(case), load_runs(case, sealed)
-    nominal = refit(robot, runs) if job.refits else None
-    tests = {
-        r["run"]: load_run(sealed / f"{r['run']}.recording.parquet", sealed)
-        for r in key["runs"]
-        if r["split"] == "sealed"
-    }
-    plain = {name: nominal.left(run) for name, run in tests.items()} if nominal else {}
-    row: Row = {k: key[k] for k in FIELDS} | {"strength": strength_of(key), "seconds_to_make": key["seconds_to_make"]}
-    for method in job.methods:
-        start = time.monotonic()
-        if method == "explain":
-            row[method] = by_product(job, key, tests, plain)
-            continue
-        assert nominal is not None
-        model = baseline(method, robot, runs, nominal)
-        seconds = time.monotonic() - start
-        left = {name: model.left(run) for name, run in tests.items()}
-        gaps = hold_out(key, left.get, plain.get)
-        row[method] = {**score(key, model.findings, [], gaps), "seconds": round(seconds, 1), "error": None}
-    kept.keep(*job.scored, row)
-    return row
-
-
-def baseline(method: str, robot: Robot, runs: Sequence[Run], nominal: Refit) -> Any:
-    """The model of a baseline; imported here, as the product alone does without them."""
-    if method == "sparse":
-        from concealed import sparse
-
-        return sparse.explain(robot, runs)
-    from concealed import network
-
-    return network.explain(robot, runs, nominal)
-
-
-def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:
-    """Scores of the product on one case: its findings, and its model on the sealed runs."""
-    got = answer(job)
+    key, got = make(job), answer(job)
     out, sealed = job.work / "results" / job.name, job.work / "keys" / job.name
-    without: set[str] = set()
+    tests: dict[str, Run] = {}
 
     def left_of(source: str) -> Any:
         def left(name: str) -> Any:
-            predicted = product.predict(job.command, out, sealed / f"{name}.recording.parquet", source, job.limit)
+            recording = sealed / f"{name}.recording.parquet"
+            predicted = product.predict(job.command, out, recording, source, job.limit)
             if predicted is None:
                 return None
-            if not predicted.uses_simulation:
-                without.add(name)
-            return residual_of(tests[name], (predicted.torque, predicted.power))
+            if name not in tests:
+                tests[name] = load_run(recording, sealed)
+            return residual_of(tests[name], predicted)
 
         return left
 
     sources = job.motions if predictable(key) else ()
-    gaps = {source: hold_out(key, left_of(source), plain.get) for source in sources}
-    return {
+    gaps = {source: hold_out(key, left_of(source)) for source in sources}
+    row: Row = {k: key[k] for k in FIELDS} | {"strength": strength_of(key), "seconds_to_make": key["seconds_to_make"]}
+    row |= {
         **score(key, got.findings, got.unexplained, gaps.get("planned", [])),
         "hold_out_recorded": gaps.get("recorded", []),
-        "without_simulation": bool(without),
         "verdict": got.verdict,
         "seconds": round(got.seconds, 1),
         "error": got.error,
     }
+    kept.keep(*job.scored, row)
+    return row

@@ -12,20 +12,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 PRODUCT = ("daemon", "drivers", "plugins")
-JUDGES = {
-    "files",
-    "judging",
-    "kept",
-    "network",
-    "page",
-    "product",
-    "refit",
-    "runner",
-    "scoring",
-    "seal",
-    "sparse",
-    "totals",
-}
+JUDGES = {"files", "judging", "kept", "page", "product", "runner", "scoring", "seal", "totals"}
 """Modules of this benchmark that do not change how a case is made."""
 
 

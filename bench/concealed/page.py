@@ -19,9 +19,6 @@ LINES = (
     ("parameter error, median", "parameter_error_median"),
     ("gap to the best possible closed on sealed runs, median", "gap_closed_median"),
     ("the same on the motion as it was recorded", "gap_closed_recorded_median"),
-    ("the first by a refit of the nominal parameters alone", "gap_closed_by_refit_median"),
-    ("gap that such a refit leaves, closed, median", "gap_beyond_refit_median"),
-    ("channels better than that refit", "channels_better_than_refit"),
     ("channels made worse than the simulation", "channels_made_worse"),
     ("the same on the motion as it was recorded", "channels_made_worse_recorded"),
     ("channels", "channels"),
@@ -59,7 +56,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def by_simulation(first: Row) -> list[str]:
-    """The first method over all cases, over robot.yaml's law and over simulations of the user's own; then by kind."""
+    """All cases, those of robot.yaml's law and those of simulations of the user's own; then by kind."""
     columns = {"all": first, **{title: first["by_simulation"][k] for k, title in SIMULATIONS.items()}}
     whole = [["cases", *(cell(t["cases"]) for t in columns.values())]]
     whole += [[name, *(cell(t.get(key)) for t in columns.values())] for name, key in LINES]
@@ -74,14 +71,9 @@ def by_simulation(first: Row) -> list[str]:
     ]
 
 
-def markdown(result: Row, titles: dict[str, str]) -> str:
-    """Head table with all methods, then the first by simulation, level, strength and effect, then its failures."""
-    methods = result["methods"]
-    first = next(iter(methods.values()))
-    head = table(
-        ["", *(titles[m] for m in methods)],
-        [[name, *(cell(t.get(key)) for t in methods.values())] for name, key in LINES],
-    )
+def markdown(result: Row) -> str:
+    """Figures by simulation, level, strength and effect, then the failures."""
+    first = result["totals"]
     groups = [
         table([title, "F1", "exact set"], [[g, cell(x["f1"]), cell(x["exact"])] for g, x in first[key].items()])
         for title, key in (("level", "by_level"), ("strength", "by_strength"), ("robot", "by_robot"))
@@ -115,5 +107,4 @@ def markdown(result: Row, titles: dict[str, str]) -> str:
         ],
     )
     text = f"{result['cases']} cases, {result['nulls']} of them nulls."
-    first_tables = ([head] if len(methods) > 1 else []) + by_simulation(first)
-    return "\n\n".join([text, *first_tables, *groups, effects, failures])
+    return "\n\n".join([text, *by_simulation(first), *groups, effects, failures])

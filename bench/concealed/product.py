@@ -84,15 +84,6 @@ def answer(out: Path, seconds: float, error: str | None) -> Answer:
         return Answer([], [], None, seconds, error or f"findings.json: {broken!r}")
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Torque (N, n), power (N,), and whether the product could use the simulation that it was given."""
-
-    torque: Array
-    power: Array
-    uses_simulation: bool
-
-
 def motion_of(recording: Path, told: Path, source: str) -> pa.Table:
     """What is asked for: the planned motion, or the recorded positions and velocities; never torque or power."""
     seen, plan = pq.read_table(recording), pq.read_table(told)
@@ -106,11 +97,11 @@ def motion_of(recording: Path, told: Path, source: str) -> pa.Table:
 
 def predict(
     command: str, out: Path, recording: Path, source: str = "planned", limit: float = LIMIT
-) -> Prediction | None:
-    """What the product's model gives for a sealed motion, "planned" or "recorded"; it never sees the answer.
+) -> tuple[Array, Array] | None:
+    """Torque (N, n) and power (N,) of the product's model for a sealed motion, "planned" or "recorded".
 
-    It is given the user's simulation of that motion, as that writes it; a product that knows no such option goes
-    without. None where there is no prediction for every sample of the motion.
+    It is given the user's simulation of that motion, and never sees the answer. None where there is no prediction for
+    every sample of the motion.
     """
     name = recording.name.split(".")[0]
     told, own = (recording.with_name(f"{name}.{what}.parquet") for what in ("simulation", "simulator"))
@@ -119,14 +110,12 @@ def predict(
     pq.write_table(asked, motion)
     result.unlink(missing_ok=True)
     words = [*shlex.split(command), "simulate", "--model", str(out / "model.yaml")]
-    words += ["--motion", str(motion), "--out", str(result)]
-    error = call([*words, "--simulation", str(own if own.exists() else told)], limit)
-    refused = error is not None and "No such option" in error
-    if (call(words, limit) if refused else error) is not None or not result.exists():
+    words += ["--motion", str(motion), "--out", str(result), "--simulation", str(own if own.exists() else told)]
+    if call(words, limit) is not None or not result.exists():
         return None
     table = pq.read_table(result)
     if len(table) != len(asked):
         return None
     n = sum(c.startswith("tau_") for c in table.column_names)
     torque = np.stack([table[f"tau_{j + 1}"].to_numpy() for j in range(n)], axis=1).astype(float)
-    return Prediction(torque, table["power"].to_numpy().astype(float), not refused)
+    return torque, table["power"].to_numpy().astype(float)

@@ -22,8 +22,6 @@ from concealed.totals import totals
 
 OPEN = "open"
 """The seed of development runs."""
-METHODS = ("explain", "sparse", "network")
-TITLES = {"explain": "cellwatt explain", "sparse": "sparse regression", "network": "black-box network"}
 
 
 def wanted(all_specs: list[Spec], only: list[str], count: int | None) -> list[int]:
@@ -68,14 +66,13 @@ def say(line: str) -> None:
 
 
 def progress(job: Job, row: Row) -> str:
-    """One line on one case, by the first method; where it is only made, how long that took."""
+    """One line on one case; where it is only made, how long that took."""
     head = f"{job.spec.level:7s} {job.spec.simulation:5s} {row['robot']:14s}"
-    said = next((row[m] for m in METHODS if m in row), None)
-    if said is None:
+    if "exact" not in row:
         return f"{head} made in {row['seconds_to_make']:.0f} s"
-    mark = "exact" if said["exact"] else "  -  "
-    error = f" ERROR {said['error']}" if said["error"] else ""
-    return f"{head} {mark} truth {said['truth']} named {said['named']}{error}"
+    mark = "exact" if row["exact"] else "  -  "
+    error = f" ERROR {row['error']}" if row["error"] else ""
+    return f"{head} {mark} truth {row['truth']} named {row['named']}{error}"
 
 
 def run(jobs: list[Job]) -> list[Row]:
@@ -93,34 +90,20 @@ def others(jobs: list[Job]) -> int:
     return sum(job.answered[0].exists() and kept.read(*job.answered) is None for job in jobs)
 
 
-def figures(rows: list[Row], methods: tuple[str, ...]) -> Row:
-    """Everything that the benchmark states: the product's figures at the top, baselines beside them, the failures."""
-    tops = {m: totals(rows, m) for m in methods}
-    first = tops[methods[0]]
+FAILURE = ("id", "robot", "level", "strength", "ratio", "truth", "named", "unexplained", "error")
+"""What is told of a case that was not exact."""
+
+
+def figures(rows: list[Row]) -> Row:
+    """Everything that the benchmark states: the figures at the top, then the failures."""
+    every = totals(rows)
     headline = {
-        k: first[k]["value"] if isinstance(first[k], dict) else first[k]
+        k: every[k]["value"] if isinstance(every[k], dict) else every[k]
         for k in ("f1", "exact", "null_false_rate", "unknown_recall", "interval_coverage")
     }
-    failures = [
-        {
-            "id": r["id"],
-            "robot": r["robot"],
-            "simulation": r["simulation"]["kind"],
-            "level": r["level"],
-            "strength": r["strength"],
-            "ratio": r["ratio"],
-            **{k: r[methods[0]][k] for k in ("truth", "named", "unexplained", "error")},
-        }
-        for r in rows
-        if not r[methods[0]]["exact"]
-    ]
-    return {
-        "cases": len(rows),
-        "nulls": sum(r["level"] == "null" for r in rows),
-        **headline,
-        "methods": tops,
-        "failures": failures,
-    }
+    failures = [{"simulation": r["simulation"]["kind"], **{k: r[k] for k in FAILURE}} for r in rows if not r["exact"]]
+    nulls = sum(r["level"] == "null" for r in rows)
+    return {"cases": len(rows), "nulls": nulls, **headline, "totals": every, "failures": failures}
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -138,11 +121,6 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--jobs", type=int, default=2, help="cases at once: --scheduler local:N in short")
     parser.add_argument("--scheduler", metavar="PLACE", help="whose workers do the cases, as of cellwatt's commands")
-    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
-    parser.add_argument("--no-baselines", action="store_true", help="the product alone, without the refit too")
-    parser.add_argument(
-        "--law-only", action="store_true", help="all simulations compute robot.yaml's law, as in the first three runs"
-    )
     parser.add_argument("--stiff", action="store_true", help="no controller is soft, as in the first four runs")
     parser.add_argument(
         "--motions",
@@ -175,12 +153,10 @@ def arguments() -> argparse.ArgumentParser:
 
 def jobs_of(a: argparse.Namespace, seed: str, work: Path) -> list[Job]:
     """What the command line asks for."""
-    all_specs = [replace(s, simulation="law") if a.law_only else s for s in specs(seed)]
-    all_specs = [replace(s, soft=s.soft and not a.stiff) for s in all_specs]
-    methods = tuple(m for m in METHODS if m in a.methods and (m == "explain" or not a.no_baselines))
+    all_specs = [replace(s, soft=s.soft and not a.stiff) for s in specs(seed)]
     codes = Codes(kept.making(), kept.product(), kept.judging())
     return [
-        Job(seed, i, all_specs[i], work, a.command, methods, codes, a.limit, tuple(a.motions), not a.no_baselines)
+        Job(seed, i, all_specs[i], work, a.command, codes, a.limit, tuple(a.motions))
         for i in wanted(all_specs, a.only, a.cases)
     ]
 
@@ -214,11 +190,11 @@ def main() -> None:
         with show_progress(), scheduled(place(a)):
             rows = run(jobs)
     result = {"seed": seed, "salt": salt, "seed_was_committed": sealed, "code": jobs[0].codes.product if jobs else None}
-    result |= figures(rows, jobs[0].methods if jobs else METHODS)
+    result |= figures(rows)
     if a.rows:
         a.rows.write_text(json.dumps(rows, indent=1))
     if a.markdown:
-        print(markdown(result, TITLES))
+        print(markdown(result))
     else:
         print(json.dumps(result) if a.json else json.dumps(result, indent=1))
     if len(rows) < len(jobs):

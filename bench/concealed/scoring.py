@@ -101,11 +101,6 @@ def difference(name: str, value: float, true: float) -> float:
     return float((value - true + np.pi) % (2 * np.pi) - np.pi) if name == "phase" else value - true
 
 
-def rms(x: Array) -> Array:
-    """RMS along time."""
-    return np.asarray(np.sqrt(np.mean(np.square(x), axis=0)))
-
-
 def strength_of(key: Row) -> str | None:
     """Weak, medium or strong by what the plant's recordings hold: below 3, below 6, or more times the noise."""
     if not key["required"]:
@@ -118,11 +113,11 @@ def predictable(key: Row) -> bool:
     return not {e for e, _ in truth_of(key)} & NOT_PREDICTABLE
 
 
-def hold_out(key: Row, left: Residuals, plain: Residuals) -> list[Row]:
-    """Per touched channel of the sealed runs: error of simulation, refit alone, model, and best possible model.
+def hold_out(key: Row, left: Residuals) -> list[Row]:
+    """Per touched channel of the sealed runs: error of the simulation, of the model, and of the best possible model.
 
-    `left` and `plain` give residual torque (N, n) and power (N,) of a run by its name: the model's (None where it has
-    no prediction) and the refit's (None where there is none). A run without such a channel is not asked for.
+    `left` gives residual torque (N, n) and power (N,) of a run by its name, None where the model has no prediction. A
+    run without such a channel is not asked for.
     """
     rows = []
     for run in (r for r in key["runs"] if r["split"] == "sealed"):
@@ -130,37 +125,27 @@ def hold_out(key: Row, left: Residuals, plain: Residuals) -> list[Row]:
         best = np.array([*run["rmse_oracle"], run["power_rmse_oracle"]])
         if not (touched := np.flatnonzero(before >= TOUCHED * best)).size:
             continue
-        got, refitted = left(run["run"]), plain(run["run"])
+        got = left(run["run"])
         for c in map(int, touched):
-            name = f"tau_{c + 1}" if c < len(best) - 1 else "power"
-            after, usual = (None if x is None else channel_rms(x, c) for x in (got, refitted))
-            errors = channel(float(before[c]), usual, after, float(best[c]))
-            rows.append({"run": run["run"], "channel": name, **errors})
+            simulation, oracle = float(before[c]), float(best[c])
+            model = None if got is None else channel_rms(got, c)
+            rows.append(
+                {
+                    "run": run["run"],
+                    "channel": f"tau_{c + 1}" if c < len(best) - 1 else "power",
+                    "simulation": simulation,
+                    "model": model,
+                    "oracle": oracle,
+                    "gap_closed": None if model is None else (simulation - model) / (simulation - oracle),
+                }
+            )
     return rows
 
 
 def channel_rms(residual: tuple[Array, Array], c: int) -> float:
     """RMS of one joint's torque, or of the power after the last joint."""
     torque, power = residual
-    return float(rms(torque[:, c] if c < torque.shape[1] else power))
-
-
-def channel(simulation: float, refit: float | None, model: float | None, best: float) -> Row:
-    """Errors of one channel, and the shares of the gap that are closed: from the simulation, and beyond a refit."""
-
-    def closed(before: float | None, after: float | None) -> float | None:
-        return None if before is None or after is None else (before - after) / (before - best)
-
-    more = refit is not None and refit >= TOUCHED * best
-    return {
-        "simulation": simulation,
-        "refit": refit,
-        "model": model,
-        "oracle": best,
-        "gap_closed": closed(simulation, model),
-        "gap_closed_refit": closed(simulation, refit),
-        "gap_beyond_refit": closed(refit, model) if more else None,
-    }
+    return float(np.sqrt(np.mean(np.square(torque[:, c] if c < torque.shape[1] else power))))
 
 
 def residual_of(run: Run, predicted: tuple[Array, Array]) -> tuple[Array, Array]:

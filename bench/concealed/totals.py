@@ -42,60 +42,49 @@ def names(scores: list[Row]) -> Row:
     }
 
 
-def totals(rows: list[Row], method: str) -> Row:
-    """All figures of one method; `rows` have the case's fields and one score a method."""
+def totals(rows: list[Row]) -> Row:
+    """All figures of some cases, each with its fields and scores."""
     return {
-        **summary(rows, method),
+        **summary(rows),
         "by_simulation": {
-            which: summary([r for r in rows if (r["simulation"]["kind"] == "law") == (which == "law")], method)
+            which: summary([r for r in rows if (r["simulation"]["kind"] == "law") == (which == "law")])
             for which in ("law", "own")
         },
-        "by_kind": grouped(rows, method, lambda r: [r["simulation"]["kind"]], summary),
-        "by_level": grouped(rows, method, lambda r: [r["level"]]),
-        "by_strength": grouped([r for r in rows if r["strength"]], method, lambda r: [r["strength"]]),
-        "by_robot": grouped(rows, method, lambda r: [r["robot"]]),
-        "by_effect": by_effect(rows, method),
+        "by_kind": grouped(rows, lambda r: [r["simulation"]["kind"]], summary),
+        "by_level": grouped(rows, lambda r: [r["level"]]),
+        "by_strength": grouped([r for r in rows if r["strength"]], lambda r: [r["strength"]]),
+        "by_robot": grouped(rows, lambda r: [r["robot"]]),
+        "by_effect": by_effect(rows),
     }
 
 
-def summary(rows: list[Row], method: str) -> Row:
-    """The figures of one method over some cases."""
-    scores = [r[method] for r in rows]
-    nulls = [s for r, s in zip(rows, scores, strict=True) if r["level"] == "null"]
-    unknown = [s for r, s in zip(rows, scores, strict=True) if r["level"] == "unknown"]
-    gaps = [g for s in scores for g in s["hold_out"]]
-    recorded = [g for s in scores for g in s.get("hold_out_recorded", [])]
-    parameters = [p for s in scores for p in s["parameters"]]
+def summary(rows: list[Row]) -> Row:
+    """The figures over some cases."""
+    nulls = [r for r in rows if r["level"] == "null"]
+    unknown = [r for r in rows if r["level"] == "unknown"]
+    gaps = [g for r in rows for g in r["hold_out"]]
+    recorded = [g for r in rows for g in r["hold_out_recorded"]]
+    parameters = [p for r in rows for p in r["parameters"]]
     judged = [p["covered"] for p in parameters if p["covered"] is not None]
     return {
         "cases": len(rows),
-        **names(scores),
-        "exact": share(sum(s["exact"] for s in scores), len(scores)),
+        **names(rows),
+        "exact": share(sum(s["exact"] for s in rows), len(rows)),
         "null_false_rate": share(sum(s["false"] > 0 for s in nulls), len(nulls)),
         "unknown_recall": share(sum(s["missed"] == 0 for s in unknown), len(unknown)),
         "interval_coverage": share(sum(judged), len(judged)),
         "parameter_error_median": median(p["error"] for p in parameters),
-        "localisation": share(sum(s["joints_found"] for s in scores), sum(s["joints"] for s in scores)),
+        "localisation": share(sum(s["joints_found"] for s in rows), sum(s["joints"] for s in rows)),
         "gap_closed_median": median(g["gap_closed"] for g in gaps),
         "gap_closed_recorded_median": median(g["gap_closed"] for g in recorded),
-        "gap_closed_by_refit_median": median(g["gap_closed_refit"] for g in gaps),
-        "gap_beyond_refit_median": median(g["gap_beyond_refit"] for g in gaps),
         "channels": len(gaps),
         "channels_made_worse": worse(gaps),
         "channels_made_worse_recorded": worse(recorded) if recorded else None,
         "channels_without_prediction": sum(g["model"] is None for g in gaps),
-        "cases_predicted_without_simulation": sum(s.get("without_simulation", False) for s in scores),
-        "channels_better_than_refit": better(gaps),
-        "errors": sum(bool(s.get("error")) for s in scores),
-        "seconds_median": median(s.get("seconds") for s in scores),
-        "seconds_max": max((s.get("seconds") or 0.0 for s in scores), default=0.0),
+        "errors": sum(bool(s.get("error")) for s in rows),
+        "seconds_median": median(s.get("seconds") for s in rows),
+        "seconds_max": max((s.get("seconds") or 0.0 for s in rows), default=0.0),
     }
-
-
-def better(gaps: list[Row]) -> Row:
-    """Channels whose error the model brings below that of a refit, of those that were refitted."""
-    refitted = [g for g in gaps if g["refit"] is not None]
-    return share(sum(g["model"] is not None and g["model"] < g["refit"] for g in refitted), len(refitted))
 
 
 def worse(gaps: list[Row]) -> int:
@@ -103,32 +92,28 @@ def worse(gaps: list[Row]) -> int:
     return sum(g["gap_closed"] is not None and g["gap_closed"] < 0 for g in gaps)
 
 
-def found(rows: list[Row], method: str) -> Row:
+def found(rows: list[Row]) -> Row:
     """Names and exact share alone."""
-    scores = [r[method] for r in rows]
-    return {**names(scores), "exact": share(sum(s["exact"] for s in scores), len(scores))}
+    return {**names(rows), "exact": share(sum(r["exact"] for r in rows), len(rows))}
 
 
-def grouped(
-    rows: list[Row], method: str, of: Callable[[Row], list[str]], figures: Callable[[list[Row], str], Row] = found
-) -> Row:
+def grouped(rows: list[Row], of: Callable[[Row], list[str]], figures: Callable[[list[Row]], Row] = found) -> Row:
     """Figures within each group of cases."""
     groups: dict[str, list[Row]] = defaultdict(list)
     for r in rows:
         for g in of(r):
             groups[g].append(r)
-    return {g: figures(some, method) for g, some in sorted(groups.items())}
+    return {g: figures(some) for g, some in sorted(groups.items())}
 
 
-def by_effect(rows: list[Row], method: str) -> Row:
+def by_effect(rows: list[Row]) -> Row:
     """How often each effect was there, was named, and was named where it was not."""
     there: dict[str, int] = defaultdict(int)
     hit: dict[str, int] = defaultdict(int)
     wrong: dict[str, int] = defaultdict(int)
     gaps: dict[str, list[float | None]] = defaultdict(list)
     errors: dict[str, list[float]] = defaultdict(list)
-    for r in rows:
-        s = r[method]
+    for s in rows:
         for pair in s["truth"]:
             there[pair.split("@")[0]] += 1
             hit[pair.split("@")[0]] += pair in s["named"]

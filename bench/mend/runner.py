@@ -17,7 +17,6 @@ from mend import judge
 from mend.arms import CASES, Case, Drawn, draw
 from mend.numbers import off
 from mend.page import markdown
-from mend.picture import picture
 
 
 def product(drawn: Drawn, command: str) -> dict[str, Any]:
@@ -80,7 +79,6 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print all figures instead of the page's tables")
     parser.add_argument("--work", type=Path, help="folder to keep the cases in")
     parser.add_argument("--only", nargs="+", choices=[c.name for c in CASES], help="only these arms")
-    parser.add_argument("--pictures", type=Path, help="folder for mended.svg")
     parser.add_argument("--command", default=default_command(), help="how to call cellwatt")
     parser.add_argument("--no-peer", action="store_true", help="leave out mujoco.sysid")
     words = parser.parse_args()
@@ -88,6 +86,4 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         work = words.work or Path(scratch)
         figures = {c.name: measure(c, work, words.command, not words.no_peer) for c in chosen}
-    if words.pictures:
-        (words.pictures / "mended.svg").write_text(picture(figures))
     print(json.dumps(figures) if words.json else markdown(figures))

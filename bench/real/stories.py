@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cellwatt_plugins.robot import Body
-from real import kr300, kuka, panda, ur10e
+from real import kr300, ur10e
 from real.calibrate import calibrated_gains
-from real.describe import Drives, nothing, with_links, write_robot
+from real.describe import Drives, with_links, write_robot
 from real.identify import Identified, Prepared, carried_mass, identify
 from real.product import Explained, explain
 from real.recording import Float, Recording
@@ -53,48 +53,6 @@ def payload(data: Path, work: Path) -> Figures:
         folder = robots[name].parent
         said = explain([ur10e.moving(data, recording).save(folder)], robots[name], folder / recording)
         out[f"{name}/{recording}"] = {"payload": _mass(said, ur10e.PAYLOAD), **said.summary()}
-    return out
-
-
-def friction(data: Path, work: Path) -> Figures:
-    """UR10e with two friction terms taken out of its description, which was identified on other recordings."""
-    body = _ur10e_body(data)
-    gain = ur10e.controller_gains(data)
-    known = identify([ur10e.read(data, name) for name in ur10e.NO_LOAD], body, gain, ur10e.GEAR)
-    coulomb, viscous = known.drives.coulomb.copy(), known.drives.viscous.copy()
-    coulomb[1] = viscous[3] = 0.0
-    left_out = {
-        "coulomb_friction@2": float(known.drives.coulomb[1]),
-        "viscous_friction@4": float(known.drives.viscous[3]),
-    }
-    folder = work / "friction"
-    robot = _ur10e_robot(data, folder, known, replace(known.drives, coulomb=coulomb, viscous=viscous))
-    path = ur10e.moving(data, ur10e.UNSEEN_NO_LOAD).save(folder)
-    said = explain([path], robot, folder / "out")
-    return {"left_out": left_out, **said.summary()}
-
-
-def lwr(data: Path, work: Path) -> Figures:
-    """KUKA LWR4: the model that was there before its identification, and the one after."""
-    out: Figures = {"repeat_noise": _rounded(kuka.repeat_noise(data))}
-    for model in kuka.MODELS:
-        folder = work / "lwr" / model
-        robot = write_robot(folder, f"kuka_lwr4_{model}", kuka.JOINTS, kuka.urdf(data, model), nothing(7), 200.0)
-        paths = [kuka.read(data, run).save(folder) for run in kuka.RUNS]
-        out[model] = explain(paths, robot, folder / "out").summary()
-    return out
-
-
-def franka(data: Path, work: Path) -> Figures:
-    """Panda: the published model without and with the published friction."""
-    recording = panda.read(data)
-    zero = np.zeros(7)
-    out: Figures = {}
-    for name, coulomb in {"without_friction": zero, "with_friction": panda.FRICTION}.items():
-        folder = work / "franka" / name
-        robot = write_robot(folder, "panda", panda.JOINTS, panda.urdf(), Drives(coulomb, zero, zero, zero), 1000.0)
-        paths = [part.save(folder) for part in _halves(recording)]
-        out[name] = explain(paths, robot, folder / "out").summary()
     return out
 
 
@@ -146,10 +104,7 @@ def balancer(data: Path, work: Path) -> Figures:
 
 STORIES: Mapping[str, tuple[str, Callable[[Path, Path], Figures]]] = {
     "payload": (ur10e.FOLDER, payload),
-    "friction": (ur10e.FOLDER, friction),
     "warm": (ur10e.FOLDER, warm),
-    "lwr": (kuka.FOLDER, lwr),
-    "franka": (panda.FOLDER, franka),
     "balancer": (kr300.FOLDER, balancer),
 }
 """The folder that a story needs, and the story."""
@@ -178,13 +133,6 @@ def _ur10e_body(data: Path) -> Body:
 def _ur10e_robot(data: Path, folder: Path, known: Identified, drives: Drives) -> Path:
     urdf = with_links((data / ur10e.FOLDER / "ur10e.urdf").read_text(), ur10e.JOINTS, known.links)
     return write_robot(folder, "ur10e", ur10e.JOINTS, urdf, drives, 100.0)
-
-
-def _halves(recording: Recording) -> Sequence[Recording]:
-    """The only run as two, so that one can be held out."""
-    middle = float(recording.time[-1]) / 2
-    parts = recording.between(0.0, middle), recording.between(middle, 2 * middle)
-    return [replace(part, name=f"half_{i}", time=part.time - part.time[0]) for i, part in enumerate(parts, start=1)]
 
 
 def _mass(said: Explained, true: float) -> Figures | None:

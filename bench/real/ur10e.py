@@ -29,7 +29,6 @@ PAYLOAD = 2.805
 NO_LOAD = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_12-50sec_12harm")
 LOAD = "ur-20_02_19_14harm50secLoad"
 OTHER_LOAD = "ur-20_02_19_15harm50secLoad"
-OTHER_NO_LOAD = "ur-20_02_19_15harm50sec"
 """The motion of ``OTHER_LOAD`` with nothing at the flange."""
 UNSEEN_NO_LOAD = "ur-20_02_10-30sec_12harm"
 COLD = "ur-20_02_12-40sec_12harm"

@@ -18,9 +18,9 @@ from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.outlets.notify.channels import Channel, cleaned
 from cellwatt.outlets.notify.courier import channel_to
 from cellwatt.outlets.notify.quiet import zone_of
+from cellwatt.outlets.notify.rules import Message
 from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About
-from cellwatt.outlets.notify.told import Message
 
 PATIENCE = 8.0
 """Longest time, s, for one recipient, unless the settings allow less."""

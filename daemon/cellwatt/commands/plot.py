@@ -43,7 +43,7 @@ def command(
 
         page = tables_page.report(recording, start, end, channels)
     else:
-        from cellwatt.runtime.page import report
+        from cellwatt.runtime.plotted import report
 
         opened = open_recording(recording)
         page = report(opened, start, end, channels, recorded_units(opened.header.settings, units))

@@ -135,7 +135,7 @@ def _run(
     verify: Path | None,
     seconds: float | None,
 ) -> None:
-    from cellwatt.outlets.page.viewing import view
+    from cellwatt.outlets.page.serving import view
 
     for warning in settings.warnings():
         click.echo(f"warning: {warning}", err=True)

@@ -13,8 +13,7 @@ import click
 from cellwatt.commands.cell_link import Where, cell_options
 from cellwatt.commands.options import SECONDS
 from cellwatt.errors import OutletError
-from cellwatt.live.as_json import line_of
-from cellwatt.live.bulletin import Bulletin
+from cellwatt.live.bulletin import Bulletin, line_of
 from cellwatt.live.site import line, summary
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.reach import await_cell, site_health

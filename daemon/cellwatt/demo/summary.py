@@ -127,7 +127,8 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen, kept: float) -> di
     stalled = min(status["missed"].get(HOST, 0) + while_kept, missed)
     lost = missed + sum(status["dropped"].values()) - stalled
     counts = ("expected", "received", "missed", "dropped", "residue")
-    return {k: status[k] for k in counts} | {"lost": lost, "host_stalled": stalled, "streams": streams}
+    own = {"lost": lost, "host_stalled": stalled, "kept_s": round(kept, 3), "streams": streams}
+    return {k: status[k] for k in counts} | own
 
 
 def _bound(status: Mapping[str, Any], stream: str) -> float | None:
@@ -141,7 +142,10 @@ def _source_problems(name: str, source: Mapping[str, Any]) -> list[str]:
     if source["lost"] or source["residue"]:
         problems.append(f"{name}: {source['lost']} samples lost, {source['residue']} not accounted for")
     for stream, s in source["streams"].items():
-        tolerance = RATE_TOLERANCE + source["host_stalled"] / max(s["samples"], 1)
-        if s["nominal_hz"] and (s["rate_hz"] is None or abs(s["rate_hz"] / s["nominal_hz"] - 1) > tolerance):
+        if not s["nominal_hz"]:
+            continue
+        displaced = source["host_stalled"] + source["kept_s"] * s["nominal_hz"]
+        tolerance = RATE_TOLERANCE + displaced / max(s["samples"], 1)
+        if s["rate_hz"] is None or abs(s["rate_hz"] / s["nominal_hz"] - 1) > tolerance:
             problems.append(f"{name}/{stream}: {s['rate_hz']} Hz instead of {s['nominal_hz']} Hz")
     return problems

@@ -5,14 +5,17 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
+
+import numpy as np
 
 from cellwatt.driver import SourceSettings
 from cellwatt.emulation.faults import Fault, FaultKind, Injector
 from cellwatt.emulation.options import Options
 from cellwatt.emulation.signals import Signals
+from cellwatt.ticker import Ticker
 
 
 class Emulator(ABC):
@@ -113,8 +116,34 @@ class Emulator(ABC):
         self.injector.inject(fault, time.monotonic())
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Change the emulated world. Raises ``ValueError`` for a change that it does not know."""
-        self.signals.disturb(change)
+        """Make changes of the device itself, or of the emulated world. Raises ``ValueError`` for an unknown one."""
+        own = [kind for kind in self.changes if kind in change]
+        for kind in own:
+            self.change(kind, change[kind])
+        if not own:
+            self.signals.disturb(change)
+
+    def change(self, kind: str, value: float | str) -> None:
+        """Make one of ``changes``."""
+        raise NotImplementedError(kind)
+
+    @property
+    def elapsed(self) -> float:
+        """Time of the signals' world, s."""
+        return time.time() - self.epoch
+
+    def world(self) -> dict[str, float]:
+        """The signals as they are now."""
+        return {name: float(values[0]) for name, values in self.signals.at(np.array([self.elapsed])).items()}
+
+    async def cycles(self, rate: float) -> AsyncIterator[tuple[int, int]]:
+        """Cycles of a device at ``rate`` Hz: the number of each since the epoch, and how many more are due with it."""
+        number = round(self.elapsed * rate)
+        async with Ticker(rate) as ticker:
+            async for beat in ticker:
+                for behind in range(beat.merged, -1, -1):
+                    yield number, behind
+                    number += 1
 
     @property
     def counts(self) -> Mapping[str, int]:

@@ -52,33 +52,6 @@ WORLD: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 """Changes of the world that all devices of a cell share, and their keys; the first one must be there."""
 
-MEANING: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "spring": "hooked on a joint: torque, current and power follow",
-        "encoder": "reads `offset` more than it should",
-        "loss": "a frame or answer is not sent",
-        "half_frame": "it is cut off",
-        "garbage": "random bytes go ahead of it, or in its place",
-        "duplicate": "it is sent twice",
-        "reorder": "it is held back until after the next",
-        "delay": "it is late by `seconds`",
-        "stall": "nothing leaves for `seconds`, then all of it",
-        "disconnect": "the device is gone for `seconds`",
-        "clock_jump": "the device's clock is set on by `seconds`",
-        "reboot": "gone for `seconds`, then timestamps from 0",
-        "message": "a text message of the controller",
-        "motors": "the controller says motors `on` or `off`",
-        "program": "the controller says that its program is `on` or `off`",
-        "session": "packets are numbered from 0 again",
-        "mode": "the robot's mode, as the vendor numbers it",
-        "state": "the arm's state, as the vendor numbers it",
-        "error": "an error of the robot: 1, or 0 for none",
-        "fault_flags": "the arm's fault flags, as the vendor numbers them",
-        "warning_flags": "the arm's warning flags, as the vendor numbers them",
-    }
-)
-"""What the kinds of faults do, for people."""
-
 _LATE: Final = frozenset({"delay", "stall", "disconnect", "clock_jump"})
 _SOURCE = re.compile(r"([\w.,-]+)/(.*)", re.DOTALL)
 

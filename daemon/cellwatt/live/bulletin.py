@@ -1,19 +1,64 @@
-"""A live cell as plain lines, for a log: what changed, and now and then how it stands."""
+"""A live cell as lines: each message as JSON, or plain lines for a log: what changed, now and then how it stands."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, is_dataclass
 from datetime import UTC, datetime
+from math import isfinite
 from typing import Any, Final
 
 from cellwatt.alarms import Standing
-from cellwatt.live.as_json import line_of
+from cellwatt.batch import Batch
+from cellwatt.frames import Frames
+from cellwatt.live.site import stands, summary
 from cellwatt.live.state import LiveCell
-from cellwatt.subscriber import Message
+from cellwatt.subscriber import Gap, Health, Message
 
 EVERY: Final = 10.0
 """s between two lines of how the cell stands."""
+
+
+def line_of(message: Message) -> dict[str, Any]:
+    """Message as a JSON-ready object, with the time of receipt, UTC ns.
+
+    Blocks are summarised as count and time span; measured power in frames is kept, to be compared with predictions.
+    """
+    kind, body = _kind_and_body(message)
+    return {
+        "kind": kind,
+        "topic": message.topic,
+        "session": message.session,
+        "sequence": message.sequence,
+        "backfilled": message.backfilled,
+        "received": time.time_ns(),
+        "content": body,
+    }
+
+
+def _kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:
+    kind = message.topic.split("/", 1)[0]
+    content = message.content
+    if isinstance(content, Batch | Frames):
+        block = {"count": len(content), "start": int(content.time[0]), "end": int(content.time[-1])}
+        return kind, block | (_power(content) if isinstance(content, Frames) else {})
+    if isinstance(content, Health):
+        return kind, dict(content.status)
+    if isinstance(content, Gap):
+        return "gap", asdict(content)
+    assert is_dataclass(content) and not isinstance(content, type)
+    return kind, asdict(content)
+
+
+def _power(frames: Frames) -> dict[str, Any]:
+    """Power in frames: ``time`` ns and ``power`` W by channel, ``None`` where missing; empty without power channels."""
+    power = {
+        channel.name: [value if isfinite(value) else None for value in values.tolist()]
+        for channel, values in zip(frames.layout.channels, frames.values.T, strict=True)
+        if channel.unit == "W"
+    }
+    return {"time": frames.time.tolist(), "power": power} if power else {}
 
 
 class Bulletin:
@@ -102,16 +147,10 @@ def _said(kind: str, content: Mapping[str, Any]) -> str:
 
 
 def _standing(cell: LiveCell) -> str:
-    status = cell.status
-    sources = status["sources"].values()
-    lost = sum(sum(s["missed"].values()) + sum(s["dropped"].values()) for s in sources)
-    well = sum(s["state"] == "ok" for s in sources)
-    up = len(cell.alarms.up)
+    status, up = cell.status, len(cell.alarms.up)
+    told = summary(f"{status['site']}/{status['cell']}", Health(0, 0, {}, status))
     alarms = f"{up} alarm{'s' * (up != 1)}" if up else "no alarm"
-    return (
-        f"{status['site']}/{status['cell']} is {cell.state}: {well} of {len(sources)} sources ok, "
-        f"{sum(s['received'] for s in sources)} samples received, {lost} lost, {alarms}"
-    )
+    return f"{stands({**told, 'state': cell.state})}, {alarms}"
 
 
 def _seconds(span: Mapping[str, Any]) -> str:

@@ -25,13 +25,18 @@ def summary(name: str, health: Health | None) -> dict[str, Any]:
     }
 
 
+def stands(told: Mapping[str, Any]) -> str:
+    """The state and counts of a cell's ``summary`` in words."""
+    return (
+        f"{told['cell']} is {told['state']}: {told['sources_ok']} of {told['sources']} sources ok, "
+        f"{told['received']} samples received, {told['lost']} lost"
+    )
+
+
 def line(told: Mapping[str, Any]) -> str:
     """A cell's ``summary`` as a line, with the gravest of its active alarms."""
     if told["state"] is None:
         return f"{told['cell']}: heard, does not answer"
     grave = max(told["alarms"], key=lambda alarm: SEVERITIES.index(alarm["severity"]), default=None)
     alarms = "no alarm" if grave is None else f"{len(told['alarms'])} alarms, {grave['severity']}: {grave['statement']}"
-    return (
-        f"{told['cell']} is {told['state']}: {told['sources_ok']} of {told['sources']} sources ok, "
-        f"{told['received']} samples received, {told['lost']} lost, {alarms}"
-    )
+    return f"{stands(told)}, {alarms}"

@@ -13,7 +13,7 @@ import numpy as np
 from cellwatt.alarms import RESTARTED, AlarmBook, Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
-from cellwatt.live.history import History
+from cellwatt.live.last_minute import LastMinute
 from cellwatt.results import Event
 from cellwatt.subscriber import Gap, Health, Message
 
@@ -46,8 +46,8 @@ class LiveCell:
     intervals: deque[Body] = field(default_factory=lambda: deque(maxlen=32))
     task: Body | None = None
     energies: dict[str, deque[Body]] = field(default_factory=dict)
-    frames: History = field(default_factory=History)
-    predicted: dict[str, History] = field(default_factory=dict)
+    frames: LastMinute = field(default_factory=LastMinute)
+    predicted: dict[str, LastMinute] = field(default_factory=dict)
     lost: int = 0
     """Samples and results that were lost for ever on the way to us."""
     heard: float | None = None
@@ -142,6 +142,6 @@ class LiveCell:
         names = tuple(body["outputs"])
         values = np.array([[np.nan if v is None else v for v in body["outputs"][name]] for name in names]).T
         units = [body["units"][name] for name in names]
-        self.predicted.setdefault(body["model"], History()).add(
+        self.predicted.setdefault(body["model"], LastMinute()).add(
             np.array(body["time"], np.int64), names, units, values.reshape(len(body["time"]), len(names))
         )

@@ -9,7 +9,7 @@ from html import escape
 
 from cellwatt.report.blocks import Html
 from cellwatt.report.drawing import plain
-from cellwatt.report.figure import Axis, Figure, Json, Panel
+from cellwatt.report.figure import Figure, Json, Panel
 
 WIDTH = 1070
 """Pixels of a figure."""
@@ -18,6 +18,8 @@ _GAP, _TITLE, _FOOT = 14, 20, 40
 _LINE = 15
 """Height of a line of the legend, pixels."""
 _DASHES = {"dot": "2 3", "dash": "6 4"}
+
+Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,10 @@ class Drawn:
         """Its markup; names of traces and notes are escaped already."""
         panels = [row[0] for row in self.figure.rows]
         left, right = self.figure.sides
-        inner = WIDTH - left - right
-        top, parts = 4.0, []
-        for number, (panel, height) in enumerate(zip(panels, self.figure.heights, strict=True)):
+        top, parts = 4.0, list[str]()
+        for number, (panel, height) in enumerate(zip(panels, self.figure.heights, strict=True), 1):
             top += _TITLE * bool(panel.title)
-            last = number == len(panels) - 1
-            parts.append(_Frame(left, top, inner, height, panel).svg(last))
+            parts += _panel(panel, (left, WIDTH - right), (top, top + height), last=number == len(panels))
             top += height + _GAP
         size = f'viewBox="0 0 {WIDTH} {top + _FOOT:.0f}" width="100%"'
         style = "font-family:inherit;font-size:12px;fill:currentColor"
@@ -43,140 +43,85 @@ class Drawn:
         return Html(f"<div class=wide>{head}{''.join(parts)}</svg></div>")
 
 
-class _Frame:
-    """One panel and its place, pixels."""
+def _panel(panel: Panel, wide: Span, high: Span, *, last: bool) -> Iterator[str]:
+    """One panel between pixels; the last one names the axis."""
+    (left, right), (top, bottom) = wide, high
+    lines = [_points(trace) for trace in panel.traces]
+    x = panel.x.span or _padded([at for points in lines for at, _ in points], 0.0)
+    y = panel.y.span or _padded([up for points in lines for _, up in points if up is not None], 0.06)
 
-    def __init__(self, left: float, top: float, width: float, height: float, panel: Panel) -> None:
-        self._left, self._top, self._width, self._height, self._panel = left, top, width, height, panel
-        self._lines = [(trace, _points(trace)) for trace in panel.traces]
-        xs = [x for _, points in self._lines for x, _ in points]
-        ys = [y for _, points in self._lines for _, y in points if y is not None]
-        self._x = panel.x.span or _padded(xs, 0.0)
-        self._y = panel.y.span or _padded(ys, 0.06)
+    def at(value: float) -> float:
+        return left + (right - left) * (value - x[0]) / (x[1] - x[0])
 
-    def svg(self, last: bool) -> str:
-        """Markup; the last panel names the axis."""
-        clip = f"clip-{self._left:.0f}-{self._top:.0f}"
-        box = f'x="{self._left:.0f}" y="{self._top:.0f}" width="{self._width:.0f}" height="{self._height:.0f}"'
-        within = "".join([*map(self._mark, self._marks("text", False)), *self._curves()])
-        return "".join(
-            [
-                f'<clipPath id="{clip}"><rect {box}/></clipPath>',
-                *self._grid(self._panel.x if last else None),
-                f'<g clip-path="url(#{clip})">{within}</g>',
-                *(self._text(mark) for mark in self._marks("text", True)),
-                *self._legend(),
-                self._words(escape(self._panel.title), self._left, self._top - 6, weight="600")
-                if self._panel.title
-                else "",
-            ]
-        )
+    def up(value: float, span: Span = y) -> float:
+        return bottom - (bottom - top) * (value - span[0]) / (span[1] - span[0])
 
-    def _marks(self, key: str, there: bool) -> list[Json]:
-        return [mark for mark in self._panel.marks if (key in mark) == there]
-
-    def _at(self, x: float) -> float:
-        return self._left + self._width * (x - self._x[0]) / (self._x[1] - self._x[0])
-
-    def _up(self, y: float) -> float:
-        return self._top + self._height * (1 - (y - self._y[0]) / (self._y[1] - self._y[0]))
-
-    def _share(self, y: float) -> float:
-        return self._top + self._height * (1 - y)
-
-    def _grid(self, named: Axis | None) -> Iterator[str]:
-        line = 'stroke="currentColor" stroke-opacity="0.15"'
-        right, bottom = self._left + self._width, self._top + self._height
-        for value, text in _ticks(*self._y, 4):
-            y = self._up(value)
-            yield f'<line x1="{self._left:.0f}" x2="{right:.0f}" y1="{y:.1f}" y2="{y:.1f}" {line}/>'
-            yield self._words(text, self._left - 6, y + 4, anchor="end")
-        for value, text in _ticks(*self._x, 10):
-            x = self._at(value)
-            yield f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{self._top:.0f}" y2="{bottom:.0f}" {line}/>'
-            if named is not None:
-                yield self._words(text, x, bottom + 16, anchor="middle")
-        if named is not None:
-            yield self._words(escape(named.title), self._left + self._width / 2, bottom + 34, anchor="middle")
-
-    def _curves(self) -> Iterator[str]:
-        for trace, points in self._lines:
-            style = trace["line"]
-            path = _path([(self._at(x), None if y is None else self._up(y)) for x, y in points])
-            yield (
-                f'<path d="{path}" fill="none" stroke="{style["color"]}" stroke-width="{style["width"]}"'
-                f"{_dashed(style)}/>"
-            )
-
-    def _mark(self, mark: Json) -> str:
-        x = sorted((self._at(mark["x0"]), self._at(mark["x1"])))
-        y = sorted((self._share(mark["y0"]), self._share(mark["y1"])))
+    grid = 'stroke="currentColor" stroke-opacity="0.15"'
+    box = f'x="{left}" y="{top:.0f}" width="{right - left}" height="{bottom - top:.0f}"'
+    if panel.title:
+        yield _words(escape(panel.title), left, top - 6, 'font-weight="600"')
+    for value, text in _ticks(*y, 4):
+        yield _line((left, right), (up(value), up(value)), grid)
+        yield _words(text, left - 6, up(value) + 4, 'text-anchor="end"')
+    for value, text in _ticks(*x, 10):
+        yield _line((at(value), at(value)), (top, bottom), grid)
+        if last:
+            yield _words(text, at(value), bottom + 16, 'text-anchor="middle"')
+    if last:
+        yield _words(escape(panel.x.title), (left + right) / 2, bottom + 34, 'text-anchor="middle"')
+    yield f'<clipPath id="clip-{top:.0f}"><rect {box}/></clipPath><g clip-path="url(#clip-{top:.0f})">'
+    for mark in (mark for mark in panel.marks if "text" not in mark):
+        ends, height = (at(mark["x0"]), at(mark["x1"])), (up(mark["y1"], (0, 1)), up(mark["y0"], (0, 1)))
         if mark["type"] == "line":
-            style = mark["line"]
-            return (
-                f'<line x1="{x[0]:.1f}" x2="{x[1]:.1f}" y1="{y[0]:.1f}" y2="{y[1]:.1f}" stroke="{style["color"]}"'
-                f' stroke-width="{style["width"]}"{_dashed(style)}/>'
-            )
-        return (
-            f'<rect x="{x[0]:.1f}" y="{y[0]:.1f}" width="{x[1] - x[0]:.1f}" height="{y[1] - y[0]:.1f}"'
-            f' fill="{mark["fillcolor"]}" opacity="{mark["opacity"]}"/>'
-        )
+            yield _line(ends, height, _stroke(mark["line"]))
+        else:
+            place = f'x="{ends[0]:.1f}" y="{height[0]:.1f}" width="{ends[1] - ends[0]:.1f}"'
+            shade = f'height="{height[1] - height[0]:.1f}" fill="{mark["fillcolor"]}" opacity="{mark["opacity"]}"'
+            yield f"<rect {place} {shade}/>"
+    for trace, points in zip(panel.traces, lines, strict=True):
+        path = _path([(at(place), None if value is None else up(value)) for place, value in points])
+        yield f'<path d="{path}" fill="none" {_stroke(trace["line"])}/>'
+    yield "</g>"
+    for mark in (mark for mark in panel.marks if "text" in mark and x[0] <= mark["x"] <= x[1]):
+        style = f'text-anchor="middle" font-size="10" fill="{mark["font"].get("color", "currentColor")}"'
+        yield _words(mark["text"], at(mark["x"]), up(mark["y"], (0, 1)), style)
+    for row, trace in enumerate(panel.traces[: max(int((bottom - top) / _LINE), 1)]):
+        place_y = top + 10 + _LINE * row
+        colour = trace["line"]["color"]
+        yield f'<rect x="{right + 10}" y="{place_y - 6:.0f}" width="14" height="3" fill="{colour}"/>'
+        yield _words(trace["name"], right + 29, place_y, 'font-size="10"')
 
-    def _text(self, mark: Json) -> str:
-        x = self._at(mark["x"])
-        if not self._left <= x <= self._left + self._width:
-            return ""
-        colour = mark["font"].get("color", "currentColor")
-        return self._words(mark["text"], x, self._share(mark["y"]), anchor="middle", colour=colour, size=10)
 
-    def _legend(self) -> Iterator[str]:
-        x = self._left + self._width + 10
-        fits = max(int(self._height / _LINE), 1)
-        for row, (trace, _) in enumerate(self._lines[:fits]):
-            y = self._top + 10 + _LINE * row
-            yield f'<rect x="{x:.0f}" y="{y - 6:.0f}" width="14" height="3" fill="{trace["line"]["color"]}"/>'
-            yield self._words(trace["name"], x + 19, y, size=10)
+def _words(text: str, x: float, y: float, style: str) -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{text}</text>'
 
-    def _words(
-        self,
-        text: str,
-        x: float,
-        y: float,
-        *,
-        anchor: str = "start",
-        weight: str = "400",
-        colour: str = "",
-        size: int = 12,
-    ) -> str:
-        fill = f' fill="{colour}"' if colour else ""
-        style = f'text-anchor="{anchor}" font-weight="{weight}" font-size="{size}"{fill}'
-        return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{text}</text>'
+
+def _line(x: Span, y: Span, style: str) -> str:
+    return f'<line x1="{x[0]:.1f}" x2="{x[1]:.1f}" y1="{y[0]:.1f}" y2="{y[1]:.1f}" {style}/>'
+
+
+def _stroke(style: Json) -> str:
+    dashes = f' stroke-dasharray="{_DASHES[style["dash"]]}"' if style.get("dash") in _DASHES else ""
+    return f'stroke="{style["color"]}" stroke-width="{style["width"]}"{dashes}'
 
 
 def _points(trace: Json) -> list[tuple[float, float | None]]:
     """The places of a line; ``None`` is a gap."""
     y: Sequence[float | None] = trace["y"]
-    if "x" in trace:
-        return list(zip(trace["x"], y, strict=True))
-    return [(trace["x0"] + trace["dx"] * i, value) for i, value in enumerate(y)]
+    x = trace["x"] if "x" in trace else (trace["x0"] + trace["dx"] * i for i in range(len(y)))
+    return list(zip(x, y, strict=True))
 
 
 def _path(points: Sequence[tuple[float, float | None]]) -> str:
     out, pen = [], "M"
     for x, y in points:
-        if y is None:
-            pen = "M"
-            continue
-        out.append(f"{pen}{x:.1f} {y:.1f}")
-        pen = "L"
+        if y is not None:
+            out.append(f"{pen}{x:.1f} {y:.1f}")
+        pen = "M" if y is None else "L"
     return "".join(out)
 
 
-def _dashed(style: Json) -> str:
-    return f' stroke-dasharray="{_DASHES[style["dash"]]}"' if style.get("dash") in _DASHES else ""
-
-
-def _padded(values: Sequence[float], share: float) -> tuple[float, float]:
+def _padded(values: Sequence[float], share: float) -> Span:
     """Ends of an axis for these values."""
     low, high = min(values, default=0.0), max(values, default=1.0)
     room = (high - low) * share or max(abs(high), 1e-9) * 0.1 * (high == low)

@@ -91,7 +91,7 @@ class Folder:
         _check_name(member.name, member.role)
         if member.name in self.members or (self.path / member.name).exists():
             raise ConfigError(f"there is a member {member.name!r} already; remove it first, or choose another name")
-        if unknown := [c for c in member.cells if self.role_of(c) != "cell"]:
+        if unknown := [c for c in member.cells if c not in [cell.name for cell in self.cells]]:
             raise ConfigError(f"no cell {', '.join(unknown)} here; add it first: cellwatt secure cell NAME")
         if member.role == "router" and self.router is not None:
             raise ConfigError(f"{self.router.name} is the router of this site already; one is written for")
@@ -149,10 +149,6 @@ class Folder:
     def cells(self) -> list[Member]:
         """All cells."""
         return [m for m in self.members.values() if m.role == "cell"]
-
-    def role_of(self, name: str) -> Role | None:
-        """Role of a member; ``None`` if nobody has that name."""
-        return self.members[name].role if name in self.members else None
 
     def end_of(self, name: str) -> datetime:
         """Expiry of a member's certificate."""

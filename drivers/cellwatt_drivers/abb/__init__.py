@@ -1,5 +1,6 @@
 """ABB robots over Externally Guided Motion and Robot Web Services."""
 
-from cellwatt_drivers.abb.driver import AbbDriver, AbbSettings
+from cellwatt_drivers.abb.driver import AbbDriver
+from cellwatt_drivers.abb.settings import AbbSettings
 
 __all__ = ["AbbDriver", "AbbSettings"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Literal
 
 import numpy as np
 
@@ -13,11 +12,10 @@ from cellwatt.driver import Identity, Inlet
 from cellwatt.errors import DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.slots import Slots
 from cellwatt_drivers.abb import rws
-from cellwatt_drivers.abb.rws import Energy, RobotWare
+from cellwatt_drivers.abb.rws import Energy
+from cellwatt_drivers.abb.settings import AbbSettings
 from cellwatt_drivers.abb.web import Web
 from cellwatt_drivers.shared.polling import deliver
-
-Page = Literal["state", "energy"]
 
 STATE_CHANNELS = tuple(
     Channel(f"controller.{name}", "1", "discrete")
@@ -46,33 +44,27 @@ def energy_stream(axes: int) -> Stream:
 
 
 class Controller:
-    """Polls a controller's pages ``rate`` times a second.
+    """Polls the pages of a controller, as far as its settings want them.
 
-    A poll reads the pages of both streams one after the other. Energy, that of the mechanical ``unit``, is handed over
-    when the controller has made a new measurement; ``joule`` is J per unit of its figures.
+    A poll reads the pages of both streams one after the other. Energy is handed over when the controller has made a new
+    measurement. ``taken`` counts polls.
     """
 
-    def __init__(
-        self,
-        inlet: Inlet,
-        rate: float,
-        state: Stream | None,
-        energy: Stream | None,
-        robotware: RobotWare,
-        unit: str,
-        joule: float,
-    ) -> None:
+    def __init__(self, inlet: Inlet, settings: AbbSettings) -> None:
+        self.taken = 0
         self._inlet = inlet
-        self._state = state
-        self._energy = energy
-        self._robotware: RobotWare = robotware
-        self._unit = unit
-        self._joule = joule
+        self._settings = settings
+        self._state = state_stream(settings.web_rate) if "state" in settings.web else None
+        self._energy = energy_stream(settings.axes) if "energy" in settings.web else None
         self._count: int | None = None
         self._valid = True
         self._before: dict[str, str] = {}
-        self._slots = Slots(rate, self._miss_slots)
-        self.taken = 0
+        self._slots = Slots(settings.web_rate, self._miss_slots)
+
+    @property
+    def streams(self) -> list[Stream]:
+        """``controller`` and ``energy``, as far as they are read."""
+        return [stream for stream in (self._state, self._energy) if stream is not None]
 
     async def identify(self, web: Web) -> Identity:
         """Name and version of the system."""
@@ -81,7 +73,7 @@ class Controller:
             values = {**item.values, **values}
         return Identity(
             "ABB",
-            {6: "IRC5", 7: "OmniCore"}[self._robotware],
+            {6: "IRC5", 7: "OmniCore"}[self._settings.robotware],
             serial=values.get("sysid", ""),
             firmware=f"RobotWare {values.get('rwversion', 'unknown')}",
             notes={"system": values["name"]} if "name" in values else {},
@@ -106,7 +98,7 @@ class Controller:
         asked, since = self._inlet.now(), time.monotonic_ns()
         try:
             words = {
-                "controller": rws.value(await web.get(rws.CONTROLLER[self._robotware]), "ctrlstate"),
+                "controller": rws.value(await web.get(rws.CONTROLLER[self._settings.robotware]), "ctrlstate"),
                 "program": rws.value(await web.get(rws.EXECUTION), "ctrlexecstate"),
                 "mode": rws.value(await web.get(rws.MODE), "opmode"),
             }
@@ -139,7 +131,7 @@ class Controller:
 
     async def _read_energy(self, web: Web, stream: Stream) -> None:
         asked, since = self._inlet.now(), time.monotonic_ns()
-        found = rws.energy(await web.get(rws.ENERGY), self._unit)
+        found = rws.energy(await web.get(rws.ENERGY), self._settings.mechanical_unit)
         if found.count == self._count:
             return
         if self._count is not None and found.count > self._count + 1:
@@ -148,7 +140,9 @@ class Controller:
         self._tell({"energy": found.state})
         joints = len(stream.channels) - 3
         if len(found.joints) < joints:
-            raise ProtocolError(f"the controller gives the energy of {len(found.joints)} axes of {self._unit}")
+            raise ProtocolError(
+                f"the controller gives the energy of {len(found.joints)} axes of {self._settings.mechanical_unit}"
+            )
         quality = Quality.GOOD if found.valid else Quality.MISSING
         if found.valid != self._valid:
             self._valid = found.valid
@@ -158,7 +152,9 @@ class Controller:
         deliver(self._inlet, stream, self._row(found, joints), asked, arrival, quality)
 
     def _row(self, found: Energy, joints: int) -> Float:
-        energies = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]]) * self._joule
+        energies = (
+            np.array([found.accumulated, found.interval_energy, *found.joints[:joints]]) * self._settings.energy_unit
+        )
         return np.array([energies[0], energies[1], found.interval, *energies[2:]])
 
     def _tell(self, words: dict[str, str]) -> None:

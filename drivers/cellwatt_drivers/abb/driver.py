@@ -4,106 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Annotated, ClassVar
-
-from pydantic import Field, SecretStr, field_validator, model_validator
+from typing import ClassVar
 
 from cellwatt.channel import Stream
-from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
+from cellwatt.driver import Driver, Identity, Inlet
 from cellwatt.errors import ConnectError, SourceError
-from cellwatt.host import Host
-from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.abb import wire
-from cellwatt_drivers.abb.controller import Controller, Page, energy_stream, state_stream
+from cellwatt_drivers.abb.controller import Controller
 from cellwatt_drivers.abb.egm import listening
 from cellwatt_drivers.abb.intake import Intake
-from cellwatt_drivers.abb.rws import RobotWare
-from cellwatt_drivers.abb.web import Access, session
+from cellwatt_drivers.abb.settings import AbbSettings
+from cellwatt_drivers.abb.web import session
 from cellwatt_drivers.shared.requirements import require
 
-FASTEST = 250.0
 _INSTALL = "pip install 'cellwatt[abb]'"
 _LONGEST_PAUSE = 30.0  # s between tries of web pages that cannot be read
 _CHECK = 0.25  # s between looks at whether anything comes
-
-
-class AbbSettings(SourceSettings):
-    """An ABB arm: IRC5 with RobotWare 6 or OmniCore with RobotWare 7."""
-
-    device_parts: ClassVar[tuple[str, ...]] = ("mechanical_unit",)
-
-    host: Host
-    """Address of the controller."""
-    port: int | None = Field(None, ge=1, le=65535)
-    """TCP port of Robot Web Services; without it 80 (RobotWare 6) or 443 (RobotWare 7)."""
-    robotware: RobotWare = 7
-    """Generation of the controller: 6 for IRC5, 7 for OmniCore."""
-    egm: tuple[wire.Group, ...] = ("joints", "planned", "state")
-    """Groups to take from the EGM stream; ``[]`` does not listen to it."""
-    egm_port: int = Field(wire.PORT, ge=1, le=65535)
-    """UDP port of this PC to which the controller sends; each robot of a PC needs one of its own."""
-    bind: Host = "0.0.0.0"
-    """Address of this PC at which to listen."""
-    rate: Hertz = FASTEST
-    """Packets a second as the RAPID program asks for with ``\\SampleRate``: 250 Hz or a whole part of it."""
-    axes: int = Field(6, ge=1, le=6)
-    """Joints of the robot."""
-    linear: tuple[Annotated[int, Field(ge=1, le=6)], ...] = ()
-    """Joints of the robot that go along a line, ``[3]`` of a SCARA: their channels are in m and N."""
-    external: tuple[wire.External, ...] = Field((), max_length=6)
-    """External axes, in the controller's order; the seventh joint of a 7-axis arm is one."""
-    web: tuple[Page, ...] = ("state", "energy")
-    """Groups to read from Robot Web Services; ``[]`` does not ask it."""
-    web_rate: Hertz = 2.0
-    """Polls of the pages; more often than the controller makes a new energy figure."""
-    user: str = "Default User"
-    """User of Robot Web Services; one that may only read is best."""
-    password: SecretStr = SecretStr("robotics")
-    """Its password, best as ``${ABB_PASSWORD}``; ``robotics`` where none is given."""
-    tls: bool | None = None
-    """HTTPS; without it yes on RobotWare 7, no on RobotWare 6."""
-    certificate: str | None = None
-    """File with the certificate to trust; without it the controller's own is not checked."""
-    mechanical_unit: str = "ROB_1"
-    """The robot whose joints' energy is taken."""
-    energy_unit: float = Field(1.0, gt=0, allow_inf_nan=False)
-    """J per unit of the controller's energy figures; the manual does not name the unit."""
-    timeout: Seconds = Field(2.0, gt=0)
-    """Silence after which the source is down, and longest wait for a page."""
-
-    @field_validator("egm", "web")
-    @classmethod
-    def _no_twins(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if len(set(value)) != len(value):
-            raise ValueError("name each once")
-        return value
-
-    @field_validator("rate")
-    @classmethod
-    def _whole_cycles(cls, rate: float) -> float:
-        cycles = 1 / (rate * wire.CYCLE)
-        if cycles < 1 - 1e-9 or abs(cycles - round(cycles)) > 1e-6:
-            raise ValueError(f"{rate:g} Hz: a controller sends 250 Hz or a whole part of it (125 Hz, 62.5 Hz, 50 Hz …)")
-        return rate
-
-    @field_validator("web_rate")
-    @classmethod
-    def _gently(cls, rate: float) -> float:
-        if rate > 10:
-            raise ValueError(f"{rate:g} Hz is too much for a controller's web server: at most 10 Hz")
-        return rate
-
-    @model_validator(mode="after")
-    def _linear_exist(self) -> AbbSettings:
-        if self.linear and max(self.linear) > self.axes:
-            raise ValueError(f"'linear' names joint {max(self.linear)}, 'axes' says {self.axes}")
-        return self
-
-    @model_validator(mode="after")
-    def _something(self) -> AbbSettings:
-        if not self.egm and not self.web:
-            raise ValueError("name something in 'egm' or in 'web'")
-        return self
 
 
 class AbbDriver(Driver[AbbSettings]):
@@ -134,8 +50,8 @@ class AbbDriver(Driver[AbbSettings]):
             streams.append(self._intake.stream)
         if settings.web:
             require(name, "web", {"aiohttp": "the package aiohttp"}, f"{_INSTALL}, or set web: []")
-            self._controller, web_streams = self._make_controller()
-            streams += web_streams
+            self._controller = Controller(inlet, settings)
+            streams += self._controller.streams
         self._streams = tuple(streams)
         self._greeted = False
         self._heard = 0.0
@@ -146,13 +62,6 @@ class AbbDriver(Driver[AbbSettings]):
         found = wire.columns(s.egm, s.axes, s.external, s.robotware, s.linear)
         return Intake(self.inlet, Stream("egm", found.channels, s.rate, "device"), found, self._delivers)
 
-    def _make_controller(self) -> tuple[Controller, list[Stream]]:
-        s = self.settings
-        state = state_stream(s.web_rate) if "state" in s.web else None
-        energy = energy_stream(s.axes) if "energy" in s.web else None
-        made = Controller(self.inlet, s.web_rate, state, energy, s.robotware, s.mechanical_unit, s.energy_unit)
-        return made, [stream for stream in (state, energy) if stream is not None]
-
     @property
     def streams(self) -> tuple[Stream, ...]:
         """``egm``, ``controller`` and ``energy``, as far as they are read."""
@@ -161,7 +70,7 @@ class AbbDriver(Driver[AbbSettings]):
     async def identify(self) -> Identity:
         """Identify the controller by its pages or, where they are not read, by the EGM packets that come."""
         if self._controller is not None:
-            async with session(self._access()) as web:
+            async with session(self.settings) as web:
                 return await self._controller.identify(web)
         s = self.settings
         come = asyncio.Event()
@@ -208,7 +117,7 @@ class AbbDriver(Driver[AbbSettings]):
         while True:
             before = controller.taken
             try:
-                async with session(self._access()) as web:
+                async with session(self.settings) as web:
                     identity = await controller.identify(web)
                     self._greet(identity)
                     await controller.poll(web)
@@ -249,12 +158,6 @@ class AbbDriver(Driver[AbbSettings]):
             f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s; check that RAPID has run "
             "EGMStreamStart, and the remote address, port and firewall of its UDPUC device"
         )
-
-    def _access(self) -> Access:
-        s = self.settings
-        tls = s.tls if s.tls is not None else s.robotware == 7
-        port = s.port or {6: 80, 7: 443}[s.robotware]
-        return Access(s.host, port, s.robotware, s.user, s.password.get_secret_value(), tls, s.certificate, s.timeout)
 
 
 def _listened() -> Identity:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from cellwatt.emulation import Datagrams, Emulator, Options, TcpPort
 from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.port import host_and_port
-from cellwatt.ticker import Ticker
 from cellwatt_drivers.abb import emulated_pages
 from cellwatt_drivers.abb.emulated_pages import Pages
 from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Meter, Stamp
@@ -47,7 +46,7 @@ class AbbEmulator(Emulator):
     @classmethod
     def address_in(cls, settings: Any) -> str:
         """See ``Emulator.address_in``: the address of the pages."""
-        return f"{settings.host}:{settings.port or {6: 80, 7: 443}[settings.robotware]}"
+        return f"{settings.host}:{settings.web_port}"
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
@@ -82,7 +81,7 @@ class AbbEmulator(Emulator):
         measures = options.flag("energy", True)
         self.robot = EmulatedRobot(self.signals, robotware, axes, 1 / self._rate)
         meter = Meter(self.signals, axes) if measures else None
-        self.pages = Pages(self.robot, meter, robotware, user, password, lambda: time.time() - self.epoch)
+        self.pages = Pages(self.robot, meter, robotware, user, password, lambda: self.elapsed)
         self._number = 0
         self._shift = 0.0
         self._down_until = 0.0
@@ -90,16 +89,14 @@ class AbbEmulator(Emulator):
         self._packets = Datagrams(self, _header, _no_message, lambda *_: self.tally.update(heard=1))
         self._port = TcpPort(self, self._talk, emulated_pages.tls(certificate) if certificate else None)
 
-    def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Set motors or program, number packets from 0 again, or change the signals."""
-        if "motors" in change:
-            self.robot.motors_on = change["motors"] == "on"
-        elif "program" in change:
-            self.robot.running = change["program"] == "on"
-        elif "session" in change:
-            self._number = 0
+    def change(self, kind: str, value: float | str) -> None:
+        """Set motors or program, or number packets from 0 again."""
+        if kind == "motors":
+            self.robot.motors_on = value == "on"
+        elif kind == "program":
+            self.robot.running = value == "on"
         else:
-            super().disturb(change)
+            self._number = 0
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -107,16 +104,8 @@ class AbbEmulator(Emulator):
             with self._packets.opened(address.rpartition(":")[0]):
                 self._packets.to = self._to
                 ready(address)
-                await self._send_packets()
-
-    async def _send_packets(self) -> None:
-        first = round((time.time() - self.epoch) * self._rate)
-        index = 0
-        async with Ticker(self._rate) as ticker:
-            async for beat in ticker:
-                for _ in range(beat.merged + 1):
-                    self._cycle(first + index)
-                    index += 1
+                async for index, _ in self.cycles(self._rate):
+                    self._cycle(index)
 
     def _cycle(self, index: int) -> None:
         now = time.monotonic()

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from cellwatt.errors import ProtocolError
 
 RobotWare = Literal[6, 7]
+Page = Literal["state", "energy"]
 LARGEST = 1 << 20  # bytes of a page
 
 ENERGY = "/rw/system/energy"

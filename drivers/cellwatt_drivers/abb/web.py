@@ -7,43 +7,24 @@ import ssl
 from base64 import b64encode
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt.files import WRITTEN, check_file
-from cellwatt_drivers.abb.rws import LARGEST, LOGOUT, RobotWare
+from cellwatt_drivers.abb.rws import LARGEST, LOGOUT
+from cellwatt_drivers.abb.settings import AbbSettings
 
 if TYPE_CHECKING:
     import aiohttp
 
 
-@dataclass(frozen=True, slots=True)
-class Access:
-    """Address of the pages and the user who reads them; without a ``certificate`` file, the server is not checked."""
-
-    host: str
-    port: int
-    robotware: RobotWare
-    user: str
-    password: str
-    tls: bool
-    certificate: str | None
-    timeout: float
-
-    @property
-    def url(self) -> str:
-        """Start of each page's address."""
-        return f"{'https' if self.tls else 'http'}://{self.host}:{self.port}"
-
-
 class Web:
     """Reads pages with GET in one session of the controller, whose cookie it keeps: sessions are few."""
 
-    def __init__(self, session: aiohttp.ClientSession, access: Access, tls: ssl.SSLContext | bool) -> None:
+    def __init__(self, session: aiohttp.ClientSession, settings: AbbSettings, tls: ssl.SSLContext | bool) -> None:
         self._session = session
-        self._access = access
+        self._settings = settings
         self._tls = tls
 
     async def get(self, path: str) -> bytes:
@@ -54,13 +35,13 @@ class Web:
         """
         import aiohttp
 
-        url = self._access.url + path
+        url = self._settings.url + path
         try:
             async with self._session.get(url, ssl=self._tls, allow_redirects=False) as answer:
                 page = await answer.content.read(LARGEST)
                 status = answer.status
         except TimeoutError as error:
-            raise ConnectError(f"{url}: no answer within {self._access.timeout:g} s") from error
+            raise ConnectError(f"{url}: no answer within {self._settings.timeout:g} s") from error
         except (aiohttp.ClientConnectionError, OSError) as error:
             raise ConnectError(f"{url} cannot be read: {_reason(error)}") from error
         except aiohttp.ClientError as error:
@@ -72,52 +53,52 @@ class Web:
             return page
         if status == 401:
             raise DeviceError(
-                f"{url}: user {self._access.user!r} or the password is refused; see user, password, robotware"
+                f"{url}: user {self._settings.user!r} or the password is refused; see user, password, robotware"
             )
         if status == 503:
             raise DeviceError(f"{url}: the controller has no session left; close other clients of it")
         if status in (301, 302, 404, 406):
             raise WrongDeviceError(
-                f"{url}: HTTP {status}: not a controller with RobotWare {self._access.robotware}; see robotware"
+                f"{url}: HTTP {status}: not a controller with RobotWare {self._settings.robotware}; see robotware"
             )
         raise DeviceError(f"{url}: the controller answers HTTP {status}")
 
 
 @asynccontextmanager
-async def session(access: Access) -> AsyncIterator[Web]:
+async def session(settings: AbbSettings) -> AsyncIterator[Web]:
     """Open a session (nothing is sent before the first page) and log out of it at the end."""
     import aiohttp
 
     jar = aiohttp.CookieJar(unsafe=True)  # controllers are addressed by number, and their cookies are for that
-    timeout = aiohttp.ClientTimeout(total=access.timeout)
+    timeout = aiohttp.ClientTimeout(total=settings.timeout)
     connector = aiohttp.TCPConnector(limit=1)
     middlewares: tuple[aiohttp.ClientMiddlewareType, ...] = ()
-    headers = {"Accept": "application/xhtml+xml;v=2.0"}
-    if access.robotware == 6:
-        middlewares = (aiohttp.DigestAuthMiddleware(access.user, access.password),)
-        headers = {}
+    headers, password = {}, settings.password.get_secret_value()
+    if settings.robotware == 6:
+        middlewares = (aiohttp.DigestAuthMiddleware(settings.user, password),)
     else:
-        headers["Authorization"] = "Basic " + b64encode(f"{access.user}:{access.password}".encode()).decode()
+        login = b64encode(f"{settings.user}:{password}".encode()).decode()
+        headers = {"Accept": "application/xhtml+xml;v=2.0", "Authorization": f"Basic {login}"}
     async with aiohttp.ClientSession(
         connector=connector, timeout=timeout, cookie_jar=jar, headers=headers, middlewares=middlewares
     ) as opened:
-        web = Web(opened, access, await _tls(access))
+        web = Web(opened, settings, await _tls(settings))
         try:
             yield web
         finally:
             if len(jar):
                 with suppress(ConnectError, DeviceError, WrongDeviceError, ProtocolError):
-                    async with asyncio.timeout(access.timeout):
+                    async with asyncio.timeout(settings.timeout):
                         await web.get(LOGOUT)
 
 
-async def _tls(access: Access) -> ssl.SSLContext | bool:
-    if not access.tls or access.certificate is None:
+async def _tls(settings: AbbSettings) -> ssl.SSLContext | bool:
+    if not settings.encrypted or settings.certificate is None:
         return False
     try:
-        return await asyncio.to_thread(_trusting, Path(access.certificate))
+        return await asyncio.to_thread(_trusting, Path(settings.certificate))
     except (OSError, ssl.SSLError) as error:
-        raise ConnectError(f"certificate {access.certificate} cannot be read: {error}") from error
+        raise ConnectError(f"certificate {settings.certificate} cannot be read: {error}") from error
 
 
 def _trusting(certificate: Path) -> ssl.SSLContext:

@@ -39,7 +39,7 @@ class CanSensorSettings(SourceSettings):
     interface: Interface = "socketcan"
     """Interface by which python-can reaches the bus."""
     channel: str = "can0"
-    """Network interface (``can0``), serial port of an slcan adapter, or name of a virtual bus."""
+    """Network interface (``can0``), or serial port of an slcan adapter."""
     bitrate: int | None = None
     """Bit/s that an slcan adapter is told; left out: as it is set. SocketCAN's is set with ``ip link``."""
     listen_only: bool = False

@@ -11,15 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
-import can
-import numpy as np
-
 from cellwatt.driver import SourceSettings
 from cellwatt.emulation import Emulator, Options
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.terminal import raw_terminal
 from cellwatt.ticker import Ticker
-from cellwatt_drivers.can_sensor import bus_errors
 from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
 
 CHUNK = 4096
@@ -84,21 +80,19 @@ _QUANTITY = {
     "temperature": "temperature", "power": "power", "energy": "energy",
 }  # fmt: skip
 
-Send = Callable[[int, bytes], bool]
-
 
 class CanSensorEmulator(Emulator):
     """An IVT-S that measures ``bus.current`` and ``bus.voltage``, and sends each result in its cycle.
 
-    The address is ``pty`` or the path of a link to it (an slcan adapter), or ``virtual:NAME`` (within this
-    process). Options: ``cycles`` (stream=ms, comma-separated: results that are sent, and how often;
-    current=20,voltage_1=60,voltage_2=60,voltage_3=60), ``status`` (hex digit of the error flags in byte 1).
+    The address is ``pty`` or the path of a link to it: an slcan adapter. Options: ``cycles`` (stream=ms,
+    comma-separated: results that are sent, and how often; current=20,voltage_1=60,voltage_2=60,voltage_3=60),
+    ``status`` (hex digit of the error flags in byte 1).
 
-    Faults strike frames. ``loss``: not sent, its number is used; ``duplicate``: sent twice; ``garbage``: on ``pty``
-    random bytes before it, on other buses an error frame; ``half_frame``: cut; ``stall``: nothing is sent for a
-    while, then all that was due; ``disconnect``: the bus is off for ``seconds``, told by error frames where the bus
-    has them, and what falls due is lost. ``made`` counts results, ``sent`` those that reached a client or bus whole,
-    ``unheard`` those made while no client had the adapter open, ``disconnected`` those lost in a disconnect.
+    Faults strike frames. ``loss``: not sent, its number is used; ``duplicate``: sent twice; ``garbage``: random bytes
+    before it; ``half_frame``: cut; ``stall``: nothing is sent for a while, then all that was due; ``disconnect``: the
+    bus is off for ``seconds``, and what falls due is lost. ``made`` counts results, ``sent`` those that reached a
+    client whole, ``unheard`` those made while no client had the adapter open, ``disconnected`` those lost in a
+    disconnect.
     """
 
     title: ClassVar[str] = "Isabellenhütte IVT-S current sensor (CAN)"
@@ -129,6 +123,8 @@ class CanSensorEmulator(Emulator):
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
+        if not self.on_terminal:
+            raise ValueError(f"an IVT-S is emulated at pty or a path, not at {self.address!r}")
         _, self._decodings = load_decodings("ivt_s", None)
         self._cycles = _cycles(options.text("cycles", "current=20,voltage_1=60,voltage_2=60,voltage_3=60"))
         if unknown := set(self._cycles) - set(self._decodings):
@@ -139,12 +135,11 @@ class CanSensorEmulator(Emulator):
         self._energy = 0.0
         self._off = 0.0
         self._blocked = 0.0
-        self._error: Callable[[int], object] = lambda _: None
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        with self._bus() as (place, send):
-            ready(place)
+        with virtual_adapter(self.link) as self.adapter:
+            ready(self.adapter.port)
             due = dict.fromkeys(self._cycles, 0.0)
             start = time.monotonic()
             async with Ticker(1 / min(self._cycles.values())) as ticker:
@@ -156,32 +151,28 @@ class CanSensorEmulator(Emulator):
                     for name, cycle in self._cycles.items():
                         while due[name] <= now - start:
                             due[name] += cycle
-                            self._result(name, now, send)
+                            self._result(name, now)
 
     def _break_off(self, now: float) -> None:
-        """Begin and end what makes the bus silent."""
+        """Begin what makes the bus silent."""
         if stall := self.injector.once("stall"):
             self._blocked = now + stall.seconds
         if outage := self.injector.once("disconnect"):
             self._off = now + outage.seconds
-            self._error(bus_errors.BUS_OFF)
-        elif self._off and now >= self._off:
-            self._off = 0.0
-            self._error(bus_errors.RESTARTED)
 
-    def _result(self, name: str, now: float, send: Send) -> None:
+    def _result(self, name: str, now: float) -> None:
         decoding = self._decodings[name]
         data = self._data(name, decoding)
         self.tally["made"] += 1
         strikes = self.injector.strikes
-        if self._off:
+        if now < self._off:
             self.tally["disconnected"] += 1
             return
         if strikes("loss", now):
             return
         if strikes("garbage", now):
-            self._error(bus_errors.BUS_ERROR | bus_errors.PROTOCOL)
-        identifier = decoding.message.frame_id
+            self.adapter.write(self.injector.random_bytes(1, 8).replace(b"\r", b"?") + b"\r")
+        identifier, send = decoding.message.frame_id, self.adapter.send
         if strikes("half_frame", now):
             send(identifier, data[:3])
             return
@@ -205,36 +196,12 @@ class CanSensorEmulator(Emulator):
         return bytes(decoding.message.encode(values, strict=False))
 
     def _measured(self, name: str) -> float:
-        t = time.time() - self.epoch
-        now = {n: float(v[0]) for n, v in self.signals.at(np.array([t])).items() if n.startswith("bus.")}
+        now = self.world()
         voltage, current = now.get("bus.voltage", 0.0), now.get("bus.current", 0.0)
         if name == "energy":
             self._energy += voltage * current * self._cycles[name]
         values = {"voltage": voltage, "current": current, "power": voltage * current, "temperature": 31.0}
         return values.get(_QUANTITY[name], self._energy)
-
-    @contextmanager
-    def _bus(self) -> Iterator[tuple[str, Send]]:
-        kind, _, rest = self.address.partition(":")
-        if self.on_terminal:
-            with virtual_adapter(self.link) as adapter:
-                self._error = lambda _: adapter.write(self.injector.random_bytes(1, 8).replace(b"\r", b"?") + b"\r")
-                yield adapter.port, adapter.send
-            return
-        if kind != "virtual":
-            raise ValueError(f"an IVT-S is emulated at pty or virtual:NAME, not {self.address}")
-        with can.Bus(interface=kind, channel=rest, ignore_config=True) as bus:
-            self._error = lambda identifier: bus.send(_error_frame(identifier))
-            yield rest, lambda identifier, data: _send(bus, identifier, data)
-
-
-def _send(bus: can.BusABC, identifier: int, data: bytes) -> bool:
-    bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
-    return True
-
-
-def _error_frame(classes: int) -> can.Message:
-    return can.Message(arbitration_id=classes, data=bytes(8), is_error_frame=True, is_extended_id=True)
 
 
 def _cycles(text: str) -> dict[str, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from cellwatt_drivers.shared.mailbox import Mailbox
 if TYPE_CHECKING:
     from can import BusABC, Message
 
-Interface = Literal["socketcan", "slcan", "virtual"]
+Interface = Literal["socketcan", "slcan"]
 
 BLOCK = 0.005
 """s that frames wait for others, to be handed on together."""
@@ -24,8 +23,6 @@ MOST_WAITING = 20_000
 """Frames that wait for the driver; the oldest are dropped beyond it."""
 _MOST_AT_ONCE = 256
 """Frames dealt with in one turn of the loop, so that other sources have theirs."""
-_PATIENCE = 0.1
-"""s that a thread waits for a frame before it looks whether it shall end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +87,13 @@ class Listening:
 async def open_listening(place: BusPlace) -> AsyncIterator[Listening]:
     """Open a bus, in a thread because some adapters take their time. Raises ``ConnectError``."""
     async with opened_aside(lambda: _open(place), _close) as bus:
-        listening = Listening(place, bus)
-        async with _receiving(listening, bus):
+        listening, descriptor = Listening(place, bus), bus.fileno()
+        loop = asyncio.get_running_loop()
+        loop.add_reader(descriptor, listening.drain)
+        try:
             yield listening
+        finally:
+            loop.remove_reader(descriptor)
 
 
 def _open(place: BusPlace) -> BusABC:
@@ -111,9 +112,7 @@ def _open(place: BusPlace) -> BusABC:
 def _advice(interface: Interface) -> str:
     if interface == "socketcan":
         return "; is it there and up? ip link set can0 up type can bitrate 500000"
-    if interface == "slcan":
-        return "; is it the adapter's port, in a group of this user (dialout), and not in use?"
-    return ""
+    return "; is it the adapter's port, in a group of this user (dialout), and not in use?"
 
 
 def _close(bus: BusABC) -> None:
@@ -121,37 +120,3 @@ def _close(bus: BusABC) -> None:
         bus.shutdown()
     except Exception:  # an adapter that was unplugged cannot be closed in order
         return
-
-
-@asynccontextmanager
-async def _receiving(listening: Listening, bus: BusABC) -> AsyncIterator[None]:
-    loop = asyncio.get_running_loop()
-    try:
-        descriptor = bus.fileno()
-    except NotImplementedError:
-        descriptor = -1
-    if descriptor >= 0:
-        loop.add_reader(descriptor, listening.drain)
-        try:
-            yield
-        finally:
-            loop.remove_reader(descriptor)
-        return
-    ended = threading.Event()
-    thread = asyncio.ensure_future(asyncio.to_thread(_receive, bus, listening, loop, ended))
-    try:
-        yield
-    finally:
-        ended.set()
-        await asyncio.shield(thread)
-
-
-def _receive(bus: BusABC, listening: Listening, loop: asyncio.AbstractEventLoop, ended: threading.Event) -> None:
-    """Pass frames of a bus without a descriptor to the loop, until told to end."""
-    try:
-        while not ended.is_set():
-            message = bus.recv(_PATIENCE)
-            if message is not None:
-                loop.call_soon_threadsafe(listening.take, message)
-    except Exception as error:  # as in ``drain``
-        loop.call_soon_threadsafe(listening.fail, error)

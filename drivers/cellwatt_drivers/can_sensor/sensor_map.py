@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
 
 SensorName = Literal["ivt_s"]
-SENSORS: tuple[SensorName, ...] = get_args(SensorName)
 """Packaged maps."""
 
 StreamName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]

@@ -21,7 +21,6 @@ from cellwatt.emulation import Datagrams, Emulator, Options, Signals, TcpPort
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.signals import Float
-from cellwatt.ticker import Ticker
 from cellwatt_drivers.franka import fci
 
 _RATE = 1000.0
@@ -87,13 +86,13 @@ class FrankaEmulator(Emulator):
         self._port = TcpPort(self, self._talk)
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Set mode and error, or change the signals."""
-        if "mode" in change or "error" in change:
-            self.robot.mode = int(change.get("mode", self.robot.mode))
-            self.robot.error = int(change.get("error", self.robot.error))
-        else:
-            super().disturb(change)
+        """See ``Emulator.disturb``."""
+        super().disturb(change)
         self.robot.forget()
+
+    def change(self, kind: str, value: float | str) -> None:
+        """Set mode or error."""
+        setattr(self.robot, kind, int(value))
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -107,16 +106,13 @@ class FrankaEmulator(Emulator):
                 await self._send_states()
 
     async def _send_states(self) -> None:
-        first = round((time.time() - self.epoch) * _RATE)
         passed = 0
-        async with Ticker(_RATE) as ticker:
-            async for beat in ticker:
-                for behind in range(beat.merged, -1, -1):
-                    if behind < self._most_apart:
-                        self._keep_apart()
-                    passed += 1
-                    self._cycle(first + passed, passed)
-                    self._left = time.monotonic()
+        async for index, behind in self.cycles(_RATE):
+            if behind < self._most_apart:
+                self._keep_apart()
+            passed += 1
+            self._cycle(index, passed)
+            self._left = time.monotonic()
 
     def _keep_apart(self) -> None:
         """Let no state leave right behind another, also when several fell due together."""

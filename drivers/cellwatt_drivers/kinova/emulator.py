@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import struct
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import ClassVar
 
-from cellwatt.emulation import Emulator, Options, Signals, TcpPort
+from cellwatt.emulation import Emulator, Options, Signals
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.signals import Float
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import ARM, JOINTS_AND_TOOL, MOST_JOINTS, encode
+from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
+from cellwatt_drivers.shared.modbus_server import ModbusServer, refusal
 
-_HEAD = struct.Struct(">HHHBB")  # transaction, protocol, length of what follows, unit, function
 _READ_INPUT = 4
-_UNKNOWN_FUNCTION, _NO_REGISTERS, _WRONG_NUMBER = 1, 2, 3
 _MOST = 125
 _CYCLE = 0.001  # s; an answer holds what the arm knew at its last cycle
 _BLOCK = 100  # cycles computed at once
@@ -53,58 +51,40 @@ class KinovaEmulator(Emulator):
         self.arm = EmulatedArm(self.signals, wrap)
         self.asked: Counter[tuple[int, int]] = Counter()
         self.tally.update(refused=0, written=0)
-        self._port = TcpPort(self, self._talk)
+        self._server = ModbusServer(self, lambda _, function, body: self._answer(function, body))
 
-    def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Set state and flags, or change the signals."""
-        arm = self.arm
-        if {"state", "fault_flags", "warning_flags"}.isdisjoint(change):
-            super().disturb(change)
-            return
-        arm.state = int(change.get("state", arm.state))
-        arm.fault = int(change.get("fault_flags", arm.fault))
-        arm.warning = int(change.get("warning_flags", arm.warning))
+    def change(self, kind: str, value: float | str) -> None:
+        """Set state or flags."""
+        setattr(self.arm, kind, int(value))
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        await self._port.serve(ready)
-
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        while True:
-            number, protocol, length, unit, function = _HEAD.unpack(await reader.readexactly(_HEAD.size))
-            body = await reader.readexactly(max(length - 2, 0))
-            if protocol != 0:
-                return  # not Modbus
-            await self._port.asked()
-            answer = self._answer(function, body)
-            frame = _HEAD.pack(number, 0, 1 + len(answer), unit, answer[0]) + answer[1:]
-            await self._port.answer(frame, writer.write)
-            await writer.drain()
+        await self._server.serve(ready)
 
     def _answer(self, function: int, body: bytes) -> bytes:
         if function != _READ_INPUT or len(body) != 4:
             self.tally["written"] += function != _READ_INPUT
-            return self._refuse(function, _UNKNOWN_FUNCTION)
+            return self._refuse(function, ILLEGAL_FUNCTION)
         first, count = struct.unpack(">HH", body)
         self.asked[first, count] += 1
         if not 1 <= count <= _MOST:
-            return self._refuse(function, _WRONG_NUMBER)
+            return self._refuse(function, ILLEGAL_VALUE)
         for start, length in (ARM, JOINTS_AND_TOOL):
             if start <= first and first + count <= start + length:
-                block = self.arm.block(start, time.time() - self.epoch)[first - start : first - start + count]
+                block = self.arm.block(start, self.elapsed)[first - start : first - start + count]
                 return struct.pack(f">BB{count}H", function, 2 * count, *block)
-        return self._refuse(function, _NO_REGISTERS)
+        return self._refuse(function, ILLEGAL_ADDRESS)
 
     def _refuse(self, function: int, code: int) -> bytes:
         self.tally["refused"] += 1
-        return bytes([function | 0x80, code])
+        return refusal(function, code)
 
 
 class EmulatedArm:
     """Signals as the registers of an arm; what the signals lack is 0."""
 
     def __init__(self, signals: Signals, wrap: bool) -> None:
-        self.state, self.fault, self.warning = 7, 0, 0
+        self.state, self.fault_flags, self.warning_flags = 7, 0, 0
         self._wrap = wrap
         self._blocks = Blocks(signals.at, _CYCLE, _BLOCK)
         self._values: Mapping[str, Float] = {}
@@ -120,7 +100,7 @@ class EmulatedArm:
 
     def _arm(self) -> list[int]:
         words = [1 << self.state, 0]
-        for flags in (self.fault, self.warning):
+        for flags in (self.fault_flags, self.warning_flags):
             words += [flags & 0xFFFF, flags >> 16]
         return words + encode([self._get("bus.current"), self._get("bus.voltage"), 45.0, 38.0])
 

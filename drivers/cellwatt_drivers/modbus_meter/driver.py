@@ -113,8 +113,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     writes = (
         "read requests only: function 4 (read input registers) or 3 (read holding registers), as the map says, for "
         "the registers of the map and those between them",
-        "where the first answers are another meter's, once: function 43, type 14 (read device identification), and by "
-        "function 4 or 3 the voltages and the frequency of the other packaged maps",
+        "where the first answers are another meter's, once: by function 4 or 3 the voltages and the frequency of the "
+        "other packaged maps",
     )
 
     def __init__(self, name: str, settings: ModbusMeterSettings, inlet: Inlet) -> None:

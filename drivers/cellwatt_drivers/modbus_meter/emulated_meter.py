@@ -28,13 +28,13 @@ class EmulatedMeter:
         self._signals = signals
         self._seen: float | None = None
         self._slots = made.slots(tuple(made.values))
+        self._first, self._end = min(s.address for s in self._slots), max(s.end for s in self._slots)
         self._names = tuple(made.values)
         self._factors = [v.factor for v in made.values.values()]
 
-    @property
-    def slots(self) -> tuple[Slot, ...]:
-        """The values' places among the registers."""
-        return tuple(self._slots)
+    def has(self, address: int, count: int) -> bool:
+        """True if a read lies between the first and the last of its registers."""
+        return self._first <= address and address + count <= self._end
 
     def cuts(self, address: int, count: int) -> bool:
         """True if a read begins or ends within a value, or beside all values."""
@@ -46,13 +46,14 @@ class EmulatedMeter:
         held = sum(s.end - s.address for s in self._slots if address <= s.address and s.end <= address + count)
         return held < count
 
-    def write(self, t: float, address: int, count: int, registers: list[int], start: int) -> None:
-        """Bring the registers ``address`` … up to t s; ``registers`` begin at ``start``."""
-        values = self._measured(t)
+    def read(self, t: float, address: int, count: int) -> list[int]:
+        """Registers ``address`` … at t s; 0 between the values."""
+        values, registers = self._measured(t), [0] * (self._end - self._first)
         for slot in self._slots:
             if address < slot.end and slot.address < address + count:
                 number = self._number(slot, values[self._names[slot.column]])
-                Block((slot,), self.map.word_order).encode((number,), registers, start)
+                Block((slot,), self.map.word_order).encode((number,), registers, self._first)
+        return registers[address - self._first :][:count]
 
     def _number(self, slot: Slot, value: float) -> float:
         number = value / self._factors[slot.column]

@@ -1,4 +1,4 @@
-"""Tells a meter from another make's by what several of its registers say together, and what it says of itself."""
+"""Tells a meter from another make's by what several of its registers say together."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 
-from cellwatt.errors import SourceError, WrongDeviceError
+from cellwatt.errors import WrongDeviceError
 from cellwatt_drivers.modbus_meter.bus import Bus
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
@@ -85,13 +85,9 @@ def _quantity(meter: MeterMap, name: str) -> str:
 
 async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDeviceError:
     """Return the error that says what was expected, why it is not that, and what it probably is."""
-    said, like = await _says(bus, unit), await _like(bus, unit, meter)
-    hints = [f"it says that it is {said}"] if said else []
-    if like:
-        hints.append(f"it answers like {' or '.join(like)}")
-    elif not said:
-        hints.append("check meter, map, unit and word order")
-    return WrongDeviceError(f"unit {unit} at {bus.place} is not a {meter.model}: {reason}; {'; '.join(hints)}")
+    like = await _like(bus, unit, meter)
+    hint = f"it answers like {' or '.join(like)}" if like else "check meter, map, unit and word order"
+    return WrongDeviceError(f"unit {unit} at {bus.place} is not a {meter.model}: {reason}; {hint}")
 
 
 async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
@@ -129,11 +125,3 @@ async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -
             return {}
         raise
     return {n: float(v) for n, v in zip(names, row, strict=True) if n not in reader.left_out}
-
-
-async def _says(bus: Bus, unit: int) -> str:
-    """Return maker, product and version by Modbus's own function for it; empty if the meter has no such function."""
-    try:
-        return " ".join(await bus.identification(unit))
-    except SourceError:
-        return ""

@@ -70,15 +70,14 @@ def _nested(
 
 
 class EmulatedServer:
-    """The server; ``open`` makes it. ``wrong`` is a channel whose variable is a text."""
+    """The server; ``open`` makes it."""
 
-    def __init__(self, made: TagMap, entry: Entry, wrong: str) -> None:
+    def __init__(self, made: TagMap, entry: Entry) -> None:
         self.port = 0
         self.variables: dict[str, Variable] = {}
         """By the text of their node ids."""
         self._map = made
         self._entry = entry
-        self._wrong = wrong
         self._server = Server(_Internal(user_manager=_Users(entry)))
 
     async def open(self) -> None:
@@ -145,10 +144,7 @@ class EmulatedServer:
 
     async def _add(self, name: str, tag: Tag) -> None:
         _, unit = KNOWN[tag.unit]
-        first = "not a number" if name == self._wrong else 0.0
-        node = await (self._at_path(tag, first) if tag.path else self._with_id(tag, first))
-        if name == self._wrong:
-            return
+        node = await (self._at_path(tag) if tag.path else self._with_id(tag))
         text = node.nodeid.to_string()
         if text not in self.variables:
             self.variables[text] = Variable(node)
@@ -159,7 +155,7 @@ class EmulatedServer:
         variable.parts.append((name, tag.scale * unit.factor, unit.zero * unit.factor, tag.indices))
         await node.write_value(ua.Variant(variable.value({}), ua.VariantType.Double))
 
-    async def _with_id(self, tag: Tag, first: float | str) -> Node:
+    async def _with_id(self, tag: Tag) -> Node:
         """Return the variable with a tag's node id, made below Objects."""
         server, text = self._server, tag.node or ""
         rest = text.partition(";")[2] or text
@@ -173,9 +169,9 @@ class EmulatedServer:
         if wanted.to_string() in self.variables:
             return self.variables[wanted.to_string()].node
         name = ua.QualifiedName(str(wanted.Identifier), wanted.NamespaceIndex)
-        return await server.nodes.objects.add_variable(wanted, name, first)
+        return await server.nodes.objects.add_variable(wanted, name, 0.0)
 
-    async def _at_path(self, tag: Tag, first: float | str) -> Node:
+    async def _at_path(self, tag: Tag) -> Node:
         """Return the variable at a tag's path, made with the objects on the way; any child is one of its own."""
         node = self._server.nodes.objects
         steps = tag.steps
@@ -186,7 +182,7 @@ class EmulatedServer:
             if names in below:
                 node = below[names]
             elif depth == len(steps) - 1:
-                node = await node.add_variable(number, names, first)
+                node = await node.add_variable(number, names, 0.0)
             else:
                 node = await node.add_object(number, names)
         return node

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 from pydantic import ValidationError
 
 from cellwatt.emulation import Emulator, Options, TcpPort
@@ -28,7 +27,7 @@ class OpcUaEmulator(Emulator):
     Options: ``rate`` (samples a second; 10), ``map`` (file of a map whose nodes it has), ``tags`` and ``namespaces``
     (the same as JSON), ``security`` (``none``, ``sign``, ``encrypt``, several with commas), ``certificate`` and ``key``
     (PEM files of the server's), ``trusted`` (PEM file of the only client's certificate that is not refused), ``user``
-    and ``password``, ``wrong`` (a channel whose node is a text).
+    and ``password``.
 
     Faults strike samples of all tags. ``loss``: its values are overwritten in the queue, the next carry the overflow
     bit; ``duplicate``: its values carry the time stamps of the sample before; ``garbage``: its status is
@@ -50,10 +49,8 @@ class OpcUaEmulator(Emulator):
         for s in sources:
             if s.security != "none":
                 raise ValueError("an emulated server has no certificate: start one with its options")
-            made = load_map(s.map) if s.map else packaged_map(s.model) if s.model else None
-            for values, prefixes in ((made and made.values, made and made.namespaces), (s.tags, s.namespaces)):
-                tags |= {name: tag.model_dump(mode="json") for name, tag in (values or {}).items()}
-                namespaces |= prefixes or {}
+            tags |= {name: tag.model_dump(mode="json") for name, tag in s.tag_map.values.items()}
+            namespaces |= s.tag_map.namespaces
         options = {"rate": f"{max(s.rate for s in sources):g}"}
         options |= {"tags": json.dumps(tags), "namespaces": json.dumps(namespaces)}
         if sources[0].user:
@@ -69,7 +66,6 @@ class OpcUaEmulator(Emulator):
             raise ValueError(f"security is none, sign or encrypt, not {', '.join(modes)}")
         files = {key: Path(text) if (text := options.text(key)) else None for key in ("certificate", "key", "trusted")}
         self._entry = Entry(modes=modes, user=options.text("user"), password=options.text("password"), **files)
-        self._wrong = options.text("wrong")
         self._port = TcpPort(self, self._talk)
         self._flows = asyncio.Event()
         self._flows.set()
@@ -80,7 +76,7 @@ class OpcUaEmulator(Emulator):
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        self._server = EmulatedServer(self._map, self._entry, self._wrong)
+        self._server = EmulatedServer(self._map, self._entry)
         await self._server.open()
         try:
             await self._sample(time.monotonic())
@@ -111,9 +107,7 @@ class OpcUaEmulator(Emulator):
         stamp = self._stamp if strikes("duplicate", now) else time.time_ns() + self._offset
         status = _BAD if strikes("garbage", now) else OVERFLOW if self._overflow else 0
         self._overflow, self._stamp = False, stamp
-        t = time.time() - self.epoch
-        world = {name: float(values[0]) for name, values in self.signals.at(np.array([t])).items()}
-        await self._server.set(world, stamp, status)
+        await self._server.set(self.world(), stamp, status)
         self.tally["sent"] += 1
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,29 +21,6 @@ _STRANGE = 1 * _SECOND
 """ns by which the source's time may run ahead of this PC's between two messages before its clock counts as set."""
 _MOST_HELD = 1000
 """Unchanged samples told at once; more are counted as lost."""
-
-
-@dataclass
-class _Rows:
-    """Samples of one message, not yet handed over."""
-
-    times: list[int] = field(default_factory=list)
-    values: list[list[float]] = field(default_factory=list)
-    quality: list[int] = field(default_factory=list)
-
-    def add(self, time: int, values: Sequence[float], quality: Quality) -> None:
-        """Append a sample."""
-        unknown = all(v != v for v in values)
-        self.times.append(time)
-        self.values.append(list(values))
-        self.quality.append(Quality.MISSING if unknown else quality)
-
-    def change(self, values: Sequence[float], quality: Quality) -> None:
-        """Replace the last sample's values."""
-        time = self.times.pop()
-        self.values.pop()
-        self.quality.pop()
-        self.add(time, values, quality)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +57,9 @@ class Intake:
         self._first = True
         self._bad: dict[int, int] = {}
         self._stale = False
+        self._now = 0
+        self._rows: list[tuple[int, list[float], Quality]] = []
+        """Time, values and quality of the samples of one message, not yet handed over."""
 
     def resume(self, sampling: float, publishing: float) -> None:
         """A subscription was made anew, with these intervals in s: all values are told again."""
@@ -91,18 +72,18 @@ class Intake:
 
     def take(self, message: Message, arrival: int) -> None:
         """Take a message that was read at the cell's time ``arrival``, ns."""
+        self._now = arrival
         if not message.published:  # some servers leave it out, at least in the first
             message = replace(message, published=arrival)
         lost = self._skipped(message)
-        rows = _Rows()
         if not message.items:
-            self._carry_on(rows, message.published, arrival)
+            self._carry_on(message.published)
         elif self._first:
-            self._begin(rows, message, arrival)
+            self._begin(message)
         else:
-            self._go_on(rows, message, arrival, lost)
+            self._go_on(message, "gap" if lost else "")
         self._tell(message.items)
-        self._hand_over(rows, arrival)
+        self._hand_over()
 
     def _skipped(self, message: Message) -> bool:
         """True if messages before this one never came."""
@@ -117,30 +98,28 @@ class Intake:
         self._inlet.account.anomaly("lost messages", missing)
         return True
 
-    def _begin(self, rows: _Rows, message: Message, arrival: int) -> None:
+    def _begin(self, message: Message) -> None:
         """Take the first values: those that have not changed for long may carry an old time stamp."""
         self._first = False
-        newest = max((i.stamp for i in message.items), default=0)
-        time = newest
-        if abs(message.published - newest) > _STRANGE + 2 * self._publishing:
+        time = max(i.stamp for i in message.items)
+        if abs(message.published - time) > _STRANGE + 2 * self._publishing:
             time = message.published
             if self._last is not None:
-                time = self._base.time + message.published - self._base.published
-        self._row(rows, time, message.items, arrival, "")
-        self._base = _Base(self._last or time, message.published, arrival)
+                time += self._base.time - self._base.published
+        self._row(time, message.items, "")
+        self._base = _Base(self._last or time, message.published, self._now)
 
-    def _go_on(self, rows: _Rows, message: Message, arrival: int, lost: bool) -> None:
+    def _go_on(self, message: Message, reason: str) -> None:
         fresh, stale = self._sorted(message.items)
-        reason = "gap" if lost else ""
         while fresh:
             together = self._together(fresh)
             fresh = fresh[len(together) :]
-            self._row(rows, together[-1].stamp, together, arrival, reason)
+            self._row(together[-1].stamp, together, reason)
             reason = ""
-        if rows.times:
-            self._base = _Base(rows.times[-1], message.published, arrival)
+        if self._rows:
+            self._base = _Base(self._rows[-1][0], message.published, self._now)
         if stale:
-            self._take_stale(rows, stale, message, arrival)
+            self._take_stale(stale, message.published)
         self._stale = bool(stale)
 
     def _sorted(self, items: Sequence[Item]) -> tuple[list[Item], list[Item]]:
@@ -170,10 +149,10 @@ class Intake:
             found.append(item)
         return found
 
-    def _row(self, rows: _Rows, time: int, items: Sequence[Item], arrival: int, reason: str) -> None:
-        """Take the values of one moment, after those of the moments before it that nobody told."""
-        if self._last is not None and self._is_strange(time, arrival):
-            self._hand_over(rows, arrival)
+    def _row(self, time: int, items: Sequence[Item], reason: str) -> None:
+        """Take the values of one moment, after the samples before it that no message has."""
+        if self._last is not None and self._jumped(time - self._last):
+            self._hand_over()
             self._inlet.clock_reset(self.stream, f"its time stamps jumped by {(time - self._last) / 1e9:+.3f} s")
             self._last = None
             self._losses.resumed = False
@@ -183,74 +162,71 @@ class Intake:
             if time <= self._last:
                 self._inlet.account.count("out of order")
                 time = self._last + 1
-            self._between(rows, time, "overflow" if overflow else reason)
+            self._between(time, "overflow" if overflow else reason)
         for item in items:
             self._values[item.column] = item.value
             self._stamps[item.column] = item.stamp
-        self._add(rows, time, Quality.GOOD)
-        self._arrival = arrival
+        self._add(time)
 
-    def _is_strange(self, time: int, arrival: int) -> bool:
-        assert self._last is not None
-        passed = time - self._last
-        return passed < -_BACK or passed - (arrival - self._arrival) > _STRANGE + 2 * self._publishing
+    def _jumped(self, passed: int) -> bool:
+        """True if the source's clock was set, where its time stamps went on by ``passed`` ns."""
+        return passed < -_BACK or passed - (self._now - self._arrival) > _STRANGE + 2 * self._publishing
 
-    def _between(self, rows: _Rows, time: int, reason: str) -> None:
+    def _between(self, time: int, reason: str) -> None:
         """Samples between the last one and ``time``: lost for a reason, or unchanged."""
         assert self._last is not None
-        missing = round((time - self._last) / self._period) - 1
+        start, missing = self._last, round((time - self._last) / self._period) - 1
         if self._losses.resumed:
             self._losses.before_next(max(0, missing))
         elif missing > 0 and (reason or missing > _MOST_HELD):
             self._inlet.account.lose(missing, reason or "gap")
         elif missing > 0:
-            step = (time - self._last) / (missing + 1)
-            start = self._last
             self._inlet.account.count("unchanged", missing)
             for k in range(1, missing + 1):
-                self._add(rows, start + round(k * step), Quality.GOOD)
+                self._add(start + round(k * (time - start) / (missing + 1)))
 
-    def _carry_on(self, rows: _Rows, published: int, arrival: int) -> None:
+    def _carry_on(self, published: int) -> None:
         """Nothing changed up to a sign of life."""
-        if self._last is None or self._first or (until := self._until(published, arrival)) is None:
+        if self._last is None or self._first or (until := self._until(published)) is None:
             return
         held = (until - self._last) // self._period
         if held > 0:
             last = self._last + held * self._period
-            self._between(rows, last + self._period, "")
-            self._last = last
-            self._arrival = arrival
+            self._between(last + self._period, "")
+            self._last, self._arrival = last, self._now
 
-    def _until(self, published: int, arrival: int) -> int | None:
+    def _until(self, published: int) -> int | None:
         """Carry the source's clock on by the server's; ``None`` where that was set."""
         assert self._last is not None
         passed = published - self._base.published
-        if abs(passed - (arrival - self._base.arrival)) > _STRANGE + 2 * self._publishing:
-            self._base = _Base(self._last, published, arrival)
+        if abs(passed - (self._now - self._base.arrival)) > _STRANGE + 2 * self._publishing:
+            self._base = _Base(self._last, published, self._now)
             return None
-        self._base = _Base(self._base.time + passed, published, arrival)
+        self._base = _Base(self._base.time + passed, published, self._now)
         return self._base.time
 
-    def _take_stale(self, rows: _Rows, items: Sequence[Item], message: Message, arrival: int) -> None:
+    def _take_stale(self, items: Sequence[Item], published: int) -> None:
         """Take values whose time stamps did not rise as of the time of their publication."""
+        assert self._last is not None
         self._inlet.account.anomaly("stale time stamps", len(items))
         if not self._stale:
             names = ", ".join(sorted({self.stream.names[i.column] for i in items}))
             self._inlet.event("stale_time", f"{self._name}: the time stamps of {names} do not rise; taken as published")
-        until = self._last if self._last is None or rows.times else self._until(message.published, arrival)
-        if self._last is not None and until is not None and not rows.times:
-            self._between(rows, until, "")
+        if self._rows:
+            time, _, _ = self._rows.pop()
+        else:
+            until = self._until(published)
+            if until is not None:
+                self._between(until, "")
+            time = max(until or 0, self._last + 1)
         for item in items:
             self._values[item.column] = item.value
-        if rows.times and until == self._last:
-            rows.change(self._values, Quality.LATE)
-        elif self._last is not None:
-            self._add(rows, max(until or 0, self._last + 1), Quality.LATE)
-            self._arrival = arrival
+        self._add(time, Quality.LATE)
 
-    def _add(self, rows: _Rows, time: int, quality: Quality) -> None:
-        rows.add(time, self._values, quality)
-        self._last = time
+    def _add(self, time: int, quality: Quality = Quality.GOOD) -> None:
+        unknown = all(math.isnan(v) for v in self._values)
+        self._rows.append((time, list(self._values), Quality.MISSING if unknown else quality))
+        self._last, self._arrival = time, self._now
 
     def _tell(self, items: Sequence[Item]) -> None:
         """Count what the server says of its values, and report each change of what is bad."""
@@ -270,17 +246,18 @@ class Intake:
             told = ", ".join(f"{self.stream.names[c]} {self._status_name(s)}" for c, s in sorted(self._bad.items()))
             self._inlet.event("bad_status", f"{self._name}: {told or 'all values are good again'}", channels=told)
 
-    def _hand_over(self, rows: _Rows, arrival: int) -> None:
-        if not rows.times:
+    def _hand_over(self) -> None:
+        rows, self._rows = self._rows, []
+        if not rows:
             return
-        self._inlet.account.expect(len(rows.times))
+        times, values, quality = zip(*rows, strict=True)
+        self._inlet.account.expect(len(rows))
         self._inlet.emit(
             Reading(
                 self.stream,
-                np.array(rows.values),
-                arrival,
-                device_time=np.array(rows.times, dtype=np.int64),
-                quality=np.array(rows.quality, dtype=np.uint8),
+                np.array(values),
+                self._now,
+                device_time=np.array(times, dtype=np.int64),
+                quality=np.array(quality, dtype=np.uint8),
             )
         )
-        rows.times, rows.values, rows.quality = [], [], []

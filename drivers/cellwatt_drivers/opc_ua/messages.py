@@ -96,3 +96,11 @@ def nanoseconds(moment: datetime | None) -> int:
     aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
     since = aware - _EPOCH
     return max(0, ((since.days * 86_400 + since.seconds) * 1_000_000 + since.microseconds) * 1000)
+
+
+def status_name(code: int) -> str:
+    """Name of a status code, like ``BadSensorFailure``."""
+    from asyncua import ua
+
+    status: ua.StatusCode = ua.StatusCode(code & 0xFFFF_0000)
+    return str(status.name)

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import SourceError, WrongDeviceError
-from cellwatt_drivers.opc_ua import tag_units
 from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen
 from cellwatt_drivers.opc_ua.session import Session
-from cellwatt_drivers.opc_ua.tag_map import Tag, prefix_of
+from cellwatt_drivers.opc_ua.tag_map import Tag, prefix_of, unit_named
 from cellwatt_drivers.shared.maps import KNOWN
 
 if TYPE_CHECKING:
@@ -59,8 +58,7 @@ class Search:
         """
         from asyncua import ua
 
-        uris = (await self._session.read([ua.NodeId(ua.ObjectIds.Server_NamespaceArray)], ua.AttributeIds.Value))[0]
-        self._uris = list(uris.Value.Value or []) if uris.Value is not None else []
+        self._uris = list(await self._session.value(ua.ObjectIds.Server_NamespaceArray) or [])
         placed, lacking = [], []
         for column, (name, tag) in enumerate(tags.items()):
             node = await self._placed(name, tag)
@@ -194,7 +192,7 @@ class Search:
         given = None
         if told is not None:
             number, text = getattr(told, "UnitId", None), getattr(getattr(told, "DisplayName", None), "Text", None)
-            given = tag_units.named(int(number or 0), str(text or ""))
+            given = unit_named(int(number or 0), str(text or ""))
         if given is not None and given != tag.unit:
             its, other = KNOWN[given]
             if tag.server_unit and its == si:
@@ -210,12 +208,11 @@ def misplaced(value: Any, index: tuple[int, ...]) -> str:
     """Return why an index does not lead to a number of a value; empty if it does."""
     shape = _shape(value)
     size = " × ".join(map(str, shape))
+    if not shape and index:
+        return "is no array: leave out 'index'"
     if len(shape) != len(index):
-        if not shape:
-            return "is no array: leave out 'index'"
-        if len(shape) == 1:
-            return f"is an array of {size}: write 'index', from 0"
-        return f"is an array of arrays ({size}): write 'index: [{', '.join('ijkl'[: len(shape)])}]', each from 0"
+        each = "" if len(shape) == 1 else f" for each dimension, like [{', '.join('0' * len(shape))}]"
+        return f"is an array of {size}: write 'index', from 0{each}"
     try:
         picked = reduce(getitem, index, value)
     except IndexError:

@@ -6,20 +6,19 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from cellwatt.errors import ConnectError, DeviceError
 from cellwatt_drivers.opc_ua.browse_path import Child
-from cellwatt_drivers.opc_ua.certificates import Credentials, contents, user_of
+from cellwatt_drivers.opc_ua.certificates import application_uri, certificate_of, key_of
 from cellwatt_drivers.opc_ua.complaints import Complaints
+from cellwatt_drivers.opc_ua.settings import OpcUaSettings
 from cellwatt_drivers.shared.mailbox import Mailbox
 
 if TYPE_CHECKING:
     from asyncua import Client, ua
 
-SecurityMode = Literal["none", "sign", "encrypt"]
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -33,20 +32,6 @@ _RENEWED_AFTER: Final = 0.75
 """Share of a channel's life after which its keys are renewed."""
 _LIFE_OF_SESSION: Final = 60_000
 """ms after which a server may forget a client that says nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Access:
-    """Address of a server and the way in; ``timeout`` s for each answer."""
-
-    url: str
-    security: SecurityMode
-    credentials: Credentials | None
-    user: str | None
-    password: str
-    unencrypted: bool
-    timeout: float
-    user_credentials: Credentials | None = None
 
 
 class Session:
@@ -69,6 +54,13 @@ class Session:
         """Read one attribute of each node."""
         ask = self._client.uaclient.read_attributes
         return await self._in_parts("reading", nodes, lambda part: ask(part, attribute))
+
+    async def value(self, number: int) -> Any:
+        """Value of a standard node; ``None`` where it has none."""
+        from asyncua import ua
+
+        (found,) = await self.read([ua.NodeId(number)], ua.AttributeIds.Value)
+        return found.Value.Value if found.Value is not None else None
 
     async def children(self, node: str) -> list[Child]:
         """Return what is below a node."""
@@ -144,7 +136,7 @@ class Session:
 
 
 @asynccontextmanager
-async def open_session(access: Access) -> AsyncIterator[Session]:
+async def open_session(settings: OpcUaSettings) -> AsyncIterator[Session]:
     """Open a session and close it at the end. Raises ``SourceError``."""
     from asyncua import Client
 
@@ -152,12 +144,13 @@ async def open_session(access: Access) -> AsyncIterator[Session]:
 
     bound_arrays()
     logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs what is raised here
-    client = Client(access.url, timeout=access.timeout)
+    client = Client(settings.url, timeout=settings.timeout)
     client.name = client.description = "cellwatt"
     client.session_timeout = _LIFE_OF_SESSION
-    complaints = Complaints(access.url, _called(access))
+    by_certificate = settings.user_certificate.name if settings.user_certificate else ""
+    complaints = Complaints(settings.url, settings.user or by_certificate)
     try:
-        await _connect(client, access, complaints)
+        await _connect(client, settings, complaints)
         session = Session(client, complaints)
         _watch(client, session)
         renewing = asyncio.create_task(session.renew())
@@ -170,9 +163,10 @@ async def open_session(access: Access) -> AsyncIterator[Session]:
         await _farewell(client)
 
 
-async def _connect(client: Client, access: Access, complaints: Complaints) -> None:
-    if access.security != "none":
-        await _secure(client, access, complaints)
+async def _connect(client: Client, settings: OpcUaSettings, complaints: Complaints) -> None:
+    user, password = settings.user, settings.password.get_secret_value()
+    if settings.security != "none":
+        await _secure(client, settings, complaints)
     with complaints.about("connecting"):
         await client.connect_socket()
     with complaints.about("opening the secure channel"):
@@ -181,54 +175,55 @@ async def _connect(client: Client, access: Access, complaints: Complaints) -> No
     with complaints.about("opening a session"):
         await client.create_session()
     certificate = None
-    if access.user_credentials is not None:
-        certificate, client.user_private_key = await asyncio.to_thread(user_of, access.user_credentials)
-    if access.user is not None:
-        _refuse_unencrypted(client, access)
-        client.set_user(access.user)
-        client.set_password(access.password)
+    if settings.user_certificate is not None and settings.user_key is not None:
+        certificate = await asyncio.to_thread(certificate_of, settings.user_certificate)
+        client.user_private_key = await asyncio.to_thread(key_of, settings.user_key, settings.user_key_password)
+    if user is not None:
+        _refuse_unencrypted(client, settings)
+        client.set_user(user)
+        client.set_password(password)
     with complaints.about("logging in"):
-        await client.activate_session(username=access.user, password=access.password, certificate=certificate)
+        await client.activate_session(username=user, password=password, certificate=certificate)
 
 
-def _called(access: Access) -> str:
-    """Name of the user in messages; empty for none."""
-    return access.user or (access.user_credentials.certificate.name if access.user_credentials else "")
-
-
-async def _secure(client: Client, access: Access, complaints: Complaints) -> None:
+async def _secure(client: Client, settings: OpcUaSettings, complaints: Complaints) -> None:
     """Set policy and certificates; the server's is asked for where it is not pinned."""
     from asyncua import ua
     from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Policy
+    from asyncua.crypto.uacrypto import x509_from_der
+    from cryptography.hazmat.primitives import hashes
 
-    assert access.credentials is not None
-    files = await asyncio.to_thread(contents, access.credentials)
-    mode = {"sign": ua.MessageSecurityMode.Sign, "encrypt": ua.MessageSecurityMode.SignAndEncrypt}[access.security]
-    known = files.server
-    if known is None:
+    path, pinned = settings.certificate, settings.server_certificate
+    assert path is not None and settings.key is not None
+    certificate = await asyncio.to_thread(certificate_of, path)
+    key = await asyncio.to_thread(key_of, settings.key, settings.key_password)
+    client.application_uri = application_uri(path, certificate)
+    complaints.certificate = certificate.fingerprint(hashes.SHA1()).hex()
+    mode = {"sign": ua.MessageSecurityMode.Sign, "encrypt": ua.MessageSecurityMode.SignAndEncrypt}[settings.security]
+    server = await asyncio.to_thread(certificate_of, pinned) if pinned else None
+    if server is None:
         with complaints.about("asking for its endpoints"):
             endpoints = await client.connect_and_get_server_endpoints()
         offered = {(e.SecurityPolicyUri.rpartition("#")[2], e.SecurityMode.name.rstrip("_")): e for e in endpoints}
         chosen = offered.get(("Basic256Sha256", mode.name))
         if chosen is None:
             there = ", ".join(sorted({f"{policy} {name}" for policy, name in offered})) or "nothing"
-            raise DeviceError(f"{access.url} offers no Basic256Sha256 {mode.name}; it offers: {there}")
-        known = chosen.ServerCertificate
-    client.application_uri = files.uri
-    complaints.certificate = files.thumbprint
+            raise DeviceError(f"{settings.url} offers no Basic256Sha256 {mode.name}; it offers: {there}")
+        server = x509_from_der(chosen.ServerCertificate)
     with complaints.about("using the certificates"):
-        await client.set_security(Policy, files.certificate, files.key, None, known, mode)
+        client.security_policy = Policy(server, certificate, key, mode)
+        client.uaclient.set_security(client.security_policy)
 
 
-def _refuse_unencrypted(client: Client, access: Access) -> None:
+def _refuse_unencrypted(client: Client, settings: OpcUaSettings) -> None:
     """Raise ``DeviceError`` where the server would get the password readable for everybody on the way."""
     from asyncua import ua
 
     policy = client.server_policy(ua.UserTokenType.UserName).SecurityPolicyUri or ""
     plain = not policy or policy.endswith("#None")
-    if plain and access.security != "encrypt" and not access.unencrypted:
+    if plain and settings.security != "encrypt" and not settings.unencrypted:
         raise DeviceError(
-            f"{access.url} takes the password in plain text only: write 'security: encrypt', or 'unencrypted: true' "
+            f"{settings.url} takes the password in plain text only: write 'security: encrypt', or 'unencrypted: true' "
             "where nobody else is on this network"
         )
 

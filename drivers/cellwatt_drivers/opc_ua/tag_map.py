@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
@@ -19,6 +19,19 @@ ModelName = Literal["opc_40010"]
 Prefix = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 Index = Annotated[int, Field(ge=0)]
+
+
+_CODES: Final = {
+    "DD": "deg", "C81": "rad", "C25": "mrad", "E96": "deg/s", "2A": "rad/s", "RPM": "rpm", "2B": "rad/s^2",
+    "MTR": "m", "MMT": "mm", "MTS": "m/s", "C16": "mm/s", "MSK": "m/s^2", "NEW": "N", "B47": "kN", "NU": "Nm",
+    "KGM": "kg", "GRM": "g", "CEL": "degC", "KEL": "K", "FAH": "degF", "PAL": "Pa", "KPA": "kPa", "BAR": "bar",
+    "AMP": "A", "4K": "mA", "B22": "kA", "VLT": "V", "2Z": "mV", "KVT": "kV", "WTT": "W", "KWT": "kW", "MAW": "MW",
+    "D46": "VA", "KVA": "kVA", "D44": "var", "KVR": "kvar", "JOU": "J", "KJO": "kJ", "3B": "MJ", "WHR": "Wh",
+    "KWH": "kWh", "MWH": "MWh", "HTZ": "Hz", "KHZ": "kHz", "SEC": "s", "C26": "ms", "MIN": "min", "HUR": "h",
+    "P1": "%", "C62": "1",
+}  # fmt: skip
+"""By common code of UN/CEFACT recommendation 20, which OPC UA writes as a number."""
+_BY_NUMBER: Final = {int.from_bytes(code.encode(), "big"): name for code, name in _CODES.items()}
 
 
 class Tag(MapPart):
@@ -122,3 +135,9 @@ def packaged_map(name: ModelName) -> TagMap:
     """Read a packaged map."""
     with as_file(files(__package__) / "maps" / f"{name}.yaml") as path:
         return load_map(path)
+
+
+def unit_named(unit_id: int, text: str) -> str | None:
+    """Return the unit that an EUInformation means by its number or its text; ``None`` for one that is not known."""
+    written = text.strip().replace("°C", "degC").replace("°", "deg").replace("·", "").replace("²", "^2")
+    return _BY_NUMBER.get(unit_id) or (written if written in KNOWN else None)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from cellwatt.emulation import Emulator, Options, Port, TcpPort
 from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.terminal import PtyPort, Writer
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer, known_functions
-from cellwatt_drivers.scpi_analyzer.emulated_line import PtyPort, Writer
 from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, EmulatedWt310
 from cellwatt_drivers.scpi_analyzer.wire import PORT
 
@@ -69,7 +68,7 @@ class ScpiAnalyzerEmulator(Emulator):
             await self._port.asked()
             line = data.decode("ascii", "replace").strip()
             self.lines[line] += 1
-            answer = self.analyzer.execute(line, time.time() - self.epoch)
+            answer = self.analyzer.execute(line, self.elapsed)
             if answer is None:
                 continue
             frame = answer.encode() + b"\n"

@@ -117,16 +117,6 @@ class Modbus:
             raise ProtocolError(f"unit {unit} at {self.place} gives {len(registers)} registers of {count}")
         return registers
 
-    async def identification(self, unit: int) -> tuple[str, ...]:
-        """Return what a unit says of itself (function 43, type 14): maker, product and version, as far as it does."""
-        ask = self._client.read_device_information
-        answer = await self._exchange(lambda: ask(read_code=1, device_id=unit), unit)
-        if answer.isError():
-            code = int(answer.exception_code)
-            raise RefusedError(f"unit {unit} at {self.place} does not say who it is (exception {code})", code)
-        texts = (value.decode("ascii", "replace").strip() for _, value in sorted(answer.information.items()))
-        return tuple(text for text in texts if text)
-
     async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
         from pymodbus.exceptions import ModbusException
 

@@ -13,8 +13,9 @@ from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
-from cellwatt_drivers.ur import native, wire
-from cellwatt_drivers.ur.comparison import compare
+from cellwatt_drivers.ur import session as rtde
+from cellwatt_drivers.ur import wire
+from cellwatt_drivers.ur.clock_check import compare
 from cellwatt_drivers.ur.continuity import Policy
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
 from cellwatt_drivers.ur.intake import Intake
@@ -104,13 +105,13 @@ class UrDriver(Driver[UrSettings]):
         async with self._connect(self.inlet.account) as (session, version):
             await self._read(session, version, self._open(version))
 
-    async def _read(self, session: native.Session, version: ControllerVersion, rate: float) -> NoReturn:
+    async def _read(self, session: rtde.Session, version: ControllerVersion, rate: float) -> NoReturn:
         s, inlet, fastest = self.settings, self.inlet, cycle_rate(version)
         comparing = asyncio.create_task(
             compare(s.host, s.port, fastest, s.timeout, inlet.now, inlet.account, self._intake)
         )
         try:
-            await native.stream(session, version, self._selection, rate, self._intake, s.timeout)
+            await rtde.stream(session, version, self._selection, rate, self._intake, s.timeout)
         finally:
             comparing.cancel()
             await asyncio.wait({comparing})
@@ -120,9 +121,9 @@ class UrDriver(Driver[UrSettings]):
         async with self._connect(Account()) as (_, version):
             return _identity(version)
 
-    def _connect(self, account: Account) -> AbstractAsyncContextManager[tuple[native.Session, ControllerVersion]]:
+    def _connect(self, account: Account) -> AbstractAsyncContextManager[tuple[rtde.Session, ControllerVersion]]:
         s = self.settings
-        return native.connect(s.host, s.port, s.timeout, self.inlet.now, account, self.gather)
+        return rtde.connect(s.host, s.port, s.timeout, self.inlet.now, account, self.gather)
 
     def _open(self, version: ControllerVersion) -> float:
         """Tell the intake who is there; returns the rate in Hz that such a controller gives."""

@@ -16,16 +16,16 @@ from cellwatt.emulation import Emulator, Fault, Options, RecordedSignals
 from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
+from cellwatt_drivers.ur.emulated_client import EmulatedClient, Place
+from cellwatt_drivers.ur.emulated_samples import Cycles, Encoder, Rows, Samples
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
-from cellwatt_drivers.ur.listener import Listener, Place
-from cellwatt_drivers.ur.timeline import Cycles, Encoder, Rows, Timeline
 from cellwatt_drivers.ur.wire import ControllerVersion
 
 AHEAD = 0.05
 """Seconds of packages made at once; a disturbance of the world makes them anew."""
 UNREAD = 10.0
 """Seconds of packages a client may leave unread before the controller closes, as a real one does."""
-AT_END = ("pause", "hold", "close")
+AT_END = ("pause", "hold")
 
 
 class UrEmulator(Emulator):
@@ -36,8 +36,8 @@ class UrEmulator(Emulator):
     client's start on. All fields not in the signals have plausible constants. Protocol version 1 is refused.
 
     Options: ``polyscope`` (``5.12.0``; 3.x is a CB3 with 125 Hz) · ``at_end`` of a recording: ``pause`` sends no
-    more, ``hold`` repeats the last row, ``close`` closes the connection · ``start`` of a recording: ``client``
-    with the first client, ``epoch`` at the epoch.
+    more, ``hold`` repeats the last row · ``start`` of a recording: ``client`` with the first client, ``epoch`` at the
+    epoch.
 
     Faults: ``loss`` a package is never sent · ``delay`` a package and all behind it wait, as on a stalled
     network · ``stall`` the same once · ``disconnect`` all connections end, none is taken for so long ·
@@ -64,10 +64,10 @@ class UrEmulator(Emulator):
         self._place = host_and_port(self.address)
         held = self._at_end == "hold"
         self._rows = Rows(self.signals, held) if isinstance(self.signals, RecordedSignals) else None
-        self.clients: set[Listener] = set()
+        self.clients: set[EmulatedClient] = set()
         self._places: list[Place] = []
-        self._timeline: Timeline | None = None
-        self._began = 0.0  # monotonic time of the timeline's start
+        self._samples: Samples | None = None
+        self._began = 0.0  # monotonic time of the samples' start
         self._shift = 0.0  # of the timestamps, s
         self._down_until = 0.0
         self._wake = asyncio.Event()
@@ -84,27 +84,29 @@ class UrEmulator(Emulator):
         self._wake.set()
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Reboot, send a text message to all clients, or change the signals."""
-        if "reboot" in change:
-            self._reboot(float(change["reboot"]))
-        elif "message" in change:
-            message = wire.TextMessage(str(change["message"]), "emulator", 2)
-            for client in self.clients:
-                client.put(wire.text_message(message))
-                self.tally["message"] += 1
-        else:
-            super().disturb(change)
-            self._remake()
+        """See ``Emulator.disturb``: packages made ahead are no longer true."""
+        super().disturb(change)
+        for place in self._places:
+            place.forget()
+
+    def change(self, kind: str, value: float | str) -> None:
+        """Reboot, or send a text message to all clients."""
+        if kind == "reboot":
+            self._reboot(float(value))
+            return
+        for client in self.clients:
+            client.put(wire.text_message(wire.TextMessage(str(value), "emulator", 2)))
+            self.tally["message"] += 1
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator``."""
-        server = await asyncio.get_running_loop().create_server(lambda: Listener(self), *self._place)
+        server = await asyncio.get_running_loop().create_server(lambda: EmulatedClient(self), *self._place)
         try:
             host, port = server.sockets[0].getsockname()[:2]
             if self._rows is None:
                 await self._cycle(lambda: ready(f"{host}:{port}"))
             if self._start == "epoch":
-                self._begin(time.time() - self.epoch)
+                self._begin(self.elapsed)
             ready(f"{host}:{port}")
             while True:
                 self.advance()
@@ -119,10 +121,10 @@ class UrEmulator(Emulator):
         rate = cycle_rate(self.version)
         async with Ticker(rate) as ticker:
             async for beat in ticker:
-                if self._timeline is None:
+                if self._samples is None:
                     late = (time.monotonic_ns() - beat.deadline) / 1e9
                     self._began = beat.deadline / 1e9
-                    self._timeline = Cycles(self.signals, rate, time.time() - late - self.epoch)
+                    self._samples = Cycles(self.signals, rate, time.time() - late - self.epoch)
                     ready()
                 self.advance()
         raise AssertionError("a ticker has no end")
@@ -130,15 +132,15 @@ class UrEmulator(Emulator):
     def _begin(self, elapsed: float) -> None:
         """Start the recording, elapsed s ago."""
         self._began = time.monotonic() - elapsed
-        self._timeline = self._rows
+        self._samples = self._rows
 
     async def _pause(self) -> None:
         """Sleep until the next row, or the end of a client's hold, or a change."""
         self._wake.clear()
         deadlines = [c.held_until for c in self.clients if c.held_until]
-        if self._timeline is not None:
+        if self._samples is not None:
             places = [p for p in self._places if not p.lost and not self._ended(p)]
-            deadlines += [self._began + self._timeline.when(p.next) for p in places]
+            deadlines += [self._began + self._samples.when(p.next) for p in places]
         delay = min(deadlines) - time.monotonic() if deadlines else None
         if delay is None or delay > 0:
             waiting = asyncio.get_running_loop().call_later(delay, self._wake.set) if delay is not None else None
@@ -149,17 +151,17 @@ class UrEmulator(Emulator):
             await asyncio.sleep(0)
 
     def _ended(self, place: Place) -> bool:
-        end = self._timeline.end if self._timeline else None
+        end = self._samples.end if self._samples else None
         return end is not None and place.next >= end
 
-    def start(self, client: Listener) -> None:
+    def start(self, client: EmulatedClient) -> None:
         """A client wants its packages from now on; it takes the place that one before it lost."""
-        if begins := self._timeline is None:
+        if begins := self._samples is None:
             self._begin(0.0)
-        assert self._timeline is not None
+        assert self._samples is not None
         now = time.monotonic()  # one for both, or a row that falls due between is nobody's
         self.advance(now)
-        stride = decimation(self._timeline.rate, client.rate) if self._timeline.rate else 1
+        stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
         place = None if client.compares else next((p for p in self._places if p.lost), None)
         if place is None:
             place = Place(0, stride, client, counted=not client.compares)
@@ -168,19 +170,19 @@ class UrEmulator(Emulator):
             place.client.place = None
         place.client, place.stride = client, stride
         place.forget()
-        start = 0 if begins else max(self._timeline.due(now - self._began), place.next)
+        start = 0 if begins else max(self._samples.due(now - self._began), place.next)
         place.next = -(-start // stride) * stride
         client.place = place
         self._wake.set()
 
-    def stop(self, client: Listener) -> None:
+    def stop(self, client: EmulatedClient) -> None:
         """A client wants no more packages."""
         self.advance()
         if client.place is not None:
             self._places.remove(client.place)
             client.place = None
 
-    def lost(self, client: Listener) -> None:
+    def lost(self, client: EmulatedClient) -> None:
         """A connection is gone; what its listener misses from now on is counted."""
         self.advance()
         self.clients.discard(client)
@@ -204,15 +206,10 @@ class UrEmulator(Emulator):
             if place.client is not None:
                 place.client.place = None
         self._places.clear()
-        if self._timeline is not None:
+        if self._samples is not None:
             elapsed = time.monotonic() - self._began + seconds
-            at = np.array([self._timeline.due(elapsed)])
-            self._shift = -float(self._timeline.stamps(at)[0])
-
-    def _remake(self) -> None:
-        """The world changed: packages made ahead are no longer true."""
-        for place in self._places:
-            place.forget()
+            at = np.array([self._samples.due(elapsed)])
+            self._shift = -float(self._samples.stamps(at)[0])
 
     def _leave_all(self, seconds: float) -> None:
         self._down_until = time.monotonic() + seconds
@@ -225,13 +222,13 @@ class UrEmulator(Emulator):
         for client in list(self.clients):
             released = client.release(now)
             self.tally["sent"] += 0 if client.compares else released
-        if self._timeline is None:
+        if self._samples is None:
             return
         if any(p.client is not None for p in self._places):
             self._strike_once(now)
-        due = self._timeline.due(now - self._began)
-        if self._timeline.end is not None:
-            due = min(due, self._timeline.end)
+        due = self._samples.due(now - self._began)
+        if self._samples.end is not None:
+            due = min(due, self._samples.end)
         for place in list(self._places):
             if place.counted:
                 self._serve(place, due, now)
@@ -241,7 +238,8 @@ class UrEmulator(Emulator):
     def _strike_once(self, now: float) -> None:
         if fault := self.injector.once("clock_jump"):
             self._shift += fault.seconds
-            self._remake()
+            for place in self._places:
+                place.forget()
         if fault := self.injector.once("stall"):
             for client in self.clients:
                 client.hold(now + fault.seconds)
@@ -277,10 +275,8 @@ class UrEmulator(Emulator):
         place.next += unheard * place.stride
         if client is not None:
             self._send(client, ready)
-            if self._ended(place) and self._at_end == "close":
-                client.end()
 
-    def _show(self, place: Place, client: Listener, due: int) -> None:
+    def _show(self, place: Place, client: EmulatedClient, due: int) -> None:
         """Send what is due to a client that compares clocks."""
         ready = []
         while place.next < due:
@@ -288,7 +284,7 @@ class UrEmulator(Emulator):
             place.next += place.stride
         self._send(client, ready)
 
-    def _send(self, client: Listener, packages: list[bytes]) -> None:
+    def _send(self, client: EmulatedClient, packages: list[bytes]) -> None:
         written = client.put(b"".join(packages), len(packages))
         if not client.compares:
             self.tally["sent"] += written
@@ -299,18 +295,18 @@ class UrEmulator(Emulator):
 
     def _package(self, place: Place, number: int, encoder: Encoder) -> bytes:
         """One package, from those made ahead."""
-        assert self._timeline is not None
+        assert self._samples is not None
         at = (number - place.first) // place.stride * encoder.size
         if number < place.first or at >= len(place.made):
-            count = max(1, math.ceil(AHEAD * (self._timeline.rate or 125.0) / place.stride))
+            count = max(1, math.ceil(AHEAD * (self._samples.rate or 125.0) / place.stride))
             numbers = number + place.stride * np.arange(count)
-            if self._timeline.end is not None:
-                numbers = numbers[numbers < self._timeline.end]
-            stamps = self._timeline.stamps(numbers)
+            if self._samples.end is not None:
+                numbers = numbers[numbers < self._samples.end]
+            stamps = self._samples.stamps(numbers)
             if self._shift:
                 stamps = stamps + self._shift
             place.first, at = number, 0
-            place.made = encoder.encode(stamps, self._timeline.columns(numbers))
+            place.made = encoder.encode(stamps, self._samples.columns(numbers))
         return place.made[at : at + encoder.size]
 
     def _garbage(self, package: bytes) -> bytes:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import struct
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
@@ -26,7 +24,6 @@ _GENERAL_ERROR = 0x1F
 _BUSY = 0xE444
 _AXIS_NAMES = ("S", "L", "U", "R", "B", "T", "E", "8")
 _POSE_NAMES = ("X", "Y", "Z", "Rx", "Ry", "Rz")
-_UNDOCUMENTED_BIT = b"\x00\x00\x01\x00"
 
 
 class YaskawaEmulator(Emulator):
@@ -34,9 +31,8 @@ class YaskawaEmulator(Emulator):
 
     Options: ``model`` (DX200, YRC1000 or FS100: how long an answer takes), ``answer_ms`` (instead of the
     model's), ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``answer_axes``
-    (6, 7 or 8: positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``status_noise``
-    (1: a status bit nobody documents is set), ``alarm`` (``CODE:NAME``), ``torque`` (``int32``, or ``float``, as
-    Yaskawa's own dissector shows it).
+    (6, 7 or 8: positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``alarm``
+    (``CODE:NAME``).
 
     Services that write are refused: remote is not set.
 
@@ -72,8 +68,6 @@ class YaskawaEmulator(Emulator):
         self._answer_ms = options.number("answer_ms", ANSWER_MS[model])
         self._jitter_ms = min(_JITTER_MS, self._answer_ms / 2)
         self._busy = options.number("busy", 0.0)
-        self._noisy = options.flag("status_noise", False)
-        self._floats = options.choice("torque", "int32", ("int32", "float")) == "float"
         self.alarm = _alarm(options.text("alarm"))
         self.robot = EmulatedRobot(
             self.signals,
@@ -139,22 +133,17 @@ class YaskawaEmulator(Emulator):
     def _status(self) -> bytes:
         mode = payload.Mode.AUTOMATIC | payload.Mode.RUNNING | payload.Mode.PLAY | payload.Mode.REMOTE
         state = payload.State.SERVO_ON | (payload.State.ALARM if self.alarm.code else payload.State(0))
-        data = payload.encode_status(payload.Status(mode, state))
-        return bytes(a | b for a, b in zip(data, _UNDOCUMENTED_BIT * 2, strict=True)) if self._noisy else data
+        return payload.encode_status(payload.Status(mode, state))
 
     def _torque(self) -> bytes:
-        counts = self.robot.torques(self._now())
-        return struct.pack(f"<{len(counts)}f", *counts) if self._floats else payload.encode_axes(counts)
+        return payload.encode_axes(self.robot.torques(self.elapsed))
 
     def _position(self, instance: int) -> bytes | None:
         if instance == 1:
-            return payload.encode_position(payload.PULSE, self.robot.pulses(self._now()))
+            return payload.encode_position(payload.PULSE, self.robot.pulses(self.elapsed))
         if instance == 101:
-            return payload.encode_position(payload.BASE, self.robot.pose(self._now()))
+            return payload.encode_position(payload.BASE, self.robot.pose(self.elapsed))
         return None
-
-    def _now(self) -> float:
-        return time.time() - self.epoch
 
 
 def _refusal(request: wire.Request, number: int, added: int) -> wire.Answer:

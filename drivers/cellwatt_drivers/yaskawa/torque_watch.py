@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import struct
-
 from cellwatt.driver import Inlet
 from cellwatt_drivers.yaskawa import payload
 
@@ -33,14 +30,7 @@ class TorqueWatch:
             self._told = False
         elif not self._told:
             self._told = True
-            self._inlet.event("implausible_torque", self._text(data, counts, strange[0]))
-
-    def _text(self, data: bytes, counts: tuple[int, ...], axis: int) -> str:
-        text = (
-            f"{self._source}: torque of joint {axis + 1} reads {counts[axis]} counts, {counts[axis] * self._count:.3g} "
-            "times the rated one: see torque_count"
-        )
-        floats = struct.unpack_from(f"<{len(counts)}f", data)
-        if all(math.isfinite(x) and (x == 0 or 1e-6 < abs(x) * self._count <= LARGEST_SHARE) for x in floats):
-            text += f"; read as a float it is {floats[axis]:.4g}: this controller seems to send floats"
-        return text
+            axis = strange[0]
+            text = f"reads {counts[axis]} counts, {counts[axis] * self._count:.3g} times the rated one"
+            hint = "see torque_count; does this controller send floats?"
+            self._inlet.event("implausible_torque", f"{self._source}: torque of joint {axis + 1} {text}: {hint}")

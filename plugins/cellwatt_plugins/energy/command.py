@@ -13,7 +13,6 @@ from typing import Any
 import click
 
 from cellwatt.commands.options import INPUT, Input, with_progress, with_scheduler, with_units
-from cellwatt.errors import CellwattError
 from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
 from cellwatt.report.blocks import Table
@@ -25,20 +24,7 @@ SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 """Groups as the terminal calls them."""
 
 
-class _Disaggregate(click.Command):
-    def invoke(self, ctx: click.Context) -> object:
-        try:
-            return super().invoke(ctx)
-        except ModuleNotFoundError as error:
-            package = (error.name or "").partition(".")[0]
-            if package.startswith("cellwatt"):
-                raise
-            raise CellwattError(
-                f"disaggregate needs {package}: install it with pip install 'cellwatt[energy]'"
-            ) from error
-
-
-@click.command(cls=_Disaggregate, short_help="Split a robot's energy by consumer.")
+@click.command(short_help="Split a robot's energy by consumer.")
 @click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option(
     "--controller",

@@ -13,11 +13,10 @@ from cellwatt.files import Place as FilePlace
 from cellwatt.scheduler import spread
 from cellwatt_plugins.fleet.adjusted import Told
 from cellwatt_plugins.fleet.courses import Courses, Place, Usual, courses_of_kind, told_of, usual_of
-from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly
+from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly, findings_of
 from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
 from cellwatt_plugins.fleet.kinds import FEWEST
 from cellwatt_plugins.fleet.lake import Lake, find, monday
-from cellwatt_plugins.fleet.statements import findings_of
 from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
 

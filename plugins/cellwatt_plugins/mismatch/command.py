@@ -13,7 +13,6 @@ from cellwatt.errors import ConfigError
 from cellwatt.progress import stage
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
-from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.input.sources import simulator_file
 from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.report.terminal import in_words
@@ -60,12 +59,6 @@ class _Explain(click.Command):
 )
 @click.option("--mend", "simulator", type=INPUT, help="MJCF or URDF to write anew into OUT, with what was found in it.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
-@click.option(
-    "--suggest",
-    "experiment",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="CSV file to write: the motion that would tell what these recordings cannot.",
-)
 @with_progress
 @with_scheduler
 @with_columns
@@ -79,7 +72,6 @@ def explain(
     seconds: float,
     simulator: Path | None,
     no_report: bool,
-    experiment: Path | None,
 ) -> None:
     """Say where RECORDINGs differ from the simulation, which physics it leaves out, and what a model gains.
 
@@ -113,12 +105,6 @@ def explain(
     click.echo(json.dumps(content) if as_json else in_words(found, out))
     if mended is not None:
         click.echo(mended_in_words(mended), err=as_json)
-    if experiment is not None:
-        with threadpool_limits(1), stage("choosing a motion"):
-            suggestion = suggest(found)
-        if suggestion.motion is not None:
-            write_suggestion(suggestion.motion, experiment)
-        click.echo(suggestion_in_words(suggestion, experiment), err=as_json)
     if unmended is not None:
         raise unmended
 

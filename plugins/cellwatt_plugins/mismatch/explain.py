@@ -67,8 +67,6 @@ class Explained:
     model: Model
     torque: Solution
     supply: Solution | None
-    nominal: Solution
-    """Nominal parameters retuned, nothing added."""
     runs: tuple[Run, ...]
     inputs: tuple[Path, ...] = ()
     """The files that it was made from; the report names them with their digests."""
@@ -95,7 +93,7 @@ class Explained:
         made_from = Provenance.here(self.inputs)
         floor = self.torque.problem.floor
         floors = floor if self.supply is None else np.append(floor, self.supply.problem.floor)
-        traces = traces_of(self.runs, self.model, self.torque, self.nominal)
+        traces = traces_of(self.runs, self.model, self.torque)
         page = report(self.findings, traces, self.model.robot.robot, floors, made_from)
         if self.runs[0].drive is not None:
             from cellwatt_plugins.mismatch.report import motion
@@ -126,8 +124,6 @@ def explain(
         base, states, mounted = as_mounted(runs, states, base)
     body = base.arm.body
     torques = Torques(runs, states)
-    with stage("fitting the nominal parameters"):
-        nominal = search(torques, body.joints, thresholds, effects=())
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
@@ -140,7 +136,7 @@ def explain(
         supply = None if supplied is None else search(lambda *_: supplied, 1, thresholds, until=until)
     with stage("judging by data left out"):
         findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
-    return Explained(findings, model_of(torque.best, supply, base), torque, supply, nominal, tuple(runs))
+    return Explained(findings, model_of(torque.best, supply, base), torque, supply, tuple(runs))
 
 
 def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[States], list[Float]]:

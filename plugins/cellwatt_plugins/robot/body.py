@@ -103,11 +103,6 @@ class Body:
         return np.array(self._model.velocityLimit)
 
     @property
-    def torque_limits(self) -> Float:
-        """Greatest torque (n,) Nm (``effort``) in the URDF; infinite or 0 where it has none."""
-        return np.array(self._model.effortLimit)
-
-    @property
     def gravity_field(self) -> Float:
         """Acceleration of gravity (3,) m/s² in the base's frame."""
         return np.array(self._model.gravity.linear)

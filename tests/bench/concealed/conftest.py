@@ -1,13 +1,10 @@
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 BENCH = Path(__file__).resolve().parents[3] / "bench"
 sys.path.append(str(BENCH))
-if find_spec("sklearn") is None:  # it takes seconds to load, in every worker: it is only looked for
-    pytest.skip("one of the blind benchmark's baselines needs scikit-learn", allow_module_level=True)
 pytest.importorskip("mujoco", reason="the blind benchmark's plant needs MuJoCo")
 
 

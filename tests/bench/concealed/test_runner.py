@@ -17,67 +17,36 @@ if sys.argv[1] == "explain":
     answer = {"verdict": "explained", "findings": FINDINGS}
     (option("--out") / "findings.json").write_text(json.dumps(answer))
     (option("--out") / "model.yaml").write_text("{}")
-elif "--simulation" in sys.argv and not KNOWS:
-    sys.exit("Error: No such option '--simulation'.")
 else:
-    import numpy as np, pyarrow as pa, pyarrow.parquet as pq
+    import pyarrow.parquet as pq
     motion = pq.read_table(option("--motion"))
     assert not [c for c in motion.column_names if c.startswith("tau") or c == "power"]
-    if KNOWS:
-        told = pq.read_table(option("--simulation"))
-        pq.write_table(told, option("--out"))
-    else:
-        n = sum(c.startswith("q_") for c in motion.column_names)
-        zero = np.zeros(motion.num_rows)
-        torque = {f"tau_{j + 1}": zero for j in range(n)}
-        pq.write_table(pa.table({"t": motion["t"], **torque, "power": zero}), option("--out"))
+    pq.write_table(pq.read_table(option("--simulation")), option("--out"))
 """
 
 
-def product_in(folder: Path, findings: list, knows: bool) -> str:
-    """The command of a product that finds what it is told, and knows `--simulation` or not."""
-    script = folder / "product.py"
-    script.write_text(PRODUCT.replace("FINDINGS", repr(findings)).replace("KNOWS", repr(knows)))
-    return f"{sys.executable} {script}"
-
-
-def job(small_case, tmp_path: Path, findings: list, knows: bool, methods=("explain",)) -> Job:
+def job(small_case, tmp_path: Path, findings: list) -> Job:
     work, key = small_case
-    command = product_in(tmp_path, findings, knows)
+    script = tmp_path / "product.py"
+    script.write_text(PRODUCT.replace("FINDINGS", repr(findings)))
+    command = f"{sys.executable} {script}"
     codes = Codes("making", tmp_path.name, "judging")
     spec, motions = Spec("single", (), "short"), ("planned", "recorded")
-    one = Job("x", 4, spec, work, command, methods, codes, motions=motions, refits=len(methods) > 1)
+    one = Job("x", 4, spec, work, command, codes, motions=motions)
     kept.keep(*one.made, key | {"seconds_to_make": 1.0})
     return one
 
 
-@pytest.mark.slow
-def test_every_method_is_scored_on_one_case(small_case, tmp_path):
-    key = small_case[1]
-    answer = [{**key["required"][0], "kind": "missing", "parameters": {}}]
-    row = judge(job(small_case, tmp_path, answer, False, ("explain", "sparse", "network")))
-    assert row["explain"]["exact"]
-    assert row["explain"]["error"] is None
-    assert row["explain"]["without_simulation"]
-    worse = [g for g in row["explain"]["hold_out"] if g["channel"] == "power"] or row["explain"]["hold_out"]
-    assert all(g["model"] > g["simulation"] for g in worse)
-    assert f"torque_offset@{key['required'][0]['joint']}" in row["sparse"]["named"]
-    refitted = [g["gap_closed_refit"] for g in row["network"]["hold_out"]]
-    assert refitted == [g["gap_closed_refit"] for g in row["sparse"]["hold_out"]]
-    result = figures([row], ("explain", "sparse", "network"))
-    assert result["cases"] == 1
-    assert result["exact"] == 1.0
-    assert result["failures"] == []
-
-
-def test_prediction_is_given_the_simulation_of_the_sealed_motion(small_case, tmp_path):
-    row = judge(job(small_case, tmp_path, [], True))
-    assert not row["explain"]["without_simulation"]
+def test_a_case_is_scored_with_the_prediction_of_its_sealed_motion(small_case, tmp_path):
+    row = judge(job(small_case, tmp_path, [{**small_case[1]["required"][0], "kind": "missing", "parameters": {}}]))
+    assert row["exact"]
     for motion in ("hold_out", "hold_out_recorded"):
-        assert row["explain"][motion]
-        for gap in row["explain"][motion]:
+        assert row[motion]
+        for gap in row[motion]:
             assert gap["model"] == pytest.approx(gap["simulation"], rel=1e-3)
             assert gap["gap_closed"] == pytest.approx(0.0, abs=1e-3)
+    result = figures([row])
+    assert (result["cases"], result["exact"], result["failures"]) == (1, 1.0, [])
 
 
 def test_cases_are_chosen_by_level_effect_simulation_or_name():
@@ -110,15 +79,6 @@ def test_a_case_that_the_benchmark_fails_at_is_said_and_left_out(tmp_path, capsy
     found = attempted(fails_at_the_second, jobs)
     assert [job.name for job, _ in found] == ["case-001", "case-003"]
     assert "case-002 FAILED in the benchmark: ValueError('no such case')" in capsys.readouterr().err
-
-
-def test_command_of_the_issue_is_understood(tmp_path):
-    a = arguments().parse_args(["--json"])
-    assert (a.json, a.jobs, a.cases) == (True, 2, None)
-    a = arguments().parse_args(["--no-baselines", "--law-only"])
-    jobs = jobs_of(a, "x", tmp_path)
-    assert {j.methods for j in jobs} == {("explain",)}
-    assert {j.spec.simulation for j in jobs} == {"law"}
 
 
 def test_nothing_is_left_of_a_write_that_failed(tmp_path):

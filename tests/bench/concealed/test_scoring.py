@@ -7,7 +7,6 @@ import pytest
 from concealed import product
 from concealed.page import markdown
 from concealed.scoring import comparisons, hold_out, score, strength_of
-from concealed.sparse import Group, pursue
 from concealed.totals import totals, wilson
 
 
@@ -62,16 +61,9 @@ def test_gap_is_measured_from_simulation_to_best_possible():
     key = {"runs": [{"run": "holdout_05", "split": "sealed", "rmse_simulation": [3.0, 1.0], "rmse_oracle": [1.0, 1.0],
                      "power_rmse_simulation": 1.0, "power_rmse_oracle": 1.0}]}  # fmt: skip
     flat = lambda size: (np.full((50, 2), size), np.full(50, size))  # noqa: E731
-    (row,) = hold_out(key, lambda name: flat(1.5), lambda name: flat(2.0))
-    assert (row["channel"], row["gap_closed"], row["gap_closed_refit"]) == (
-        "tau_1",
-        pytest.approx(0.75),
-        pytest.approx(0.5),
-    )
-    assert row["gap_beyond_refit"] == pytest.approx(0.5)
-    assert hold_out(key, lambda name: None, lambda name: flat(2.0))[0]["gap_closed"] is None
-    (alone,) = hold_out(key, lambda name: flat(1.5), lambda name: None)
-    assert (alone["gap_closed"], alone["gap_closed_refit"]) == (pytest.approx(0.75), None)
+    (row,) = hold_out(key, lambda name: flat(1.5))
+    assert (row["channel"], row["gap_closed"]) == ("tau_1", pytest.approx(0.75))
+    assert hold_out(key, lambda name: None)[0]["gap_closed"] is None
 
 
 @pytest.mark.parametrize(
@@ -83,8 +75,7 @@ def test_wilson_interval(hits, of, interval):
 
 def gap(channel, simulation, model, oracle):
     closed = None if model is None else (simulation - model) / (simulation - oracle)
-    return {"channel": channel, "simulation": simulation, "refit": simulation, "model": model, "oracle": oracle,
-            "gap_closed": closed, "gap_closed_refit": 0.0, "gap_beyond_refit": closed}  # fmt: skip
+    return {"channel": channel, "simulation": simulation, "model": model, "oracle": oracle, "gap_closed": closed}
 
 
 def rows_of_five():
@@ -100,25 +91,25 @@ def rows_of_five():
     rows = []
     for kind, level, key, said, gaps in entries:
         s = score(key, said, [], gaps) | {"seconds": 2.0, "error": None, "hold_out_recorded": gaps}
-        row = {"id": "case", "level": level, "robot": "r", "ratio": 4.0, "strength": strength_of(key), "explain": s}
-        rows.append(row | {"simulation": {"kind": kind}})
+        row = {"id": "case", "level": level, "robot": "r", "ratio": 4.0, "strength": strength_of(key)}
+        rows.append(row | s | {"simulation": {"kind": kind}})
     return rows
 
 
 def test_totals_and_page():
-    t = totals(rows_of_five(), "explain")
+    t = totals(rows_of_five())
     assert t["f1"] == pytest.approx(2 * 2 / (2 * 2 + 1 + 1), abs=1e-3)
     assert t["null_false_rate"]["value"] == 0.5
     assert t["unknown_recall"]["value"] == 1.0
     assert t["interval_coverage"]["hits"] == 1
     assert t["by_effect"]["payload"]["named_wrongly"] == 1
-    result = {"cases": 5, "nulls": 2, "methods": {"explain": t}, "failures": []}
-    text = markdown(result, {"explain": "cellwatt explain"})
+    result = {"cases": 5, "nulls": 2, "totals": t, "failures": []}
+    text = markdown(result)
     assert "| unknown called unknown | 1.000 (0.21–1.00; 1/1) | 1.000 (0.21–1.00; 1/1) | – |" in text
 
 
 def test_figures_are_split_by_whose_the_simulation_is():
-    t = totals(rows_of_five(), "explain")
+    t = totals(rows_of_five())
     law, own, tool = t["by_simulation"]["law"], t["by_simulation"]["own"], t["by_kind"]["tool"]
     assert (law["cases"], law["f1"], law["null_false_rate"]["hits"], law["channels"]) == (2, 1.0, 0, 0)
     assert (own["cases"], own["f1"], own["null_false_rate"]["hits"]) == (3, 0.5, 1)
@@ -126,24 +117,12 @@ def test_figures_are_split_by_whose_the_simulation_is():
     assert (tool["cases"], tool["recall"]["value"], tool["channels"], tool["channels_made_worse"]) == (2, 0.5, 2, 1)
     assert tool["gap_closed_median"] == tool["gap_closed_recorded_median"] == pytest.approx(0.125)
     assert t["by_kind"]["bare"]["f1"] is None
-    result = {"cases": 5, "nulls": 2, "methods": {"explain": t}, "failures": []}
-    lines = markdown(result, {"explain": "cellwatt explain"}).splitlines()
+    result = {"cases": 5, "nulls": 2, "totals": t, "failures": []}
+    lines = markdown(result).splitlines()
     assert "|  | all | robot.yaml's law | own simulation |" in lines
     assert next(x for x in lines if x.startswith("| (b) ")).startswith(
         "| (b) simulation and arm have a tool that the URDF lacks | 2 | 0.667 | 0.500 (0.10–0.91; 1/2) |"
     )
-
-
-def test_pursuit_picks_what_is_there_and_stops():
-    rng = np.random.default_rng(5)
-    x = rng.normal(size=(2000, 2, 4))
-    groups = [Group(f"effect_{k}", k % 2, np.where(np.arange(2)[None, :, None] == k % 2, x[:, :, [k]], 0.0), ("size",))
-              for k in range(4)]  # fmt: skip
-    noise = np.array([1.0, 2.0])
-    residual = 3.0 * groups[2].values[:, :, 0] + noise * rng.normal(size=(2000, 2))
-    got = pursue(np.ones((2000, 2, 1)), np.array([0.01]), groups, residual, noise)
-    assert got.picked == [2]
-    assert got.coefficients[-1] == pytest.approx(3.0, abs=4 * np.sqrt(got.covariance[-1, -1]))
 
 
 def test_a_product_that_is_stopped_from_outside_gave_no_answer(tmp_path):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cellwatt.commands import demo
-from cellwatt.live.as_json import line_of
+from cellwatt.live.bulletin import line_of
 from tests.daemon.commands.calling import Call, call
 from tests.daemon.live import cells
 

@@ -74,13 +74,6 @@ def test_what_is_no_certificate_and_no_key(tmp_path: Path) -> None:
     assert only == f"certificate: {tmp_path}/cert.pem is no certificate"
 
 
-def test_a_key_that_everybody_may_read(tmp_path: Path) -> None:
-    authority = new_authority("plant-1", NOW)
-    settings = write(tmp_path, authority, issue(authority, "weld-3", (), NOW))
-    (tmp_path / "key.pem").chmod(0o644)
-    assert warnings(settings) == (f"key: {tmp_path}/key.pem may be read by everybody on this PC: chmod 600",)
-
-
 def test_a_renewed_certificate_is_a_change_of_the_settings(tmp_path: Path) -> None:
     """So that SIGHUP makes the link anew: nothing in the settings file itself has changed."""
     authority = new_authority("plant-1", NOW)

@@ -14,7 +14,7 @@ from pathlib import Path
 from cellwatt.commands.emulate import command
 from cellwatt.config import load
 from cellwatt.emulation.cell import devices_of, emulator_of, faults_by_device
-from cellwatt.emulation.words import MEANING, WORLD, keys_of, kinds_of, mishap
+from cellwatt.emulation.words import WORLD, keys_of, kinds_of, mishap
 from cellwatt.registry import available
 from tests.daemon.emulation.test_emulate import asked, cell, said, started
 from tests.patience import PATIENCE
@@ -24,7 +24,8 @@ TABLE = re.compile(r"(?<=<!-- kinds -->\n).*(?=<!-- end of kinds -->)", re.DOTAL
 
 
 def table() -> str:
-    """Kinds of faults, their keys, and the drivers whose emulators know them."""
+    """Kinds of faults, what the page says of them, their keys, and the drivers whose emulators know them."""
+    meaning = dict(re.findall(r"^\| `(\w+)` \| (.*?) \| `", PAGE.read_text(), re.MULTILINE))
     keys: dict[str, tuple[str, ...]] = {}
     drivers: dict[str, list[str]] = {}
     for driver in available("cellwatt.drivers"):
@@ -35,7 +36,7 @@ def table() -> str:
     lines = ["| kind | what happens | keys | drivers |", "|---|---|---|---|"]
     for kind in sorted(keys, key=lambda kind: (kind not in WORLD, kind)):
         known = "all" if len(drivers[kind]) == everywhere else ", ".join(drivers[kind])
-        lines.append(f"| `{kind}` | {MEANING[kind]} | {', '.join(f'`{key}`' for key in keys[kind])} | {known} |")
+        lines.append(f"| `{kind}` | {meaning.get(kind)} | {', '.join(f'`{key}`' for key in keys[kind])} | {known} |")
     return "\n" + "\n".join(lines) + "\n\n"
 
 

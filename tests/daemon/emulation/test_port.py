@@ -32,16 +32,6 @@ async def connect(address: str):
     return await asyncio.open_connection(host, int(port))
 
 
-async def test_answers_are_made_and_sent() -> None:
-    device = Device()
-    async with echoing(device) as address:
-        reader, writer = await connect(address)
-        writer.write(b"a\nb\n")
-        assert [await reader.readline() for _ in range(2)] == [b"A\n", b"B\n"]
-        assert device.counts == {"made": 2, "sent": 2}
-        writer.close()
-
-
 @pytest.mark.parametrize(
     ("kind", "come", "sent"), [("loss", b"", 0), ("half_frame", b"HELL", 0), ("garbage", b"#", 1), ("delay", b"H", 1)]
 )

@@ -2,8 +2,7 @@
 
 import json
 
-from cellwatt.live.as_json import line_of
-from cellwatt.live.bulletin import EVERY, Bulletin
+from cellwatt.live.bulletin import EVERY, Bulletin, line_of
 from tests.daemon.live.cells import alarm, energy, gap, health, interval, source, task
 
 
@@ -23,13 +22,8 @@ def test_changes_are_told_once() -> None:
 
 def test_results_are_told_with_their_time() -> None:
     bulletin = Bulletin()
-    messages = (
-        interval(1, (1, 3), 2.3),
-        interval(2, (), 0.25),
-        interval(3, (2,), 1.0, closed=False),
-        task(4),
-        energy(4),
-    )
+    moved, rest, begun = interval(1, (1, 3), 2.3), interval(2, (), 0.25), interval(3, (2,), 1.0, closed=False)
+    messages = (moved, rest, begun, task(4), energy(4))
     assert said(bulletin, *messages) == [
         "interval 1: joints 1+3 moved, 2.30 s",
         "interval 2: rest, 0.25 s",

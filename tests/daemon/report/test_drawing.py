@@ -27,13 +27,6 @@ def test_thinning_keeps_a_peak_at_its_place() -> None:
     assert abs(int(np.argmax(kept)) * apart - 7321) <= apart * 2
 
 
-def test_a_gap_as_wide_as_a_span_stays_a_gap() -> None:
-    values = np.ones(1000)
-    values[400:600] = np.nan
-    kept, apart = thin(values, 100)
-    assert np.isnan(kept[int(420 / apart) : int(580 / apart)]).all()
-
-
 def test_rounding_keeps_a_part_of_the_range_that_no_eye_sees() -> None:
     values = np.linspace(-3.0, 7.0, 999)
     assert np.abs(np.array(plain(values)) - values).max() <= 10.0 / 5000

@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pydantic import ConfigDict, field_validator
+from pydantic import field_validator
 
-from cellwatt import Channel, Identity, Reading, SourceError, SourceSettings, Stream
+from cellwatt import Identity, Reading, SourceError, SourceSettings
 from cellwatt.testing import Rig
 from cellwatt.testing.skeleton import SkeletonDriver, SkeletonSettings, wire
 from cellwatt.testing.skeleton.driver import Meter
@@ -45,13 +45,6 @@ class HasAnEmulatorThatFails(SkeletonDriver):
 
 
 # settings ---------------------------------------------------------------------------------------------
-
-
-class TakesUnknownKeys(SkeletonDriver):
-    class Settings(SkeletonSettings):
-        """A meter."""
-
-        model_config = ConfigDict(extra="ignore")
 
 
 class TakesAnyValue(SkeletonDriver):
@@ -100,11 +93,6 @@ class NamesChannelsTwice(SkeletonDriver):
         return (self._stream, replace(self._stream, name="again"))
 
 
-class DoesNotIdentify(SkeletonDriver):
-    async def identify(self) -> Identity:
-        return Identity("", "")
-
-
 class Returns(SkeletonDriver):
     async def run(self) -> None:
         async with self._connected() as meter:
@@ -127,13 +115,6 @@ class SaysConnectedTooLate(SkeletonDriver):
             while True:
                 await self._poll(meter)
                 await asyncio.sleep(0.02)
-
-
-class LeavesItsPollsOpen(SkeletonDriver):
-    async def _poll(self, meter: Meter) -> None:
-        self.inlet.account.expect()
-        with contextlib.suppress(SourceError):
-            await super()._poll(meter)
 
 
 class CountsNothing(SkeletonDriver):
@@ -166,14 +147,6 @@ class SwallowsCancellation(SkeletonDriver):
             await super().run()
 
 
-class TurnsCancellationIntoAnError(SkeletonDriver):
-    async def run(self) -> None:
-        try:
-            await super().run()
-        except asyncio.CancelledError:
-            raise SourceError("interrupted") from None
-
-
 # reconnect --------------------------------------------------------------------------------------------
 
 
@@ -186,14 +159,6 @@ class LeaksOsErrors(SkeletonDriver):
             yield Meter("meter", reader, writer, s.timeout)
         finally:
             writer.close()
-
-
-class TriesForEver(SkeletonDriver):
-    async def run(self) -> None:
-        while True:
-            with contextlib.suppress(SourceError):
-                await super().run()
-            await asyncio.sleep(0.05)
 
 
 class DoesNotSayWhere(SkeletonDriver):
@@ -219,11 +184,6 @@ class Restamps(SkeletonDriver):
 
     def stamped(self, reading: Reading) -> Reading:
         raise NotImplementedError
-
-
-class GivesFlatValues(Restamps):
-    def stamped(self, reading: Reading) -> Reading:
-        return replace(reading, values=reading.values.astype(np.float32))
 
 
 class AsksAfterTheAnswer(Restamps):
@@ -315,9 +275,3 @@ class SwallowsLoss(SkeletonDriver):
                     values = np.array([[sample.voltage, sample.current, sample.power]])
                     self.inlet.emit(Reading(self._stream, values, self.inlet.now()))
                 await asyncio.sleep(0.02)
-
-
-class NamesAStreamBadly(SkeletonDriver):
-    @property
-    def streams(self):
-        return (Stream("Measured!", (Channel("supply.power", "W"),), 10.0, "host"),)

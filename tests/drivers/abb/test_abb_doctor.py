@@ -24,25 +24,13 @@ async def look(place: dict[str, object], seconds: float = 0.6, **changes: object
 
 
 async def test_a_clock_that_is_not_known_yet_is_a_warning(monkeypatch):
-    """In the first seconds of a connection the bound is seconds: version 9d343b6 said "ok" beside ± 4 s."""
+    """In the first seconds of a connection the bound is seconds."""
     monkeypatch.setattr(examining, "SETTLING", 0.0)
     async with emulated(robotware="6") as (_, place):
         found = await look(place, robotware=6)
     assert found.verdict == "warning"
     assert any(f.startswith("egm: its time stamps may be off by ") for f in found.findings)
     assert not any("move_index" in f for f in found.findings)  # RobotWare 6 has none
-
-
-async def test_it_reads_on_until_the_clock_is_known(monkeypatch):
-    monkeypatch.setattr(examining, "CLOCK_TOLERANCE", 6.0)  # 0.1 s takes eight seconds of packets
-    async with emulated(robotware="6") as (_, place):
-        found = await look(place, robotware=6, web=["state"])
-    # A PC that stood still meanwhile misses a poll, and doctor says so.
-    assert found.verdict == ("warning" if found.findings else "ok")
-    assert not found.findings or any("host stalled" in told for told in found.findings), found.findings
-    assert not any("clock" in told for told in found.findings), found.findings
-    assert found.status["bounds_ms"]["egm"] < 6000
-    assert found.status["streams"]["egm"]["samples"] > 0.6 * 250
 
 
 async def test_why_there_is_no_energy(monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
-from cellwatt_drivers.abb.controller import Controller, state_stream
+from cellwatt_drivers.abb.controller import Controller
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
@@ -58,7 +58,7 @@ async def test_pages_that_are_cut_short_by_the_stop_are_not_missed():
             await asyncio.Event().wait()
 
     asked, inlet = asyncio.Event(), CollectingInlet()
-    controller = Controller(inlet, 10.0, state_stream(10.0), None, 7, "ROB_1", 1.0)
+    controller = Controller(inlet, AbbSettings.model_validate({"host": "192.0.2.1", "web": ["state"]}))
     polling = asyncio.create_task(controller.poll(Silent()))
     await asked.wait()
     polling.cancel()
@@ -170,14 +170,6 @@ async def test_only_the_robots_own_packets_are_taken():
     assert inlet.account.received == 0
 
 
-async def test_a_port_that_is_taken_says_so():
-    async with emulated() as (_, place), running(place | {"web": []}) as (inlet, _):
-        await inlet.until(lambda o: o.account.received > 1)
-        other = AbbDriver("other", AbbSettings.model_validate(place | {"web": []}), CollectingInlet())
-        with pytest.raises(ConnectError, match="egm_port of its own"):
-            await other.run()
-
-
 async def test_who_is_there():
     async with emulated() as (_, place):
         both = AbbDriver("arm", AbbSettings.model_validate(place), CollectingInlet())
@@ -191,14 +183,6 @@ async def test_who_is_there():
         nobody = AbbDriver("arm", AbbSettings.model_validate(place | {"port": 1}), CollectingInlet())
         with pytest.raises(ConnectError, match="cannot be read"):
             await nobody.identify()
-
-
-async def test_the_other_robotware_is_another_device():
-    async with emulated(robotware="6") as (_, place), running(place | {"robotware": 6, "egm": []}) as (inlet, _):
-        await inlet.until(lambda o: len(of(o, "controller")) > 0)
-        seven = AbbDriver("arm", AbbSettings.model_validate(place | {"robotware": 7}), CollectingInlet())
-        with pytest.raises((DeviceError, WrongDeviceError)):
-            await seven.identify()
 
 
 async def test_pages_over_https(tmp_path):

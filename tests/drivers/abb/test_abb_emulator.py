@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import shutil
 import urllib.request
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from cellwatt.emulation import Fault
-from cellwatt_drivers.abb.emulator import AbbEmulator
-from tests.patience import PATIENCE
-
-from .rig import ANGLES, STILL, emulated
+from .rig import ANGLES, emulated
 
 
 def listen(port: int, count: int):
@@ -78,28 +73,3 @@ async def test_pages_have_what_rws2_reads():
     assert execution == [["running", "forever"]]
     assert mode[0] == ["AUTO"] and len(mode) > 1
     assert state == [["motoron"]]
-
-
-@pytest.mark.parametrize(("robotware", "scheme"), [("6", "--digest"), ("7", "--basic")])
-async def test_curl_reads_its_pages_as_the_manual_shows(robotware, scheme):
-    if shutil.which("curl") is None:
-        pytest.skip("curl is not installed")
-    async with emulated(robotware=robotware) as (_, place):
-        url = f"http://127.0.0.1:{place['port']}/rw/system/energy"
-        child = await asyncio.create_subprocess_exec(
-            "curl", "-s", scheme, "-u", "Default User:robotics", url, stdout=asyncio.subprocess.PIPE
-        )
-        out, _ = await asyncio.wait_for(child.communicate(), PATIENCE)
-    assert b"sys-energy-axis-li" in out
-
-
-@pytest.mark.parametrize("options", [{"robotware": "8"}, {"egg": "1"}, {"certificate": "nowhere"}])
-def test_wrong_options(options):
-    with pytest.raises((ValueError, OSError)):
-        AbbEmulator(STILL, "", options=options)
-
-
-def test_every_fault_is_known():
-    emulator = AbbEmulator(STILL, "")
-    for kind in AbbEmulator.faults:
-        emulator.inject(Fault(kind))

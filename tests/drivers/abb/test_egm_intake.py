@@ -35,15 +35,6 @@ class Rig:
         return account.expected, account.received, dict(account.missed), dict(account.counters)
 
 
-def test_one_after_the_other():
-    rig = Rig()
-    rig.take(1, 2, 3)
-    rig.take(4)
-    assert rig.count == (4, 4, {}, {})
-    np.testing.assert_array_equal(np.diff(rig.inlet.device_time), 4_000_000)
-    assert rig.inlet.device_time[0] == 1_700_000_000_004_000_000
-
-
 def test_gaps_duplicates_and_late_ones():
     rig = Rig()
     rig.take(1, 2, 5, 5, 4, 6)

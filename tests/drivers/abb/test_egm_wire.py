@@ -25,7 +25,6 @@ FULL = bytes.fromhex(
 )
 FORCE_7 = bytes.fromhex("4a0b080111000000000000f83f72090900000000000000 40".replace(" ", ""))
 FORCE_6 = bytes.fromhex("4a0909000000000000f83f")
-PACKED = bytes.fromhex("0a06080110041802 1214 0a12 0a10 0000000000002440 0000000000003440".replace(" ", ""))
 CORRECTION = bytes.fromhex("0a060801100a1803121 40a12090000000000000000090000000000000000".replace(" ", ""))
 
 ALL = ("joints", "planned", "tool", "state", "force", "torque", "collision")
@@ -75,11 +74,6 @@ def test_a_force_of_half_a_number_is_none():
     assert list(wire.force(packet.message)) == []
 
 
-def test_packed_doubles_are_read_too():
-    values = read(PACKED, ("joints",), axes=2)
-    assert values["joint_2.position"] == pytest.approx(math.radians(20))
-
-
 def test_external_axes_turn_or_slide():
     external = b"\x12\x14\x1a\x12" + MINIMAL[12:30]
     values = read(MINIMAL + external, ("joints",), 2, ("rotary", "linear"))
@@ -118,12 +112,3 @@ def test_no_bytes_raise_anything_else(data):
     except ProtocolError:
         return
     wire.columns(ALL, 6, ("linear",)).row(packet.message)
-
-
-@given(st.integers(0, len(FULL) - 1), st.integers(0, 255))
-def test_no_changed_byte_raises_anything_else(place, byte):
-    try:
-        packet = wire.decode(FULL[:place] + bytes([byte]) + FULL[place + 1 :])
-    except ProtocolError:
-        return
-    wire.columns(ALL, 6, ()).row(packet.message)

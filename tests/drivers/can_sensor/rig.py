@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+import socket
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, closing, contextmanager
 from dataclasses import dataclass
 
+import can
 import numpy as np
+import pytest
 
 from cellwatt.errors import SourceError
-from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
+from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings, listening
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 
 from ..inlet import CollectingInlet
@@ -18,24 +22,64 @@ from ..running import Steady, served, supervised
 
 FAST = {"cycles": "current=10,voltage_1=20"}
 READ = {"read": ["current", "voltage_1"], "rates": {"current": "100 Hz", "voltage_1": "50 Hz"}}
-_numbers = itertools.count()
 
 
 STILL = Steady({"bus.voltage": 48.0, "bus.current": -2.5})
 
 
-def virtual() -> str:
-    """The address of a bus that no other test uses."""
-    return f"virtual:test_{next(_numbers)}"
+class ScriptedBus(can.BusABC):
+    """A bus of the kernel, on which a test puts frames."""
+
+    def __init__(self) -> None:
+        self._near, self._far = socket.socketpair()
+        self._near.setblocking(False)
+        self._far.setblocking(False)
+        self._waiting: deque[can.Message] = deque()
+        self._is_shutdown = True
+
+    def put(self, *messages: can.Message) -> None:
+        for message in messages:
+            message.timestamp = message.timestamp or time.time()
+            self._waiting.append(message)
+            self._far.send(b"!")
+
+    def fileno(self) -> int:
+        return self._near.fileno()
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._waiting:
+            return None, True
+        self._near.recv(1)
+        return self._waiting.popleft(), True
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise AssertionError("the driver only listens")
+
+    def shutdown(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._near.close()
+        self._far.close()
+
+
+KERNEL = "socketcan:can0"
+
+
+@contextmanager
+def scripted(monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedBus]:
+    """The bus that a driver finds at ``KERNEL``."""
+    with closing(ScriptedBus()) as bus:
+        monkeypatch.setattr(listening, "_open", lambda place: bus)
+        yield bus
 
 
 @asynccontextmanager
-async def emulated(address: str | None = None, **options: str) -> AsyncIterator[tuple[CanSensorEmulator, str]]:
-    """An emulator and its address; that of the port on ``pty``."""
-    where = address or virtual()
-    emulator = CanSensorEmulator(STILL, where, seed=5, options=FAST | options)
+async def emulated(**options: str) -> AsyncIterator[tuple[CanSensorEmulator, str]]:
+    """An emulator and the path of its adapter."""
+    emulator = CanSensorEmulator(STILL, "pty", seed=5, options=FAST | options)
     async with served(emulator) as place:
-        yield emulator, place if where == "pty" else where
+        yield emulator, place
 
 
 def settings(place: str, **changes: object) -> CanSensorSettings:

@@ -20,7 +20,7 @@ def test_the_counter_tells_at_once_what_was_lost():
 
 
 @pytest.mark.parametrize("counts_to", [16, None])
-@pytest.mark.parametrize("gap", [1, 5, 16, 40, 1000])
+@pytest.mark.parametrize("gap", [5, 16, 1000])
 def test_every_loss_is_known_soon_after(counts_to, gap):
     numbers = [*range(50), *range(50 + gap, 100 + gap)]
     found = losses(counts_to, numbers)
@@ -40,7 +40,7 @@ def test_what_is_only_late_is_not_lost(counts_to):
 
 
 @pytest.mark.parametrize("counts_to", [16, None])
-@pytest.mark.parametrize("pace", [0.5, 0.99, 1.01])
+@pytest.mark.parametrize("pace", [0.99, 1.01])
 def test_a_clock_that_is_off_is_no_loss(counts_to, pace):
     numbers = list(range(2000))
     assert sum(losses(counts_to, numbers, [n * PERIOD * pace for n in numbers])) == 0

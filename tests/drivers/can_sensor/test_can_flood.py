@@ -27,7 +27,7 @@ class Full(BusABC):
 
 async def test_a_turn_of_the_loop_takes_a_little_of_what_a_bus_holds() -> None:
     bus = Full(10_000)
-    listening = Listening(BusPlace("virtual", "full"), bus)
+    listening = Listening(BusPlace("socketcan", "full"), bus)
     while bus.left > 0:
         listening.drain()
     blocks = []

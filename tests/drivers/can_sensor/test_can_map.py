@@ -1,10 +1,9 @@
 from __future__ import annotations
 
-import cantools
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_drivers.can_sensor.sensor_map import SENSORS, load_decodings, load_map
+from cellwatt_drivers.can_sensor.sensor_map import load_decodings, load_map
 
 DBC = """VERSION ""
 BU_: DRIVE
@@ -49,8 +48,6 @@ def test_the_worked_frame_of_an_ivt_s():
     ("stream", "identifier", "data", "channel", "unit", "value"),
     [
         ("voltage_1", 0x522, "01 00 00 00 BB 80", "bus.voltage", "V", 48.0),
-        ("voltage_2", 0x523, "02 00 FF FF FF FF", "bus.voltage_2", "V", -0.001),
-        ("temperature", 0x525, "04 00 00 00 01 36", "sensor.temperature", "degC", 31.0),
         ("power", 0x526, "05 00 FF FF FC 18", "bus.power", "W", -1000.0),
         ("energy", 0x528, "07 00 00 00 00 02", "bus.energy", "J", 7200.0),
     ],
@@ -62,13 +59,6 @@ def test_results_of_an_ivt_s(stream, identifier, data, channel, unit, value):
     assert (found.channels[0].name, found.channels[0].unit) == (channel, unit)
     signals = found.decode(bytes.fromhex(data))
     assert signals[next(iter(found.wanted.signals))] * found.factors[0] == pytest.approx(value)
-
-
-@pytest.mark.parametrize("name", SENSORS)
-def test_packaged_dbc_files_are_read_strictly_by_cantools(name):
-    made, _ = load_decodings(name, None)
-    database = cantools.database.load_file(made.dbc, strict=True)
-    assert {s.message for s in made.streams.values()} <= {m.name for m in database.messages}
 
 
 def test_an_own_map_in_si_units(folder):
@@ -88,12 +78,9 @@ def test_an_own_map_in_si_units(folder):
     ("old", "new", "why"),
     [
         ("cycle: 10 ms", "cycle: 10", r"drive\.yaml:8:12: streams\.status\.cycle: .*number with its unit"),
-        ("cycle: 10 ms", "cycel: 10 ms", r"drive\.yaml:8:5: .*did you mean 'cycle'"),
-        ("maker: Acme\n", "", r"drive\.yaml:.*'maker' is missing"),
         ("dbc: drive.dbc", "dbc: driv.dbc", r"driv\.dbc: cannot be read as a DBC file"),
         ("Drive_Status", "Drive_Statu", "no message 'Drive_Statu'; did you mean 'Drive_Status'"),
         ("Speed:", "Sped:", "no signal 'Sped'; did you mean 'Speed'"),
-        ("counter: Number", "counter: Numbr", "no signal 'Numbr'"),
         ("Speed: drive.speed", "Odd: drive.odd", "signal Odd of Drive_Status is in 'furlong': write"),
         ("Speed: drive.speed", "Speed: Speed", r"drive\.yaml:11:"),
     ],
@@ -102,12 +89,6 @@ def test_mistakes_say_where_and_what(folder, old, new, why):
     assert old in GOOD
     (folder / "drive.yaml").write_text(GOOD.replace(old, new))
     with pytest.raises(ConfigError, match=why):
-        load_decodings(None, folder / "drive.yaml")
-
-
-def test_a_dbc_file_that_is_none(folder):
-    (folder / "drive.dbc").write_text("BO_ nonsense")
-    with pytest.raises(ConfigError, match="cannot be read as a DBC file"):
         load_decodings(None, folder / "drive.yaml")
 
 

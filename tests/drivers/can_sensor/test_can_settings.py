@@ -1,13 +1,10 @@
 from __future__ import annotations
 
-from importlib.machinery import PathFinder
-
 import pytest
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
-from cellwatt_drivers.shared import requirements
 
 from ..inlet import CollectingInlet
 
@@ -40,29 +37,11 @@ def test_streams_and_rates_are_chosen():
     [
         ({}, "either 'sensor'"),
         (GOOD | {"map": __file__}, "either 'sensor'"),
-        (GOOD | {"sensor": "ivt"}, "'ivt_s'"),
-        (GOOD | {"interface": "pcan"}, "'socketcan'"),
         (GOOD | {"bitrate": 500000}, "are for slcan"),
-        (GOOD | {"listen_only": True}, "are for slcan"),
         (GOOD | {"interface": "slcan"}, "path of a serial port"),
         (GOOD | {"interface": "slcan", "channel": "/dev/ttyACM0", "bitrate": 123}, "expected one of 10000"),
-        (GOOD | {"read": []}, "at least one"),
-        (GOOD | {"read": ["current", "current"]}, "each once"),
-        (GOOD | {"silence": "2"}, "number with its unit"),
-        (GOOD | {"rates": {"current": 100}}, "number with its unit"),
-        (GOOD | {"baud": 1}, "Extra inputs"),
     ],
 )
 def test_wrong_settings_say_what_is_wrong(found, why):
     with pytest.raises(ValidationError, match=why):
         CanSensorSettings.model_validate(found)
-
-
-@pytest.mark.parametrize("package", ["can", "cantools"])
-def test_a_missing_extra_is_named(monkeypatch, package):
-    def nothing(name: str) -> object:
-        return None if name == package else PathFinder.find_spec(name)
-
-    monkeypatch.setattr(requirements, "find_spec", nothing)
-    with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[can\]'"):
-        make()

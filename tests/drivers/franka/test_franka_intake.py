@@ -101,11 +101,3 @@ def test_modes_that_change_are_reported():
     rig.take(3, mode=4.0)
     rig.take(4, mode=1.0)
     assert [text for _, text, _ in rig.inlet.events] == ["robot mode: move → reflex", "robot mode: reflex → idle"]
-
-
-def test_a_mode_that_is_no_number_is_told_as_it_is():
-    rig = Rig()
-    rig.take(100)
-    rig.take(101, mode=float("nan"))
-    rig.take(102, mode=9.0)
-    assert [text for _, text, _ in rig.inlet.events] == ["robot mode: move → nan", "robot mode: nan → 9"]

@@ -8,11 +8,9 @@ import socket
 import pytest
 
 from cellwatt_drivers.kinova import registers
-from cellwatt_drivers.kinova.emulator import KinovaEmulator
 from tests.patience import eventually
 
-from ..inlet import CollectingInlet
-from .rig import ANGLES, STILL, Steady, driver, emulated, of, running
+from .rig import emulated, of, running
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed")
 
@@ -81,9 +79,3 @@ async def test_the_driver_reads_a_server_of_pymodbus():
         await asyncio.gather(serving, return_exceptions=True)
     assert of(inlet, "arm")[0].values[0, :3].tolist() == [24.0, 1.25, 30.0]
     assert of(inlet, "motion")[0].values[0, 14:21].tolist() == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
-
-
-def test_wrong_options():
-    with pytest.raises(ValueError, match="unknown options: wrp"):
-        KinovaEmulator(Steady(STILL), "", options={"wrp": "1"})
-    assert driver(1, CollectingInlet()).settings.axes == len(ANGLES)

@@ -9,10 +9,9 @@ from pymodbus import FramerType
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusIOException
 
-from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 from tests.patience import PATIENCE
 
-from .rig import STILL, emulated
+from .rig import emulated
 
 FLOAT32 = AsyncModbusTcpClient.DATATYPE.FLOAT32
 INT32 = AsyncModbusTcpClient.DATATYPE.INT32
@@ -50,9 +49,7 @@ async def test_low_word_first_where_the_meter_does_so():
     assert client.convert_from_registers(answer.registers, INT32, word_order="little") == 2300
 
 
-@pytest.mark.parametrize(
-    ("meter", "address"), [("gavazzi_em340", 0x28), ("siemens_pac3200", 65), ("siemens_pac2200", 65)]
-)
+@pytest.mark.parametrize(("meter", "address"), [("gavazzi_em340", 0x28), ("siemens_pac3200", 65)])
 async def test_meters_that_answer_both_functions_alike(meter, address):
     async with emulated(meter=meter) as (_, place):
         client = await client_of(place)
@@ -92,15 +89,3 @@ async def test_nothing_can_be_written():
         watts = await client.read_holding_registers(65, count=2, device_id=1)
         client.close()
         assert client.convert_from_registers(watts.registers, FLOAT32) == 500.0
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"meter": "nobody"}, "meter is one of"),
-        ({"map": "/x"}, "/x"),
-    ],
-)
-def test_wrong_options_are_refused(options, why):
-    with pytest.raises(ValueError, match=why):
-        ModbusMeterEmulator(STILL, "", options=options)

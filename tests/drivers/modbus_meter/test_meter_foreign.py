@@ -8,11 +8,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from cellwatt.errors import WrongDeviceError
-from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from tests.patience import PATIENCE
 
-from ..inlet import CollectingInlet
 from .rig import emulated, running, settings
 
 client = pytest.importorskip("pyModbusTCP.client", reason="pyModbusTCP is not installed")
@@ -31,7 +28,7 @@ def floats_read(place: str, address: int, count: int, unit: int = 1, low_first: 
 
 @pytest.mark.parametrize(
     ("meter", "volts", "watts", "low_first"),
-    [("eastron_sdm630", 0, 0x34, False), ("siemens_pac2200", 1, 65, False), ("shelly_pro_3em", 1020, 1013, True)],
+    [("eastron_sdm630", 0, 0x34, False), ("shelly_pro_3em", 1020, 1013, True)],
 )
 async def test_its_client_reads_the_emulator(meter, volts, watts, low_first):
     async with emulated(meter=meter) as (emulator, place):
@@ -67,10 +64,3 @@ async def test_the_driver_reads_its_server():
     assert found["supply.power"] == 500.0
     assert found["supply.frequency"] == pytest.approx(49.98)
     assert found["supply.energy_imported"] == pytest.approx(1234.5 * 3.6e6)
-
-
-async def test_its_server_is_no_shelly():
-    async with serving(SDM630) as place:
-        driver = ModbusMeterDriver("m", settings(place, meter="shelly_pro_3em"), CollectingInlet())
-        with pytest.raises(WrongDeviceError, match=r"not a Pro 3EM: no phase has a voltage.*like Eastron SDM630"):
-            await driver.identify()

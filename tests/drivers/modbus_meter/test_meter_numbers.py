@@ -68,13 +68,6 @@ async def test_a_gateway_with_numbers_of_its_own_is_told_on_connecting(tmp_path,
             await ModbusMeterDriver("m", made, CollectingInlet()).identify()
 
 
-async def test_a_gateway_that_leaves_the_number_at_0_is_read(tmp_path):
-    (tmp_path / "map.yaml").write_text(MAP)
-    async with numbering(lambda n: 0) as place, running(settings(place, map=str(tmp_path / "map.yaml"))) as run:
-        await run.inlet.until(lambda o: o.account.received >= 3)
-    assert run.inlet.values[-1].tolist() == [230.0, 50.0]
-
-
 def frame(number: int) -> bytes:
     return struct.pack(">HHHBBBHH", number, 0, 7, 1, 3, 4, 230, 50)
 

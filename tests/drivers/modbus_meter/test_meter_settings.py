@@ -47,18 +47,7 @@ def test_only_what_is_wanted_is_read_in_the_order_of_the_settings():
         ({"meter": "siemens_pac3200"}, "either 'host' or 'line'"),
         (GOOD | {"line": "/dev/ttyUSB0"}, "either 'host' or 'line'"),
         ({"host": "192.0.2.1"}, "either 'meter'"),
-        (GOOD | {"map": __file__}, "either 'meter'"),
-        (GOOD | {"meter": "siemens"}, "eastron_sdm630"),
         ({"line": "COM3", "meter": "siemens_pac3200"}, "path of a serial port"),
-        (GOOD | {"unit": 256}, "less than or equal to 255"),
-        (GOOD | {"parity": "mark"}, "'none', 'even' or 'odd'"),
-        (GOOD | {"stop_bits": 3}, "1 or 2"),
-        (GOOD | {"framing": "ascii"}, "'tcp' or 'rtu'"),
-        (GOOD | {"rate": "5"}, "number with its unit"),
-        (GOOD | {"timeout": "0 s"}, "greater than 0"),
-        (GOOD | {"read": []}, "at least one"),
-        (GOOD | {"read": ["supply.power", "supply.power"]}, "each once"),
-        (GOOD | {"registers": 3}, "Extra inputs"),
     ],
 )
 def test_wrong_settings_say_what_is_wrong(found, why):

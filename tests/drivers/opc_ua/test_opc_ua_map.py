@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
-from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings, tag_units
+from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen, parsed
-from cellwatt_drivers.opc_ua.tag_map import load_map, packaged_map
-from cellwatt_drivers.shared.maps import KNOWN
+from cellwatt_drivers.opc_ua.tag_map import load_map, packaged_map, unit_named
 
 from ..inlet import CollectingInlet
 
@@ -59,13 +56,7 @@ def test_axes_are_taken_in_the_order_of_their_numbers():
 )
 def test_the_servers_units_are_known_by_number_or_text(number, text, unit):
     """17476 and 4408652 are degree (DD) and degree Celsius (CEL) in the table of OPC 10000-8."""
-    assert tag_units.named(number, text) == unit
-
-
-def test_units_are_those_of_the_si():
-    assert KNOWN["deg"][1].factor == pytest.approx(math.pi / 180)
-    assert KNOWN["degF"][0] == "degC"
-    assert KNOWN["kWh"][0] == "J"
+    assert unit_named(number, text) == unit
 
 
 def test_the_packaged_map_is_that_of_the_standard():
@@ -77,12 +68,6 @@ def test_the_packaged_map_is_that_of_the_standard():
     names = [str(s) for s in made.values["joint_3.position"].steps]
     assert names[-5:] == ["*", "rob:Axes", "*3", "di:ParameterSet", "rob:ActualPosition"]
     assert not made.values["joint_1.position"].optional and made.values["joint_1.velocity"].optional
-
-
-def test_the_stream_follows_the_tags():
-    (stream,) = make(rate="25 Hz").streams
-    assert (stream.name, stream.rate, stream.clock) == ("tags", 25.0, "device")
-    assert [(c.name, c.unit, c.method) for c in stream.channels] == [("supply.power", "W", "average")]
 
 
 def test_tags_are_read_beside_a_map_and_in_the_order_of_read():
@@ -126,7 +111,7 @@ def test_a_map_of_ones_own_is_told_with_line_and_column(tmp_path):
 
 
 def test_the_url_has_brackets_about_an_ipv6_address():
-    assert make(host="::1", path="/UA").url == "opc.tcp://[::1]:4840/UA"
+    assert make(host="::1", path="/UA").settings.url == "opc.tcp://[::1]:4840/UA"
 
 
 def test_the_clock_allows_for_the_time_that_a_sample_waits_in_the_server():

@@ -47,9 +47,7 @@ def test_wraps_of_both_counters_are_followed(first: int, drift: float, seed: int
         number += rng.choice([1, 1, 2, 500, 5000])
 
 
-@pytest.mark.parametrize("hours", [0.1, 0.5, 1, 3, 12])
-@pytest.mark.parametrize("drift", [-100e-6, 0.0, 100e-6])
-@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize(("hours", "drift", "samples"), [(0.1, 0.0, 1), (1, -100e-6, 2), (12, 100e-6, 1)])
 def test_outage_is_counted_exactly(hours: float, drift: float, samples: int) -> None:
     board, clock = Simulated(drift, samples=samples), BoardClock(RATE)
     for number in range(0, 2000, samples):
@@ -58,7 +56,7 @@ def test_outage_is_counted_exactly(hours: float, drift: float, samples: int) -> 
     assert board.place(clock, after) == Place(after, microseconds(after), "follows")
 
 
-@pytest.mark.parametrize("true_rate", [10.0, 50.0, 61.5, 246.0])
+@pytest.mark.parametrize("true_rate", [10.0, 246.0])
 def test_wrong_nominal_rate_does_no_harm(true_rate: float) -> None:
     clock = BoardClock(RATE)
     for number in range(70_000):
@@ -85,7 +83,7 @@ def test_duplicates_and_overtaken_packets_lie_behind() -> None:
     assert board.place(clock, 53).verdict == "follows"
 
 
-@pytest.mark.parametrize("delay", [1.0, 20.0, 50.0])
+@pytest.mark.parametrize("delay", [50.0])
 def test_stalled_link_that_catches_up_is_no_jump(delay: float) -> None:
     board, clock = Simulated(), BoardClock(RATE)
     for number in range(100):
@@ -96,8 +94,7 @@ def test_stalled_link_that_catches_up_is_no_jump(delay: float) -> None:
         assert (place.sequence, place.verdict) == (number, "follows")
 
 
-@pytest.mark.parametrize("jump", [-1800.0, -3.0, -0.1, 0.1, 3.0, 1800.0])
-@pytest.mark.parametrize("lost", [0, 1, 40])
+@pytest.mark.parametrize(("jump", "lost"), [(-1800.0, 1), (-0.1, 40), (0.1, 0), (1800.0, 40)])
 def test_clock_jump_keeps_the_sequence(jump: float, lost: int) -> None:
     board, clock = Simulated(), BoardClock(RATE)
     for number in range(2000):
@@ -123,8 +120,7 @@ def test_packet_overtaken_by_a_clock_jump_is_stale() -> None:
     assert board.place(clock, 103).sequence == 103
 
 
-@pytest.mark.parametrize("uptime", [70.0, 600.0, 3000.0, 7200.0, 40_000.0])
-@pytest.mark.parametrize("away", [0.3, 5.0, 400.0])
+@pytest.mark.parametrize(("uptime", "away"), [(70.0, 0.3), (3000.0, 400.0), (40_000.0, 5.0)])
 def test_restart_is_seen_at_the_first_packet(uptime: float, away: float) -> None:
     """Sequence and clock both begin at 0, which lies on the very line that they came from."""
     board, clock = Simulated(), BoardClock(RATE)

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import numpy as np
 import pytest
 
 from cellwatt import Quality
 from cellwatt.emulation import Fault
-from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, wire
-from tests.drivers.power_board.rig import Inlet, cell, emulated, settled
-from tests.drivers.running import going
-from tests.patience import PATIENCE, eventually
+from tests.drivers.power_board.rig import cell, settled
+from tests.patience import eventually
 
 FAST = {"rate": "500"}
 
 
-@pytest.mark.parametrize("mode", wire.MODES)
-@pytest.mark.parametrize("batch", ["1", "2"])
+@pytest.mark.parametrize(("mode", "batch"), [("api", "1"), ("api_escaped", "2"), ("transparent", "1")])
 async def test_all_samples_come_in_every_mode(mode: str, batch: str) -> None:
     async with cell(mode=mode, batch=batch, rate="400") as (emulator, supervised):
         counts = await settled(emulator, supervised.inlet, 200)
@@ -54,8 +49,18 @@ async def test_single_phase_and_explicit_frames() -> None:
         assert inlet.account.counters["frames: modem status"] == 1
 
 
-@pytest.mark.parametrize(("mode", "batch"), [("api", 1), ("api_escaped", 2), ("transparent", 1)])
-@pytest.mark.parametrize("kind", ["loss", "half_frame", "duplicate", "reorder", "garbage", "delay"])
+@pytest.mark.parametrize(
+    ("kind", "mode", "batch"),
+    [
+        ("loss", "api_escaped", 2),
+        ("half_frame", "api", 1),
+        ("half_frame", "transparent", 1),
+        ("duplicate", "api", 1),
+        ("reorder", "api_escaped", 2),
+        ("garbage", "transparent", 1),
+        ("delay", "api", 1),
+    ],
+)
 async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) -> None:
     async with cell(mode=mode, batch=str(batch), **FAST) as (emulator, supervised):
         inlet = supervised.inlet
@@ -87,7 +92,7 @@ async def test_stall_loses_nothing() -> None:
         assert supervised.inlet.resets == []
 
 
-@pytest.mark.parametrize("seconds", [0.5, -0.5, 2000.0, -2000.0])
+@pytest.mark.parametrize("seconds", [0.5, -2000.0])
 async def test_clock_jump_is_one_reset_and_no_loss(seconds: float) -> None:
     async with cell(**FAST) as (emulator, supervised):
         await settled(emulator, supervised.inlet, 20)
@@ -151,27 +156,3 @@ async def test_sample_later_than_the_window_is_late_and_missed_once() -> None:
         assert account.counters["late"] + account.counters["reordered"] == counts["reorder"]
         assert account.missed["gap"] == account.counters["late"]
         assert account.received == counts["made"] - account.missed["gap"]
-
-
-async def test_port_is_released_on_cancellation() -> None:
-    async with emulated(**FAST) as (_, port):
-        for _ in range(2):
-            inlet = Inlet()
-            driver = PowerBoardDriver("board", PowerBoardSettings(port=port), inlet)
-            async with going(driver.run()):
-                await eventually(lambda inlet=inlet: inlet.account.received > 0)
-
-
-async def test_identify_says_who_is_there() -> None:
-    async with emulated(board="42", phases="2", batch="2", **FAST) as (emulator, port):
-        inlet = Inlet()
-        driver = PowerBoardDriver("board", PowerBoardSettings(port=port, phases=2), inlet)
-        identity = await asyncio.wait_for(driver.identify(), PATIENCE)
-        assert (identity.model, identity.serial) == ("power board 42", "42")
-        assert identity.notes["payload"] == "2 phases, 2 samples a packet"
-        assert inlet.account.expected == 0
-        assert emulator.counts["heard"] == 0
-
-
-def test_driver_writes_nothing_by_construction() -> None:
-    assert PowerBoardDriver.writes == ()

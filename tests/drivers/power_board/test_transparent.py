@@ -17,12 +17,6 @@ def test_frame_as_documented() -> None:
     assert wire.decoder("transparent").feed(FRAME) == [EXAMPLE]
 
 
-@pytest.mark.parametrize("length", [0, 256])
-def test_only_what_a_length_byte_can_say_is_framed(length: int) -> None:
-    with pytest.raises(ValueError, match="1 to 255"):
-        transparent.frame(bytes(length))
-
-
 @settings(deadline=None)
 @given(st.integers(0, 12), st.lists(st.integers(0, 500), max_size=12))
 def test_pieces_of_any_size_give_the_same(n: int, cuts: list[int]) -> None:
@@ -35,22 +29,11 @@ def test_pieces_of_any_size_give_the_same(n: int, cuts: list[int]) -> None:
         assert not taking.counts
 
 
-@pytest.mark.parametrize("length", range(1, len(FRAME)))
-def test_cut_frame_costs_only_itself(length: int) -> None:
-    assert wire.decoder("transparent").feed(FRAME[:length] + FRAME * 2 + bytes(260)) == [EXAMPLE] * 2
-
-
 @pytest.mark.parametrize("at", range(len(FRAME)))
 def test_flipped_byte_costs_only_its_frame(at: int) -> None:
     broken = bytearray(FRAME)
     broken[at] ^= 0xFF
     assert wire.decoder("transparent").feed(bytes(broken) + FRAME * 2 + bytes(260)) == [EXAMPLE] * 2
-
-
-def test_wrong_length_is_seen_at_once() -> None:
-    taking = wire.decoder("transparent")
-    assert taking.feed(bytes.fromhex("a55af000") + FRAME) == [EXAMPLE]
-    assert taking.counts == {"garbage bytes": 4}
 
 
 @settings(deadline=None)
@@ -60,14 +43,6 @@ def test_what_waits_is_bounded_whatever_comes(garbage: bytes) -> None:
     for _ in range(20):
         taking.feed(garbage)
         assert len(taking._rest) < 4 + 255
-
-
-@settings(deadline=None)
-@given(st.binary(max_size=200), st.binary(max_size=200))
-def test_every_byte_is_a_frame_garbage_or_waits(before: bytes, after: bytes) -> None:
-    taking = wire.decoder("transparent")
-    found = taking.feed(before + FRAME + after)
-    assert len(found) * len(FRAME) + taking.counts["garbage bytes"] + len(taking._rest) == len(before + FRAME + after)
 
 
 IO_SAMPLE = bytes.fromhex("7e0016920013a200404011221a2bc101001c82001402250b3edc")

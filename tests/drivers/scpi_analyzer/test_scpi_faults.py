@@ -40,10 +40,7 @@ def counters(inlet: Inlet) -> dict[str, int]:
     return found | ({"reconnects": reconnects} if reconnects else {})
 
 
-ADDRESSES = pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
-
-
-@ADDRESSES
+@pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 @pytest.mark.parametrize("kind", ["loss", "half_frame"])
 async def test_an_answer_that_does_not_end_is_timed_out(kind, address):
     async with struck(Fault(kind, probability=0.2), times=5, address=address) as (emulator, inlet):
@@ -55,18 +52,16 @@ async def test_an_answer_that_does_not_end_is_timed_out(kind, address):
         assert inlet.kinds() == ["reopened"] * (n - len(inlet.failures))
 
 
-@ADDRESSES
-async def test_late_answers_never_shift(address):
-    async with struck(Fault("delay", probability=0.2, seconds=0.4), times=5, address=address) as (emulator, inlet):
+async def test_late_answers_never_shift():
+    async with struck(Fault("delay", probability=0.2, seconds=0.4), times=5) as (emulator, inlet):
         n = emulator.counts["delay"]
         assert counters(inlet) == {"timeouts": n, "reconnects": n}
         # A shifted answer would be an identification or an error entry in place of values.
         assert inlet.account.missed["malformed"] == 0
 
 
-@ADDRESSES
-async def test_garbage_is_counted_and_shifts_nothing(address):
-    async with struck(Fault("garbage", probability=0.2), times=5, address=address) as (emulator, inlet):
+async def test_garbage_is_counted_and_shifts_nothing():
+    async with struck(Fault("garbage", probability=0.2), times=5) as (emulator, inlet):
         n = emulator.counts["garbage"]
         assert counters(inlet) == {"malformed": n, "reconnects": n}
         assert inlet.account.missed["malformed"] == n
@@ -84,34 +79,8 @@ async def test_a_short_stall_costs_polls_and_no_connection():
         assert missed["slow answers"] + missed["host stalled"] >= 3
 
 
-async def test_a_closed_connection_is_opened_anew():
-    async with struck(Fault("disconnect", seconds=0.0), times=1) as (_, inlet):
-        assert inlet.account.counters["reconnects"] == 1
-        assert inlet.account.missed["connection lost"] == 1
-        assert len(inlet.identities) == 2
-
-
 async def test_an_outage_ends_the_run_and_the_next_one_counts_the_gap():
     async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, inlet):
         assert "cannot be opened" in str(inlet.failures[0])
         assert inlet.account.missed["connection lost"] == 1
         assert inlet.account.missed["disconnected"] >= 10
-
-
-async def test_all_faults_together_leave_the_account_even():
-    kinds = ("loss", "half_frame", "garbage", "delay")
-    async with struck(Fault("loss", probability=0.1), times=1) as (emulator, inlet):
-        for kind in kinds:
-            emulator.inject(Fault(kind, probability=0.1, seconds=0.5))
-        emulator.inject(Fault("disconnect"))
-        await eventually(lambda: all(emulator.injector.counts[k] >= 2 for k in kinds))
-        for kind in kinds:
-            emulator.inject(Fault(kind, probability=0))
-        seen = len(inlet.readings)
-        await eventually(lambda: len(inlet.readings) > seen + 10)
-    counts = emulator.counts
-    assert inlet.account.counters["timeouts"] == counts["loss"] + counts["half_frame"] + counts["delay"]
-    # Garbage ahead of an answer that was late anyway is never looked at.
-    assert counts["garbage"] - counts["delay"] <= inlet.account.counters["malformed"] <= counts["garbage"]
-    assert inlet.account.missed["connection lost"] == 1
-    assert inlet.account.residue == 0

@@ -22,9 +22,7 @@ def count(grid: Grid, steps: np.ndarray, chunk: int = 7) -> int:
     return sum(grid.missing(steps[i : i + chunk]) for i in range(0, len(steps), chunk))
 
 
-@pytest.mark.parametrize("period", [2 * MS, 8 * MS, 10 * MS, 40 * MS])
-@pytest.mark.parametrize("loss", [0.01, 0.2, 0.5])
-@pytest.mark.parametrize("chunk", [1, 7, 400])
+@pytest.mark.parametrize(("period", "loss", "chunk"), [(2 * MS, 0.01, 1), (8 * MS, 0.5, 7), (40 * MS, 0.2, 400)])
 def test_every_loss_on_a_grid_is_counted(period, loss, chunk):
     chance = np.random.default_rng(1)
     kept = np.flatnonzero(chance.random(2000) >= loss)
@@ -65,10 +63,6 @@ def test_a_long_outage_is_counted_in_full():
     assert grid.missing(np.array([3600 * 1000 * MS])) == 1_799_999
 
 
-def test_off_counts_nothing():
-    assert count(asked("off", 2 * MS), np.full(500, 20 * MS)) == 0
-
-
 @given(st.lists(st.integers(1, 10**13), max_size=300), st.sampled_from(["auto", "requested", "off"]))
 def test_missing_is_never_negative(steps, policy):
     assert count(asked(policy, 2 * MS), np.array(steps, dtype=np.int64)) >= 0
@@ -91,30 +85,9 @@ def fed(base: TimeBase, seconds: float = 20.0, drift: float = 0.0) -> tuple[int,
     return device, now
 
 
-@pytest.mark.parametrize("drift", [0.0, 1e-4, -1e-4, 7e-4, -7e-4])
+@pytest.mark.parametrize("drift", [7e-4, -7e-4])
 def test_drift_and_jitter_are_the_same_base(drift):
     fed(TimeBase(), 120.0, drift)
-
-
-def test_a_jump_ahead_contradicts_the_bracket():
-    base = TimeBase()
-    device, now = fed(base)
-    assert base.arrived(device + 10 * MS, now + 10 * MS)
-    assert not base.arrived(device + 70 * MS, now + 12 * MS)
-
-
-def test_a_jump_back_contradicts_the_arrivals():
-    base = TimeBase()
-    device, now = fed(base)
-    assert base.made_after(device + 5000 * MS, now + 4990 * MS)
-    assert not base.made_after(device + 4900 * MS, now + 5000 * MS)
-
-
-def test_a_late_network_is_no_jump():
-    base = TimeBase()
-    device, now = fed(base)
-    assert base.arrived(device + 2 * MS, now + 3000 * MS)
-    assert base.arrived(device + 3000 * MS, now + 3001 * MS)
 
 
 def test_bounds_widen_with_the_time_since_they_were_seen():
@@ -133,10 +106,3 @@ def test_bounds_widen_with_the_time_since_they_were_seen():
     assert heard.arrived(0, NOW)
     assert heard.arrived(100_000 * MS, NOW + 100_010 * MS)  # a newer bound, though above the older one
     assert not heard.made_after(100_000 * MS, NOW + 100_065 * MS)
-
-
-def test_forgotten_bounds_no_longer_hold():
-    base = TimeBase()
-    device, now = fed(base)
-    base.forget()
-    assert base.arrived(device + 10**12, now)

@@ -11,8 +11,8 @@ import pytest
 from cellwatt import Identity, Stream
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.intake import Intake
-from cellwatt_drivers.ur.native import AT_ONCE, BUFFER, Session
 from cellwatt_drivers.ur.recipe import Decoder, Selection
+from cellwatt_drivers.ur.session import AT_ONCE, BUFFER, Session
 from tests.patience import eventually
 
 from ..inlet import CollectingInlet

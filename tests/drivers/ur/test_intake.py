@@ -8,7 +8,6 @@ import pytest
 from cellwatt import Identity, ProtocolError, Stream
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Selection
-from cellwatt_drivers.ur.wire import TextMessage
 
 from ..inlet import CollectingInlet
 
@@ -165,33 +164,9 @@ def test_a_slower_source_is_told_once():
     assert not cell.account.missed
 
 
-def test_messages_are_events():
-    cell = Cell()
-    cell.intake.message(TextMessage("joint 3 is hot", "Safety", 2))
-    cell.intake.message(TextMessage("?", "", 9))
-    assert [text for _, text, _ in cell.events] == [
-        "controller warning from Safety: joint 3 is hot",
-        "controller 9 from itself: ?",
-    ]
-
-
 @pytest.mark.parametrize("stamp", [-0.002, float("nan"), float("inf"), 1e10])
 def test_a_time_that_cannot_be_is_refused(stamp):
     cell = Cell()
     with pytest.raises(ProtocolError, match="no time"):
         cell.feed([60.0, stamp])
     assert cell.account.expected == 0
-
-
-def test_off_expects_what_came():
-    cell = Cell(gaps="off")
-    cell.feed(60.0 + np.arange(200) * 0.010)
-    assert cell.account.expected == 200 and not cell.events
-
-
-def test_a_state_that_is_no_number_is_told_as_it_is():
-    """A controller may declare a state as a double of the same width."""
-    cell = Cell()
-    cell.feed([10.0])
-    cell.feed([10.002], states=(float("nan"), 1, 2))
-    assert [text for kind, text, _ in cell.events if kind == "robot mode"] == ["robot mode: running → nan"]

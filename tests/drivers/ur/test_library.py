@@ -62,11 +62,8 @@ async def read(host, rate=-1.0, names=(), path="", record=()):
 @pytest.mark.parametrize(
     ("polyscope", "rate", "inertia"),
     [
-        ("5.3.0", 500, False),
-        pytest.param("5.12.0", 500, True, marks=pytest.mark.slow),
         ("5.23.0", 500, True),
         ("3.14.0", 125, False),
-        pytest.param("10.7.0", 500, False, marks=pytest.mark.slow),
     ],
 )
 async def test_its_default_variables_are_served(polyscope, rate, inertia):

@@ -11,8 +11,8 @@ import pytest
 
 from cellwatt.account import Account
 from cellwatt_drivers.ur import wire
-from cellwatt_drivers.ur.native import begin, connect
 from cellwatt_drivers.ur.recipe import Selection
+from cellwatt_drivers.ur.session import begin, connect
 from cellwatt_drivers.ur.wire import Kind
 
 PACKAGE = struct.pack(">HBBdi", 16, ord("U"), 1, 1000.0, 7)

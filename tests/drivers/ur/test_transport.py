@@ -80,18 +80,3 @@ async def test_without_a_gather_bytes_are_read_as_they_come_and_the_end_is_told(
     theirs.close()
     await eventually(lambda: heard.ends)
     assert heard.eof and heard.ends == [None] and heard.made.is_closing()
-
-
-async def test_what_waits_while_reading_is_paused_comes_afterwards(pair):
-    ours, theirs = pair
-    heard = Heard()
-    GatheringTransport(ours, heard, lambda: 0.001)
-    heard.made.pause_reading()
-    theirs.send(b"later")
-    await asyncio.sleep(0)
-    assert not heard.blocks
-    heard.made.resume_reading()
-    await eventually(lambda: heard.blocks)
-    assert heard.blocks[0][0] == b"later"
-    heard.made.close()
-    await eventually(lambda: heard.ends)

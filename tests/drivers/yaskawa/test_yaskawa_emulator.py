@@ -7,10 +7,9 @@ import socket
 
 import pytest
 
-from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 from tests.patience import PATIENCE
 
-from .rig import PULSES, STILL, emulated
+from .rig import emulated
 
 REQUEST = "594552432000{size:02x}00 03 01 00 {number:02x} 00000000 3939393939393939 {tail} {data}"
 
@@ -53,15 +52,6 @@ async def test_what_it_refuses(tail, added):
     assert len(answer) == 32
 
 
-@pytest.mark.parametrize(("axes", "size"), [("6", 44), ("7", 48), ("8", 52)])
-async def test_positions_are_whole_pulses(axes, size):
-    async with emulated(answer_axes=axes) as (_, port):
-        answer = await ask(port, "7500 0100 00 01 0000")
-    assert len(answer) == 32 + size
-    first = int.from_bytes(answer[52:56], "little", signed=True)
-    assert first == round(0.5 * 180 / 3.141592653589793 * PULSES[0])
-
-
 async def test_torque_is_whole_per_cent():
     async with emulated() as (_, port):
         answer = await ask(port, "7700 0100 00 01 0000")
@@ -80,22 +70,3 @@ async def test_what_is_no_request_gets_no_answer():
             )
         await ask(port, "7200 0100 00 01 0000")
         assert emulator.counts == {"made": 1, "sent": 1, "malformed": 2}
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"model": "XRC"}, "model is one of FS100, DX200, YRC1000"),
-        ({"answer_axes": "5"}, "6, 7 or 8"),
-        ({"pulses_per_degree": "1,2"}, "same number of values"),
-        ({"answer_ms": "soon"}, "answer_ms is a number"),
-        ({"torque": "double"}, "torque is one of int32, float"),
-    ],
-)
-def test_wrong_options_are_refused(options, why):
-    with pytest.raises(ValueError, match=why):
-        YaskawaEmulator(STILL, "", options=options)
-
-
-def test_it_listens_on_the_protocols_own_port():
-    assert YaskawaEmulator(STILL, "").address == "127.0.0.1:10040"

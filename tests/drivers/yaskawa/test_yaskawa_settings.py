@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import math
-
 import pytest
 from pydantic import ValidationError
 
@@ -36,57 +34,22 @@ def test_without_rated_torque_there_is_no_newton_metre():
     assert {(c.name, c.unit) for c in rated.channels} == {(f"joint_{i}.torque", "Nm") for i in range(1, 7)}
 
 
-def test_the_tool_pose_is_in_metres_and_its_angles_are_held():
-    channels = streams(read=["cartesian"])["cartesian"].channels
-    assert [(c.name, c.unit, c.method) for c in channels] == [
-        ("tool.x", "m", "linear"),
-        ("tool.y", "m", "linear"),
-        ("tool.z", "m", "linear"),
-        ("tool.rx", "rad", "hold"),
-        ("tool.ry", "rad", "hold"),
-        ("tool.rz", "rad", "hold"),
-    ]
-
-
 def test_the_state_stream_states_the_rate_it_really_has():
     assert streams(status_rate="3 Hz")["state"].rate == pytest.approx(50 / 17)
     assert streams(read=["status"], status_rate="80 Hz")["state"].rate == 80.0
     assert "robot.alarm_code" not in streams(read=["status"])["state"].names
 
 
-def test_quantities_are_written_with_units():
-    settings = YaskawaSettings.model_validate(
-        GOOD | {"rate": "40 Hz", "timeout": "200 ms", "torque_count": "0.1 %", "zero": ["90 deg"] + ["0 deg"] * 5}
-    )
-    assert (settings.rate, settings.timeout) == (40.0, 0.2)
-    assert settings.torque_count == pytest.approx(0.001)
-    assert settings.zero is not None
-    assert settings.zero[0] == pytest.approx(math.pi / 2)
-
-
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
         ({"pulses_per_degree": []}, "one value for each of the 6 axes"),
-        ({"pulses_per_degree": [1000.0] * 5}, "one value for each of the 6 axes"),
         ({"pulses_per_degree": [1000.0] * 5 + [0.0]}, "no value may be zero"),
-        ({"pulses_per_degree": [1000.0] * 5 + [float("nan")]}, "finite number"),
         ({"rated_torque": [10.0]}, "rated_torque has 1 entries for 6 axes"),
-        ({"rated_torque": [0.0] * 6}, "no value may be zero"),
-        ({"zero": ["1 deg"]}, "zero has 1 entries"),
-        ({"zero": ["1"] * 6}, "number with its unit"),
         ({"coupling": [[1.0] * 6] * 5}, "coupling has 5 entries"),
         ({"coupling": [[1.0] * 5] * 6}, "6 rows of 6 values"),
-        ({"read": []}, "at least one"),
-        ({"read": ["torque", "torque"]}, "each once"),
-        ({"read": ["speed"]}, "position"),
         ({"read": ["position", "alarm"]}, "add 'status'"),
         ({"status_rate": "60 Hz"}, "above rate"),
-        ({"rate": 50}, "number with its unit"),
-        ({"timeout": "0 ms"}, "greater than 0"),
-        ({"port": 0}, "greater than or equal to 1"),
-        ({"axes": 9}, "less than or equal to 8"),
-        ({"control_group": 0}, "greater than or equal to 1"),
     ],
 )
 def test_wrong_settings_say_what_is_wrong(changes, why):

@@ -67,12 +67,11 @@ def trace(
         model[:, 1] += 0.98 * stribeck
         if joints > 2:
             truth[:, 2] += 3.0 * np.exp(-(((position[:, 2] - 0.7) / 0.12) ** 2)) * (velocity[:, 2] > 0)
-    refit = simulation + 0.25 * (model - simulation)
     tau = truth + random.normal(0, NOISE, truth.shape)
-    columns = [tau, simulation, refit, model]
+    columns = [tau, simulation, model]
     if power:
         drive = (truth * velocity).sum(axis=1, keepdims=True)
-        shift = (85.0, 0.0, 60.0, 84.6) if effects else (0.0, 0.0, 0.0, 0.0)
+        shift = (85.0, 0.0, 84.6) if effects else (0.0, 0.0, 0.0)
         noisy = drive + random.normal(0, POWER_NOISE, drive.shape)
         columns = [np.hstack([c, (noisy if i == 0 else drive) + 150 + shift[i]]) for i, c in enumerate(columns)]
     return Trace(
@@ -84,9 +83,7 @@ def trace(
         units=(*("N*m" for _ in range(joints)), *(["W"] if power else [])),
         measured=columns[0],
         simulation=columns[1],
-        refit=columns[2],
-        model=columns[3],
-        held_out=(time // 12).astype(int) % 3 == 1,
+        model=columns[2],
     )
 
 
@@ -98,17 +95,15 @@ def floors(of: Trace) -> Float:
 def fit(traces: list[Trace]) -> tuple[ChannelFit, ...]:
     """Rms errors as they are."""
     noise = floors(traces[0])
-    rms = {
-        which: [
-            float(np.sqrt(np.mean(np.concatenate([t.residual(c, getattr(t, which)) for t in traces]) ** 2)))
-            for c in traces[0].channels
-        ]
-        for which in ("simulation", "refit", "model")
-    }
-    return tuple(
-        ChannelFit(c, traces[0].units[i], *(rms[w][i] for w in ("simulation", "refit", "model")), float(noise[i]))
-        for i, c in enumerate(traces[0].channels)
-    )
+
+    def rms(channel: str, which: str) -> float:
+        return float(np.sqrt(np.mean(np.concatenate([t.residual(channel, getattr(t, which)) for t in traces]) ** 2)))
+
+    fit = list[ChannelFit]()
+    for channel, unit, floor in zip(traces[0].channels, traces[0].units, noise, strict=True):
+        simulation, model = rms(channel, "simulation"), rms(channel, "model")
+        fit.append(ChannelFit(channel, unit, simulation, 0.75 * simulation + 0.25 * model, model, float(floor)))
+    return tuple(fit)
 
 
 STRIBECK = Finding(

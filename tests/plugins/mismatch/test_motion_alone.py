@@ -132,13 +132,3 @@ def test_a_bag_with_joints_in_another_order_is_explained_byte_for_byte_alike(tmp
         assert named.keys() == {("drive_gain", 2)}
         said.append((folder / "out" / "findings.json").read_bytes())
     assert said[0] == said[1]
-
-
-@pytest.mark.parametrize("form", ["mcap_ros2", "lerobot"])
-def test_an_mcap_and_a_lerobot_data_set_are_explained(tmp_path, soft, form):
-    types, order = making.store(), ("elbow", "shoulder")
-    if form == "mcap_ros2":
-        log = making.mcap_ros2(tmp_path / "log.mcap", topics(types, order), types)
-    else:
-        log = making.lerobot(tmp_path / "log", names=("shoulder", "elbow"))
-    assert explained(tmp_path, log)[1].keys() == {("drive_gain", 2)}

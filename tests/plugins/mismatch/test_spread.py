@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -77,9 +76,3 @@ def test_the_first_recording_that_cannot_be_used_is_named_as_in_serial_work(
     changed = [shutil.copy(path, tmp_path / f"{i}.parquet") for i, path in zip((1, 0, 2), simulations, strict=True)]
     with pytest.raises(RecordingError, match="run_1: the recording follows the simulation of run_2, not its own"):
         api.explain(recordings, robot=cell, simulation=sorted(changed))
-
-
-def _workers() -> list[psutil.Process]:
-    """The processes that do the parts: children whose command line is that of a spawned process."""
-    children = psutil.Process().children()
-    return [child for child in children if any("spawn_main" in word for word in child.cmdline())]

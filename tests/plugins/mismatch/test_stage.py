@@ -9,11 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Layout
-from cellwatt.registry import stage as find_stage
 from cellwatt.results import Alarm, Prediction
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.mismatch.fit.problem import Term
@@ -27,8 +25,8 @@ from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.plugins.mismatch.emulated_arm import ARM, START, cut, frames, layout, recorded
-from tests.plugins.mismatch.recorded_arm import COULOMB, ROTOR, write_robot
+from tests.plugins.mismatch.emulated_arm import START, cut, frames, layout, recorded
+from tests.plugins.mismatch.recorded_arm import COULOMB, write_robot
 
 
 @pytest.fixture(scope="module")
@@ -72,32 +70,10 @@ def stiff():
     return frames(recorded(60, 50, viscous=30.0, since=14.0, until=34.0), layout())
 
 
-def test_it_is_found_by_name_and_runs_after_segment():
-    assert find_stage("mismatch") is MismatchStage
-    assert MismatchStage.needs == ("segment",)
-
-
 def test_a_healthy_arm_stays_in_its_bands(robot, healthy):
     stage = made(robot)
     assert alarms(run(stage, healthy)) == []
     assert stage.counts["intervals judged"] > 15
-
-
-def test_predictions_are_the_torques_and_the_power_of_the_motion(robot, healthy):
-    predictions = [r for r in run(made(robot), healthy) if isinstance(r, Prediction)]
-    sequence = np.concatenate([p.sequence + np.arange(len(p.time)) for p in predictions])
-    assert (np.diff(sequence) == 1).all()
-    assert sequence[-1] > len(healthy) - 100, "it lags by two seconds at most"
-    assert (np.concatenate([p.time for p in predictions]) == healthy.time[sequence]).all()
-    measured = healthy.values[sequence]
-    moving = np.abs(ARM.motion(np.arange(len(healthy)) / 50)[1][sequence]) > 0.05
-    for i in range(6):
-        said = np.concatenate([p.outputs[f"arm.joint_{i + 1}.torque"] for p in predictions])
-        error = said - measured[:, 12 + i]
-        assert np.sqrt(np.mean(error[moving[:, i]] ** 2)) < 0.02 * (COULOMB[i] + ROTOR[i]) + 0.5
-    power = np.concatenate([p.outputs["meter.supply.power"] for p in predictions])
-    assert abs(np.mean(power - measured[:, -1])) < 1.0
-    assert predictions[0].units["meter.supply.power"] == "W"
 
 
 def test_friction_that_comes_and_goes_is_told_with_its_time(robot, stiff):
@@ -125,15 +101,6 @@ def predictions_of(results):
     return [(r.sequence, r.time, r.outputs) for r in results if isinstance(r, Prediction)]
 
 
-def test_currents_do_where_there_are_no_torques(robot):
-    arm = recorded(30, 50, viscous=30.0, since=12.0)
-    lay = layout(torque="current", power=False)
-    found = alarms(run(made(robot, lay), frames(arm, lay)))
-    assert {a.joint for a in found} == {2}
-    torques = alarms(run(made(robot, layout(power=False)), frames(arm, layout(power=False))))
-    np.testing.assert_allclose(found[0].evidence["residual_Nm"], torques[0].evidence["residual_Nm"], rtol=1e-9)
-
-
 def test_frames_without_motion_or_torque_are_left_out_and_counted(robot, stiff):
     values = stiff.values.copy()
     values[300:302, 3] = np.nan  # bridged
@@ -153,23 +120,6 @@ def test_frames_without_motion_or_torque_are_left_out_and_counted(robot, stiff):
     assert not set(range(485, 615)) & set(given.tolist()), "no acceleration is known beside a hole"
 
 
-def test_a_hole_in_the_grid_is_no_motion(robot, healthy):
-    kept = np.r_[0:400, 500 : len(healthy)]
-    parts = (healthy.time[kept], healthy.values[kept], healthy.quality[kept], healthy.bound[kept])
-    stage = made(robot)
-    assert alarms(run(stage, replace(healthy, time=parts[0], values=parts[1], quality=parts[2], bound=parts[3]))) == []
-    assert stage.counts["intervals judged"] > 8
-
-
-def test_a_channel_that_is_missing_does_not_stop_the_torques_of_others(robot, stiff):
-    """The power from the start, the torque of joint 3 from 5 s on."""
-    values = stiff.values.copy()
-    values[:, -1] = np.nan
-    values[250:, stiff.layout.names.index("arm.joint_3.torque")] = np.nan
-    found = alarms(run(made(robot), replace(stiff, values=values)))
-    assert {a.joint for a in found} == {2}
-
-
 def test_what_is_learned_is_normal_and_more_is_told(robot):
     always = frames(recorded(44, 50, viscous=30.0), layout())
     learning = {"band": BandSettings(learn=2)}
@@ -182,12 +132,6 @@ def test_what_is_learned_is_normal_and_more_is_told(robot):
     found = [a for a in alarms(run(made(robot, **learning), frames(more, layout()))) if a.joint]
     assert {a.joint for a in found} == {2}
     assert seconds(found[0].since) > 29.0
-
-
-def test_a_model_with_the_friction_agrees_with_the_arm_that_has_it(robot, tmp_path):
-    path = modelled(robot, tmp_path, ("viscous_friction", 1, (), [30.0]))
-    always = frames(recorded(24, 50, viscous=30.0), layout())
-    assert alarms(run(made(robot, simulation=str(path)), always)) == []
 
 
 def test_effects_that_need_the_whole_past_are_left_out_and_told_once(robot, tmp_path, healthy):
@@ -212,12 +156,6 @@ def test_the_cells_robot_is_the_default(robot):
         made(robot, robot=None)
 
 
-@pytest.mark.parametrize(("name", "hint"), [("ur99", "these are packaged: mh12"), ("mh21", r"did you mean mh12\?")])
-def test_a_robot_that_nobody_knows(robot, name, hint):
-    with pytest.raises(ConfigError, match=f"robot '{name}': no such file or folder, and no packaged robot .*; {hint}"):
-        made(robot, cell_robot=name)
-
-
 def channels(*named):
     return Layout(tuple(FrameChannel(name, unit, "continuous", "linear") for name, unit in named), 50.0)
 
@@ -235,32 +173,6 @@ def test_channels_must_be_there_in_their_units(robot):
     with pytest.raises(ConfigError, match=r"write one of board\.supply\.power, meter\.supply\.power"):
         made(robot, two)
     assert made(robot, two, power="meter.supply.power")
-
-
-def test_currents_need_their_torque_constants(tmp_path):
-    robot = write_robot(tmp_path, torque_constant=0.0).parent
-    with pytest.raises(ConfigError, match="the torque_constant of joint 1, joint 2"):
-        made(robot, layout(torque="current"))
-
-
-def test_a_model_that_is_none_is_refused(robot, tmp_path):
-    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
-        made(robot, simulation=str(tmp_path / "nowhere.yaml"))
-
-
-def test_settings_take_units_and_refuse_what_they_do_not_know():
-    settings = MismatchSettings.model_validate(
-        {
-            "band": {"share": "5 %", "noise": 6, "learn": 3},
-            "explain": {"every": "2 h", "recording": "3 min", "memory": "2 GB"},
-        }
-    )
-    assert settings.band.share == pytest.approx(0.05)
-    assert settings.explain is not None
-    assert (settings.explain.every, settings.explain.recording, settings.explain.memory) == (7200.0, 180.0, 2e9)
-    assert MismatchSettings.model_validate({"explain": None}).explain is None
-    with pytest.raises(ValidationError, match="tolerance"):
-        MismatchSettings.model_validate({"tolerance": 1})
 
 
 def test_without_its_packages_it_names_the_extra(tmp_path):

@@ -24,7 +24,7 @@ def test_the_simulators_file_is_enough(tmp_path, monkeypatch):
     words = ["log.parquet", "--simulation", "arm.xml", "--out", "out", "--time", "2", "--no-report", "-q"]
     done = CliRunner().invoke(explain, words, catch_exceptions=False)
     assert done.exit_code == 0
-    assert done.output.startswith(("No mismatch", "No physics is missing"))
+    assert done.output.startswith(("Simulation and recordings agree", "No physics is missing"))
     assert "held at their reference: grip" in done.output
     model = yaml.safe_load((tmp_path / "out" / "model.yaml").read_text())["robot"]
     assert [joint["name"] for joint in model["joints"]] == ["shoulder", "elbow"]

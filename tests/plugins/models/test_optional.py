@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from onnx import helper, numpy_helper
 
-from cellwatt.errors import ModelError
 from cellwatt_plugins.models import Input, Output, read_metadata
-from tests.plugins.models.making import alarms, frames, layout, metadata, run, save, stage, tensor
+from tests.plugins.models.making import alarms, frames, metadata, run, save, stage, tensor
 
 INPUTS = (
     Input("joint_1.position", "rad"),
@@ -57,17 +56,6 @@ def test_windows_do_not_wait_for_it(tmp_path, block):
     whole = [1, 2, 3, 4, 5, 6, 7, 10, 11]
     assert np.flatnonzero(np.isfinite(said(results)[:, 0])).tolist() == whole
     np.testing.assert_array_equal(said(results)[whole, 2], block.values[np.array(whole) - 1, 4])
-
-
-def test_an_infinite_value_is_no_missing_one(tmp_path, block):
-    block.values[6, 4] = np.inf
-    assert np.isnan(said(run(stage(pass_through(tmp_path / "m.onnx")), [block]))[6]).all()
-
-
-def test_given_in_another_unit_it_is_refused(tmp_path):
-    other = layout({"arm.joint_1.position": "rad", "meter.supply.voltage": "A"})
-    with pytest.raises(ModelError, match=r"input 3 of 3 \('supply.voltage' in V\) is meter.supply.voltage in A"):
-        stage(pass_through(tmp_path / "m.onnx"), other)
 
 
 def test_the_file_says_so(tmp_path):

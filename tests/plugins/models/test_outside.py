@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.plugins.models.making import CHANNELS, COLUMNS, START, Mlp, alarms, cut, frames, layout, metadata, run, stage
+from tests.plugins.models.making import CHANNELS, COLUMNS, START, Mlp, alarms, frames, layout, metadata, run, stage
 
 SECOND = 50
 
@@ -49,13 +49,6 @@ def test_cleared_after_a_second_within_the_range(path):
     assert cleared.evidence["furthest_V"] == -6.0
 
 
-def test_furthest_is_measured_from_the_range(tmp_path):
-    training = replace(metadata().training, range=((100.0, 200.0), (-4.0, 4.0), (-4.0, 4.0)))
-    path = Mlp.random(4).save(tmp_path / "m.onnx", metadata(training=training))
-    spans = (250, 1), (20, 1), (260, 1), (150, SECOND)
-    assert alarms(run(stage(path), [frames(voltage(*spans))]))[-1].evidence["furthest_V"] == 20
-
-
 @pytest.mark.parametrize("value", [4.3, np.nextafter(4, 5)], ids=["in the margin", "just outside"])
 def test_between_range_and_margin_nothing_changes(path, value):
     assert alarms(run(stage(path), [frames(voltage((value, 3 * SECOND)))])) == []
@@ -68,31 +61,6 @@ def test_missing_values_neither_raise_nor_clear(path):
     spans = (4.5, 1), (0, SECOND - 1), (np.nan, 2 * SECOND), (0, 1)
     cleared = alarms(run(stage(path), [frames(voltage(*spans))]))[1:]
     assert [a.time for a in cleared] == [at(3 * SECOND)]
-
-
-def test_it_may_be_raised_again(path):
-    spans = ((4.5, 1), (0, SECOND)) * 3
-    found = alarms(run(stage(path), [frames(voltage(*spans))]))
-    assert [a.active for a in found] == [True, False] * 3
-
-
-@pytest.mark.parametrize(("outside", "count"), [(0.0, 1), (0.125, 0)])
-def test_the_margin_is_a_setting(path, outside, count):
-    assert len(alarms(run(stage(path, outside=outside), [frames(voltage((4.9, 1)))]))) == count
-
-
-def test_each_input_has_its_own_in_the_order_of_time(path):
-    values = voltage((0, 10), (5, 2), (0, 3 * SECOND))
-    values[5, COLUMNS[2]] = -9
-    found = alarms(run(stage(path), cut(frames(values), [7, 11, 60])))
-    names = ["arm.joint_2.position", "meter.supply.voltage"]
-    assert [(a.evidence["channel"], a.active) for a in found] == [(n, up) for up in (True, False) for n in names]
-
-
-def test_a_channel_that_is_no_input_is_not_watched(path):
-    values = voltage((0, 10))
-    values[:, 3] = 1e6
-    assert alarms(run(stage(path), [frames(values)])) == []
 
 
 def test_the_noise_of_an_input_that_rested_in_the_training_is_no_alarm(tmp_path):

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cellwatt import Prediction
 from tests.plugins.models.making import COLUMNS, Mlp, alarms, cut, frames, layout, metadata, outputs, run, stage
 
 
@@ -25,18 +24,6 @@ def test_outputs_are_those_of_the_weights(tmp_path, values, dtype, within):
     made = stage(network.save(tmp_path / "m.onnx", metadata(), dtype))
     truth = network.truth(values[:, COLUMNS])
     np.testing.assert_allclose(outputs(run(made, [frames(values)])), truth, rtol=0, atol=within * np.abs(truth).max())
-
-
-def test_one_prediction_a_block_names_stage_outputs_units_and_times(tmp_path, values):
-    made = stage(Mlp.random(2).save(tmp_path / "m.onnx", metadata()))
-    block = frames(values)
-    first, second = run(made, cut(block, [15]))
-    assert isinstance(first, Prediction)
-    assert isinstance(second, Prediction)
-    assert (first.model, first.sequence, second.sequence) == ("power", 0, 15)
-    assert first.units == {"power": "W", "heat": "J"}
-    assert list(first.outputs) == ["power", "heat"]
-    assert first.time + second.time == tuple(block.time.tolist())
 
 
 def test_a_window_ends_with_its_frame(tmp_path, values):
@@ -60,11 +47,6 @@ def test_a_missing_input_gives_no_number(tmp_path, values):
     assert np.isfinite(np.delete(given, [5, 9, 20, 21], axis=0)).all()
 
 
-def test_nothing_but_missing_inputs_gives_nothing_but_nan(tmp_path):
-    made = stage(Mlp.random(2).save(tmp_path / "m.onnx", metadata()))
-    assert np.isnan(outputs(run(made, [frames(np.full((4, 5), np.nan))]))).all()
-
-
 def test_a_window_with_a_missing_value_or_across_a_hole_gives_no_number(tmp_path, values):
     made = stage(Mlp.random(3, window=3).save(tmp_path / "m.onnx", metadata(window=3)))
     values[10, COLUMNS[0]] = np.nan
@@ -72,19 +54,6 @@ def test_a_window_with_a_missing_value_or_across_a_hole_gives_no_number(tmp_path
     block.time[25:] += layout().step
     missing = np.flatnonzero(np.isnan(outputs(run(made, [block]))).all(axis=1))
     assert missing.tolist() == [0, 1, 10, 11, 12, 25, 26]
-
-
-def test_a_grid_whose_step_is_not_whole_has_no_holes(tmp_path, values):
-    grid = layout(rate=30.0)
-    made = stage(Mlp.random(3, window=3).save(tmp_path / "m.onnx", metadata(window=3, rate_hz=30.0)), grid)
-    block = frames(values, grid)
-    block.time[:] = np.round(np.arange(40) * 1e9 / 30)
-    assert np.isnan(outputs(run(made, [block]))).all(axis=1).sum() == 2
-
-
-def test_no_frames_give_nothing(tmp_path):
-    made = stage(Mlp.random(2).save(tmp_path / "m.onnx", metadata()))
-    assert list(made.process(frames(np.empty((0, 5))), ())) == []
 
 
 @settings(

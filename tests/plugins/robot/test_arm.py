@@ -4,7 +4,6 @@ import yaml
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.robot import Arm, Joint, RobotDescription
-from cellwatt_plugins.robot.drive import nominal_power
 from tests.plugins.robot import planar_arm as truth
 
 SHOULDER = Joint(
@@ -30,31 +29,12 @@ def arm(robot):
     return Arm.of(robot)
 
 
-def test_columns_follow_the_joints(arm):
-    np.testing.assert_array_equal(arm.column("torque_constant"), [9.0, 0.0])
-    np.testing.assert_array_equal(arm.column("rotor_inertia"), [1.5, 0.4])
-
-
 def test_torque_is_rigid_body_rotor_and_friction(arm):
     q, qd, qdd = truth.motion(seed=6)
     expected = (
         truth.torque(q, qd, qdd) + [1.5, 0.4] * qdd + [6.0, 2.0] * np.tanh(qd / 0.004) + np.array([4.0, 1.0]) * qd
     )
     np.testing.assert_allclose(arm.torque(q, qd, qdd), expected, atol=1e-9)
-
-
-def test_friction_turns_over_at_rest(arm):
-    q = np.zeros((3, 2))
-    qd = np.array([[-0.004, 0.004], [0.0, 0.0], [0.004, -0.004]])
-    friction = arm.torque(q, qd, q) - arm.torque(q, q, q)
-    tanh1 = 0.7615941559557649
-    expected = np.array([[-6 * tanh1 - 0.016, 2 * tanh1 + 0.004], [0, 0], [6 * tanh1 + 0.016, -2 * tanh1 - 0.004]])
-    np.testing.assert_allclose(friction, expected, atol=1e-4)
-
-
-def test_power_of_a_motion_is_the_power_of_its_torques(arm, robot):
-    q, qd, qdd = truth.motion(seed=8)
-    np.testing.assert_allclose(arm.power(q, qd, qdd), nominal_power(robot, arm.torque(q, qd, qdd), qd))
 
 
 def test_limits_are_the_descriptions_before_the_urdfs(robot):
@@ -88,12 +68,3 @@ def test_packaged_robots_are_known_by_name():
     assert (arm.name, arm.joints) == ("mh12", 6)
     np.testing.assert_allclose(arm.forward(np.zeros((1, 6)))[0, 4, :3, 3], [0.795, 0.0, 1.264], atol=1e-9)
     assert arm.gravity(np.zeros((2, 6))).shape == (2, 6)
-
-
-@pytest.mark.parametrize(
-    ("name", "hint"),
-    [("mh21", r"did you mean mh12\?"), ("MH12", r"did you mean mh12\?"), ("scara", "these are packaged: ")],
-)
-def test_an_unknown_robot_is_told_with_the_nearest(name, hint):
-    with pytest.raises(ConfigError, match=f"robot '{name}': no such file or folder, .*{hint}"):
-        Arm.load(name)

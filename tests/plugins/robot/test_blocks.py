@@ -89,47 +89,6 @@ def test_the_gain_is_the_ratio_of_the_evidences(seed):
         assert np.allclose(coefficients, case.posterior([*there, block])[0][-block.size :], atol=1e-8)
 
 
-@pytest.mark.parametrize("keep", [False, True])
-def test_gains_of_several_blocks_are_those_of_each_alone(keep):
-    case = Case(1)
-    for _ in range(2):
-        together = case.regression.gains(case.tried, keep)
-        for block, (gain, coefficients) in zip(case.tried, together, strict=True):
-            alone = case.regression.gain(block)
-            assert gain == pytest.approx(alone[0])
-            assert np.allclose(coefficients, alone[1])
-
-
-def test_no_blocks_have_no_gains():
-    assert Case(2).regression.gains([]) == []
-
-
-def test_fitted_and_residual_are_the_target():
-    case = Case(3)
-    blocks = [*case.fixed, *case.added]
-    fitted = np.concatenate([full(b) for b in blocks], axis=1) @ case.regression.coefficients
-    assert np.allclose(case.regression.fitted.T.ravel(), fitted)
-    assert np.allclose(case.regression.fitted + case.regression.residual, case.target)
-
-
-def test_a_block_times_its_coefficients_is_what_it_adds():
-    case = Case(4)
-    for block in [*case.fixed, *case.tried]:
-        coefficients = np.arange(1.0, block.size + 1)
-        assert np.allclose(block.times(coefficients, CHANNELS).T.ravel(), full(block) @ coefficients)
-
-
-def test_a_column_of_pure_noise_costs_evidence():
-    """Of many columns that have nothing to do with the target hardly any gains: freedom is charged."""
-    random = np.random.default_rng(5)
-    target = random.standard_normal((400, 1))
-    regression = Regression(Design(target, np.ones_like(target), []), [], np.ones(1))
-    blocks = [Block(random.standard_normal((400, 1)), 0, Prior.spread(np.array([1.0]))) for _ in range(300)]
-    gains = np.array([gain for gain, _ in regression.gains(blocks)])
-    assert np.median(gains) < -2
-    assert np.max(gains) < 6
-
-
 def test_correlated_noise_counts_as_fewer_samples():
     """A factor of 4 is a quarter of the rows."""
     rows = np.random.default_rng(6).standard_normal((100, 1))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.robot import Arm, Joint, RobotDescription
-from cellwatt_plugins.robot.collision import CLEARANCE, Checker, rods, solid
+from cellwatt_plugins.robot.collision import Checker, solid
 from cellwatt_plugins.robot.description import Capsule
 from tests.plugins.models.static import arms
 from tests.plugins.robot.planar_arm import L1, urdf
@@ -70,18 +70,6 @@ def test_distances_between_rods(seed, planar):
     assert found <= brute + 1e-9
 
 
-def test_a_rod_without_length_is_a_ball(planar):
-    ball = Capsule(link=2, start=(0.2, 0.0, 0.0), end=(0.2, 0.0, 0.0), radius=0.1)
-    gaps = Checker(outlined(planar, ball, floor=-1.0), WIDE).gaps(np.array([[0.0, 0.0], [0.0, np.pi / 2]]))
-    np.testing.assert_allclose(gaps[:, 0], [0.9, 0.7], atol=1e-9)
-
-
-def test_a_robot_without_an_outline_has_rods(tmp_path):
-    file = arms.write_robot(tmp_path, arms.Arm())
-    assert [capsule.link for capsule in rods(Arm.load(file))] == [0, 1, 2, 3, 4, 5]
-    assert Checker(Arm.load(file), arms.LIMITS).safe(np.zeros((1, 6))).tolist() == [True]
-
-
 def test_gaps_are_distances_between_the_rods_and_to_the_floor(planar):
     post = Capsule(link=0, start=(1.0, -0.3, 0.2), end=(1.0, 0.3, 0.2), radius=0.05)
     lower = Capsule(link=2, start=(0, 0, 0), end=(0.6, 0, 0), radius=0.04)
@@ -91,19 +79,3 @@ def test_gaps_are_distances_between_the_rods_and_to_the_floor(planar):
     expected = [[0.2, 1.0], [np.hypot(1.0 - L1, 0.2), 0.4], [0.0, 1.0]]
     np.testing.assert_allclose(gaps, np.array(expected) - [0.09, 0.04], atol=1e-9)
     np.testing.assert_array_equal(checker.safe(np.array([[0.0, 0.0], raised])), [True, False])
-
-
-def test_poses_closer_than_the_clearance_are_not_safe(planar):
-    lower = Capsule(link=2, start=(0, 0, 0), end=(0.5, 0, 0), radius=0.05)
-    for floor, safe in ((-0.05 - CLEARANCE - 1e-6, True), (-0.05 - CLEARANCE + 1e-6, False)):
-        checker = Checker(outlined(planar, lower, floor=floor), WIDE)
-        assert checker.safe(np.zeros((1, 2))).tolist() == [safe]
-
-
-def test_pairs_that_touch_in_the_middle_of_all_ranges_are_left_out(planar):
-    post = Capsule(link=0, start=(1.0, 0, -0.3), end=(1.0, 0, 0.3), radius=0.05)
-    lower = Capsule(link=2, start=(0, 0, 0), end=(0.5, 0, 0), radius=0.04)
-    arm = outlined(planar, post, lower, floor=-5.0)
-    assert Checker(arm, WIDE).gaps(np.zeros((1, 2))).shape == (1, 1)
-    aside = np.array([[1.0, 2.0], [0.0, 1.0]])
-    assert Checker(arm, aside).gaps(np.zeros((1, 2))).shape == (1, 2)

@@ -43,21 +43,6 @@ def test_a_description_with_what_it_leaves_out(tmp_path):
     assert robot.tolerances.friction == 0.06
 
 
-def test_a_folder_stands_for_its_description(tmp_path):
-    write(tmp_path, WHOLE)
-    assert load_robot(tmp_path) == load_robot(tmp_path / "robot.yaml")
-
-
-def test_an_absolute_urdf_stays(tmp_path):
-    elsewhere = tmp_path / "models" / "arm.urdf"
-    assert load_robot(write(tmp_path, {**WHOLE, "urdf": str(elsewhere)})).urdf == elsewhere
-
-
-def test_keys_for_others_are_let_be(tmp_path):
-    joints = [{**JOINTS[0], "colour": "red"}]
-    assert load_robot(write(tmp_path, {**WHOLE, "joints": joints, "serial": 7})).joints[0].name == "a"
-
-
 def rod(**changes):
     return {"link": 1, "from": [0, 0, 0], "to": [0, 0, 1], "radius": 0.1, **changes}
 
@@ -70,28 +55,18 @@ def joint(**changes):
     ("content", "message"),
     [
         ("", "the file is empty; expected robot, urdf, joints"),
-        ("- a\n- b\n", "found a list, expected settings (key: value) starting with robot, urdf, joints"),
-        ("robot: [\n", "not valid YAML"),
         ({key: value for key, value in WHOLE.items() if key != "urdf"}, "the key 'urdf' is missing"),
-        ({**WHOLE, "joints": []}, "joints: found a list, expected at least 1 entries"),
         ({**WHOLE, "joints": [JOINTS[1], JOINTS[1]]}, "two joints have the same name"),
-        ({**WHOLE, "sample_rate": 0}, "sample_rate: found 0, expected a value above 0"),
         ({**WHOLE, "standby_power": -1.0}, "standby_power: found -1.0, expected at least 0"),
         (
             {**WHOLE, "tolerances": {"fricton": 0.1}},
             "tolerances.fricton: unknown key 'fricton'; did you mean",
         ),
-        ({**WHOLE, "payload": -1}, "payload: found -1, expected at least 0"),
         ({**WHOLE, "torque_from": "motor"}, "torque_from: found 'motor', expected 'current' or 'sensor'"),
         ({**WHOLE, "capsules": [rod(link=4)]}, "capsules: a link above 2, the last"),
-        ({**WHOLE, "capsules": [rod(radius=-1)]}, "capsules[0].radius: found -1, expected a value above 0"),
-        (joint(name=None), "joints[0].name: found nothing, expected text"),
         (joint(coulomb_friction="much"), "joints[0].coulomb_friction: found 'much', expected a number"),
         (joint(coulomb_friction=float("nan")), "joints[0].coulomb_friction: found .nan, expected a finite number"),
-        (joint(rotor_inertia=float("inf")), "joints[0].rotor_inertia: found .inf, expected a finite number"),
-        (joint(gear_ratio=0), "joints[0].gear_ratio: found 0, expected a value above 0"),
         (joint(velocity_limits=1), "joints[0].velocity_limits: unknown key 'velocity_limits'; did you mean"),
-        (joint(velocity_limit=-1), "joints[0].velocity_limit: found -1, expected a value above 0"),
     ],
 )
 def test_a_mistake_is_one_line_with_its_place(tmp_path, content, message):

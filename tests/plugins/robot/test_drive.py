@@ -32,11 +32,6 @@ def test_what_a_drive_takes_from_the_bus(term, expected):
     np.testing.assert_allclose(TERMS[term](STATE), [expected])
 
 
-def test_rows_keep_the_state_of_each_joint():
-    both = Drives.of(np.eye(2), np.ones((2, 2)), 2 * np.eye(2), np.array([1.0, 3.0]))
-    np.testing.assert_array_equal(both.rows(np.array([False, True])).copper, [[0.0, 12.0]])
-
-
 def test_a_supply_draws_more_than_the_bus_takes_and_gets_back_less_than_it_gives():
     np.testing.assert_allclose(drawn(np.array([-10.0, 0.0, 10.0]), 1.25, 0.5), [-5.0, 0.0, 12.5])
 
@@ -44,11 +39,6 @@ def test_a_supply_draws_more_than_the_bus_takes_and_gets_back_less_than_it_gives
 def test_copper_loss_is_current_squared_times_resistance():
     loss = copper_loss(ROBOT, np.array([[18.0, 7.0], [-9.0, 0.0]]))
     np.testing.assert_allclose(loss, [[4 * 0.8, 0.0], [0.8, 0.0]])
-
-
-def test_power_is_standby_mechanical_and_copper():
-    torque, qd = np.array([[18.0, 7.0], [-9.0, 2.0]]), np.array([[0.5, -1.0], [2.0, 0.0]])
-    np.testing.assert_allclose(nominal_power(ROBOT, torque, qd), [40 + 9.0 - 7.0 + 3.2, 40 - 18.0 + 0.8])
 
 
 def test_power_passes_the_converter_and_what_comes_back_is_shared():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, held, kinds_of_power
+from cellwatt_plugins.robot.meter import Course, Meter, Readings, find, held, kinds_of_power
 from tests.plugins.robot.slow_meter import shown
 
 STEP = 0.008
@@ -55,8 +55,8 @@ def found(arm: Arm, power: np.ndarray) -> Meter | None:
     return find(readings, [arm.course])
 
 
-@pytest.mark.parametrize("window", [0.05, 0.1, 0.2, 0.5])
-@pytest.mark.parametrize("late", [0.0, 0.15, 0.4])
+@pytest.mark.parametrize("window", [0.05, 0.5])
+@pytest.mark.parametrize("late", [0.0, 0.4])
 def test_window_and_delay_of_a_meter_that_averages_from_value_to_value(window, late):
     arm = Arm()
     meter = found(arm, arm.through(window, late))
@@ -114,28 +114,11 @@ def test_a_meter_as_fast_as_the_rows_is_not_taken_for_a_slow_one():
     assert held([(quiet.time, np.round(quiet.power / 40) * 40)]) is None, "steps of 40 W repeat in motion, too"
 
 
-def test_a_value_that_repeats_is_a_value():
-    arm = Arm(20)
-    (readings,) = held([(arm.time, np.round(arm.through(0.1, 0.0), -1))]) or [None]
-    assert readings is not None
-    assert readings.interval == pytest.approx(0.1, abs=1e-4)
-    np.testing.assert_allclose(np.diff(readings.time), readings.interval, atol=1e-9)
-    assert np.sum(np.diff(readings.value) == 0) > 10
-
-
 def test_power_that_does_not_follow_the_motion_has_no_known_meter():
     arm = Arm(30)
     other = Arm(30, seed=9)
     meter = found(arm, other.through(0.1, 0.0))
     assert meter is None
-
-
-def test_windows_average_what_lies_in_them():
-    time = np.arange(0, 10, 0.01)
-    windows = Windows(np.array([1.0, 2.0]), np.array([1.5, 4.0]))
-    np.testing.assert_allclose(windows.means(time, time), [1.25, 3.0])
-    np.testing.assert_allclose(windows.means(time, np.column_stack([time, 2 * time]))[:, 1], [2.5, 6.0])
-    assert Windows(np.array([-1.0, 2.0]), np.array([1.0, 9.0])).inside(time).tolist() == [False, True]
 
 
 def test_what_is_told():

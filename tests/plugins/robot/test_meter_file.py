@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.robot.meter import Course, find, held, power_beside
+from cellwatt_plugins.robot.meter import find, held, power_beside
 from tests.plugins.robot.slow_meter import measured
 from tests.plugins.robot.test_meter import STEP, Arm
 
@@ -41,19 +41,6 @@ def test_the_motion_tells_how_far_the_clocks_are_apart(tmp_path, offset):
     # Values a tenth of a second off would miss the power by far more than its noise.
     assert np.std(readings[0].value[inside] - true) < 0.1 * np.std(true)
     assert meter.window == pytest.approx(0.1, abs=0.01)
-
-
-@pytest.mark.slow
-def test_a_meter_faster_than_the_rows_is_averaged_over_some(tmp_path):
-    power = power_beside(logged(tmp_path, 1.0, 0.002, late=0.0), ARM.time, POSITION)
-    readings = held([(ARM.time, power)])
-    assert readings is not None
-    assert readings[0].interval == pytest.approx(0.024, rel=0.01)
-    meter = find(readings, [Course(ARM.time, ARM.course.kinds)])
-    assert meter is not None
-    windows = meter.windows(readings[0])
-    inside = windows.inside(ARM.time)
-    assert np.corrcoef(readings[0].value[inside], windows.part(inside).means(ARM.time, ARM.power))[0, 1] > 0.99
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path):

@@ -100,15 +100,6 @@ def test_an_arm_at_rest_tells_nothing():
     assert run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [still])) == []
 
 
-def test_holes_in_positions_and_efforts_are_left_out():
-    of = layout()
-    some = frames(of, [Arm(60.0, 3)])
-    some.values[400:460, :2] = np.nan
-    some.values[1400:1460, 2:4] = np.nan  # and efforts of a source that was late
-    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), some)
-    assert alarm.evidence["window_s"] == pytest.approx(WINDOW, abs=0.01)
-
-
 def test_a_cell_without_a_slow_meter_or_an_arm_is_told():
     with pytest.raises(ConfigError, match="slower than the frames"):
         MeterStage("meter", MeterSettings(), layout(method="average"), CELL)

@@ -1,20 +1,15 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import (
     Plan,
-    _by_nodes,
     about_plan,
     differentiate,
     encoder_noise,
     exact,
     expected_sign,
-    rates,
-    slope,
     smooth,
 )
 from tests.plugins.mismatch import plant
@@ -28,15 +23,7 @@ def transfer(angle):
     return 1 / (1 + (np.sin(angle / 2) / np.sin(np.pi * BANDWIDTH * STEP)) ** 6)
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.tuples(*3 * [st.floats(-50, 50)]), st.sampled_from([0.002, 0.008, 0.02]), st.floats(4, 20))
-def test_smoothing_leaves_a_parabola_as_it_is(coefficients, step, bandwidth):
-    t = np.arange(300) * step
-    parabola = np.polyval(coefficients, t)[:, None]
-    assert np.allclose(smooth(parabola, step, bandwidth), parabola, atol=1e-5 * max(1, np.max(np.abs(parabola))))
-
-
-@pytest.mark.parametrize("frequency", [0.5, 2.0, 5.0, 6.0, 8.0, 15.0])
+@pytest.mark.parametrize("frequency", [2.0, 6.0, 15.0])
 def test_smoothing_passes_a_sine_as_its_transfer_function_says(frequency):
     t = np.arange(4000) * STEP
     sine = np.sin(2 * np.pi * frequency * t)[:, None]
@@ -55,15 +42,8 @@ def test_noise_left_in_position_velocity_and_acceleration_is_what_the_transfer_f
         assert np.std(part) == pytest.approx(expected, rel=0.03)
 
 
-def test_derivatives_of_a_parabola_are_exact():
-    t = np.arange(50) * STEP
-    first, second = differentiate(np.column_stack([3 * t**2 - 2 * t, -(t**2)]), STEP)
-    assert np.allclose(first[1:-1], np.column_stack([6 * t - 2, -2 * t])[1:-1])
-    assert np.allclose(second, [6, -2])
-
-
-@pytest.mark.parametrize("spread", [0.0, 0.001, 0.004, 0.01, 0.03])
-@pytest.mark.parametrize("velocity", [0.0, 0.002, -0.006, 0.02, 0.05])
+@pytest.mark.parametrize("spread", [0.0, 0.004, 0.03])
+@pytest.mark.parametrize("velocity", [0.0, -0.006, 0.05])
 def test_the_expected_sign_and_its_spread_are_those_of_drawn_velocities(velocity, spread):
     drawn = np.tanh((velocity + spread * np.random.default_rng(1).standard_normal(400_000)) / 0.004)
     mean, deviation = expected_sign(np.array([velocity]), np.array([spread]))
@@ -71,38 +51,12 @@ def test_the_expected_sign_and_its_spread_are_those_of_drawn_velocities(velocity
     assert deviation[0] == pytest.approx(np.std(drawn), abs=0.02)
 
 
-def test_a_sign_that_is_sure_is_what_its_nodes_say():
-    draw = np.random.default_rng(2)
-    velocity = draw.standard_normal((2000, 3)) * [1e-3, 0.1, 2.0]
-    spread = 0.02 * np.abs(draw.standard_normal((2000, 3)))
-    mean, deviation = expected_sign(velocity, spread)
-    plain, square = _by_nodes(velocity, spread)
-    np.testing.assert_array_equal(mean, plain)
-    np.testing.assert_array_equal(deviation, np.sqrt(np.maximum(square - plain**2, 0.0)))
-
-
-@given(st.floats(-1, 1), st.floats(0, 0.2))
-def test_the_expected_sign_is_odd_and_within_one(velocity, spread):
-    (mean,), (deviation,) = expected_sign(np.array([velocity]), np.array([spread]))
-    (other,), _ = expected_sign(np.array([-velocity]), np.array([spread]))
-    assert mean == pytest.approx(-other, abs=1e-12)
-    assert abs(mean) <= 1 + 1e-12
-    assert mean**2 + deviation**2 <= 1 + 1e-9
-
-
-@pytest.mark.parametrize("sigma", [1e-6, 5e-5, 2e-3])
+@pytest.mark.parametrize("sigma", [1e-6, 2e-3])
 def test_encoder_noise_is_found_beneath_the_motion(sigma):
     t = np.arange(5000) * STEP
     motion = np.column_stack([np.sin(t), 2 * np.cos(0.7 * t)])
     noise = sigma * np.random.default_rng(2).standard_normal(motion.shape)
     assert encoder_noise(motion + noise) == pytest.approx([sigma, sigma], rel=0.08)
-
-
-def test_encoder_noise_of_a_coarse_encoder_is_its_rounding():
-    t = np.arange(5000) * STEP
-    step = 1e-3
-    rounded = step * np.round(np.sin(t)[:, None] / step)
-    assert encoder_noise(rounded)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
 
 
 def test_rests_are_no_sample_of_a_coarse_encoders_noise():
@@ -113,29 +67,6 @@ def test_rests_are_no_sample_of_a_coarse_encoders_noise():
     assert encoder_noise(rounded, plan)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
     moved = about_plan(rounded, Plan(plan, *differentiate(plan, STEP)), STEP)
     assert np.abs(moved.acceleration - differentiate(plan, STEP)[1]).max() < 0.05
-
-
-def test_rates_are_the_derivatives_of_what_is_slow_enough():
-    t = np.arange(2000) * STEP
-    noise = 1e-5 * np.random.default_rng(5).standard_normal((len(t), 1))
-    q, qd, qdd = rates(np.sin(4 * t)[:, None] + noise, STEP)
-    inner = slice(100, -100)
-    assert q[inner, 0] == pytest.approx(np.sin(4 * t)[inner], abs=3e-5)
-    assert qd[inner, 0] == pytest.approx(4 * np.cos(4 * t)[inner], abs=5e-3)
-    assert qdd[inner, 0] == pytest.approx(-16 * np.sin(4 * t)[inner], abs=0.3)
-    hum = rates(np.sin(2 * np.pi * 60 * t)[:, None], STEP)
-    assert np.abs(hum[0][inner]).max() < 0.01
-
-
-def test_noise_is_never_nothing():
-    assert encoder_noise(np.zeros((100, 2))) == pytest.approx([1e-9, 1e-9])
-
-
-def test_an_exact_motion_leaves_no_doubt():
-    q = np.zeros((3, 1))
-    known = exact(q, np.array([[0.0], [0.002], [-1.0]]), q)
-    assert known.sign[:, 0] == pytest.approx([0.0, np.tanh(0.5), -1.0])
-    assert not known.sign_spread.any()
 
 
 def test_the_motion_without_a_plan_is_that_of_the_arm():
@@ -160,16 +91,6 @@ def test_the_motion_with_a_plan_follows_the_arm_and_not_the_plan():
     assert np.std(found.acceleration - (qdd - (2 * np.pi) ** 2 * swing)) < 0.1 * np.std((2 * np.pi) ** 2 * swing)
 
 
-def test_where_only_encoder_noise_differs_the_plan_stands():
-    time = np.arange(2000) / 100
-    q, qd, qdd = plant.moves(5, 20.0)(time)
-    noise = 1e-4 * np.random.default_rng(5).standard_normal(q.shape)
-    found = moved(Run("run_01", time, q + noise, None, np.zeros_like(q), plan=Plan(q, qd, qdd)))
-    plain = moved(Run("run_01", time, q + noise, None, np.zeros_like(q)))
-    assert np.std(found.velocity - qd) < 0.25 * np.std(plain.velocity - qd)
-    assert np.std(found.velocity - qd) < 0.02 * np.std(np.gradient(noise, STEP, axis=0))
-
-
 def test_the_sign_is_doubtful_at_stops_and_certain_at_speed():
     run = plant.record("run_01", 6, plan=False)
     _, qd, _ = plant.moves(6, 24.0)(run.time - plant.LAG)
@@ -181,7 +102,7 @@ def test_the_sign_is_doubtful_at_stops_and_certain_at_speed():
     assert np.array_equal(np.sign(found.sign[fast]), np.sign(qd[fast]))
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.004, 0.013, 0.03])
+@pytest.mark.parametrize("lag", [0.0, 0.013])
 def test_a_servo_that_lags_behind_moves_as_planned_but_later(lag):
     course = plant.moves(3, 20.0)
     time = np.arange(2500) * STEP
@@ -218,11 +139,3 @@ def test_friction_that_leads_turns_over_before_the_velocity():
     known = exact(np.zeros_like(speed), speed, np.full_like(speed, -4.0))
     assert np.argmax(known.turning().sign[:, 0] < 0) == 11
     assert np.argmax(known.turning(0.01).sign[:, 0] < 0) == 7
-
-
-def test_the_slope_of_what_has_no_noise_keeps_its_jumps():
-    t, draw = np.arange(500) * STEP, np.random.default_rng(0)
-    known = np.abs(t - 2.0) + 1e-8 * draw.standard_normal(len(t))
-    assert slope(known[:, None], STEP)[252, 0] == pytest.approx(1.0, abs=1e-5)
-    noisy = np.abs(t - 2.0) + 0.01 * draw.standard_normal(len(t))
-    assert np.std(slope(noisy[:, None], STEP)[300:400]) < 0.5 * np.std(np.gradient(noisy, STEP)[300:400])

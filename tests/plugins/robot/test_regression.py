@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from cellwatt_plugins.robot.regression import Fit, Prior, Products, Whitener, gauss_newton, solve, variance_of
+from cellwatt_plugins.robot.regression import Prior, Products, Whitener, gauss_newton, solve, variance_of
 
 
 class Case:
@@ -60,39 +60,6 @@ def test_the_gain_of_a_part_is_that_of_the_fit_with_it_over_the_fit_without():
     assert fit.gain(slice(2, 4)) == pytest.approx(expected)
 
 
-def test_joined_priors_are_independent():
-    parts = [Case(seed).prior for seed in range(3)]
-    whole = Prior.joined(*parts)
-    assert whole.precision == pytest.approx(np.linalg.inv(whole.covariance))
-    assert whole.covariance[:4, 4:] == pytest.approx(0.0)
-    assert whole.deviations[4:8] == pytest.approx(np.sqrt(np.diag(parts[1].covariance)))
-    assert len(Prior.joined().mean) == 0
-
-
-def test_products_add_up_over_rows_and_are_told_by_columns():
-    case = Case(2)
-    first, last = (Products.of(case.matrix[p], case.target[p], case.variance[p]) for p in (slice(12), slice(12, None)))
-    together = Fit(first + last, case.prior)
-    assert together.coefficients == pytest.approx(case.fit.coefficients)
-    assert (first + last - last).gram == pytest.approx(first.gram)
-    assert first.part(np.array([2, 0])).gram == pytest.approx(first.gram[[2, 0]][:, [2, 0]])
-    placed = first.placed(np.array([5, 1, 2, 0]), 6)
-    assert placed.pull[[5, 1, 2, 0]] == pytest.approx(first.pull)
-    assert placed.gram[5, 1] == pytest.approx(first.gram[0, 1])
-    x = np.arange(4.0)
-    left = case.target[:12] - case.matrix[:12] @ x
-    assert first.misfit(x) == pytest.approx(np.sum(left**2 / case.variance[:12]))
-
-
-def test_coefficients_of_very_different_sizes_are_found():
-    """Inertias of 1e-5 kg m² stand beside masses of 10 kg."""
-    random = np.random.default_rng(3)
-    size = 10.0 ** np.arange(-6, 3)
-    truth, matrix = size * random.normal(size=9), random.normal(size=(200, 9)) / size
-    fit = solve(matrix, matrix @ truth, 1e-8, Prior.spread(size))
-    assert fit.coefficients == pytest.approx(truth, rel=1e-5)
-
-
 def test_bounds_give_the_most_probable_of_what_is_allowed():
     case = Case(4)
     lower, upper = np.array([-np.inf, 0.4, -0.2, -np.inf]), np.array([0.1, np.inf, 0.2, np.inf])
@@ -142,46 +109,3 @@ def test_evidence_under_shared_noise_is_that_of_its_covariance():
     white = Whitener.of(noise, shared)
     found = solve(white(columns), white(y), 1.0, Prior.spread(np.ones(2)))
     assert found.evidence == pytest.approx(within - stats.multivariate_normal(cov=without).logpdf(y))
-
-
-def test_sizes_are_found_beside_shared_noise():
-    random = np.random.default_rng(4)
-    column, shared = random.normal(size=(400, 1)), 5.0 * random.normal(size=(400, 1))
-    y = 1.5 * column[:, 0] + 2.0 * shared[:, 0] + 0.3 * random.normal(size=400)
-    white = Whitener.of(np.full(400, 0.3), shared)
-    found = solve(white(column), white(y), 1.0, Prior.spread(np.ones(1)))
-    assert abs(found.coefficients[0] - 1.5) < 4 * found.deviations[0]
-    assert found.deviations[0] == pytest.approx(0.3 / 20, rel=0.2)
-
-
-def test_columns_of_pure_noise_are_not_believed():
-    random = np.random.default_rng(5)
-    columns, y = random.normal(size=(400, 30)), random.normal(size=400)
-    assert max(solve(columns[:, [k]], y, 1.0, Prior.spread(np.ones(1))).evidence for k in range(30)) < 3.0
-
-
-def test_what_is_white_has_the_covariance_taken_off():
-    random = np.random.default_rng(6)
-    noise, harmless = random.uniform(0.5, 2.0, 40), random.normal(size=(40, 5))
-    covariance = np.diag(noise**2) + harmless @ harmless.T
-    white = Whitener.of(noise, harmless)
-    columns = random.normal(size=(40, 3))
-    assert white(columns).T @ white(columns) == pytest.approx(columns.T @ np.linalg.solve(covariance, columns))
-    assert white(columns[:, 0]) == pytest.approx(white(columns)[:, 0])
-    relative = np.linalg.slogdet(covariance)[1] - 2 * np.log(noise).sum()
-    assert white.log_det == pytest.approx(relative)
-
-
-def test_more_harmless_columns_than_samples_are_no_trouble():
-    random = np.random.default_rng(7)
-    noise, harmless = np.ones(6), random.normal(size=(6, 20))
-    white = Whitener.of(noise, harmless)
-    y = random.normal(size=6)
-    assert white(y) @ white(y) == pytest.approx(y @ np.linalg.solve(np.eye(6) + harmless @ harmless.T, y))
-
-
-def test_rows_of_a_group_are_one_value():
-    random = np.random.default_rng(8)
-    noise, shared, y = np.ones(12), random.normal(size=(12, 2)), random.normal(size=12)
-    means = [each.reshape(4, 3, *each.shape[1:]).mean(axis=1) for each in (noise, shared, y)]
-    assert Whitener.of(noise, shared, 3)(y) == pytest.approx(Whitener.of(*means[:2])(means[2]))

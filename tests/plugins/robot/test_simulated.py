@@ -60,7 +60,7 @@ def needed(path, names, q, qd, qdd):
     return out + model.dof_frictionloss[dof] * np.tanh(qd / 0.004)
 
 
-@pytest.mark.parametrize("turned", ["0 20 0", "0 90 0", "30 -90 10", "180 0 0"])
+@pytest.mark.parametrize("turned", ["0 20 0", "30 -90 10"])
 def test_a_mujoco_file_is_an_arm(file, turned):
     """Masses of geoms, degrees, an angle at rest that is not 0, axes beside the bodies' frames, gravity, a slide."""
     file.write_text(ARM.replace("0 20 0", turned))

@@ -41,8 +41,8 @@ def library() -> Any:
 class Channels:
     """A channel of a context for each topic; ``sent`` counts messages by topic."""
 
-    def __init__(self, context: foxglove.Context, topics: Iterable[Topic], sent: Counter[str] | None = None) -> None:
-        self.sent: Counter[str] = Counter() if sent is None else sent
+    def __init__(self, context: foxglove.Context, topics: Iterable[Topic], sent: Counter[str]) -> None:
+        self.sent = sent
         self._context = context  # without it the channels are gone
         self._open = {topic.name: _channel(context, topic) for topic in topics}
 

@@ -1,4 +1,4 @@
-"""Streams a live cell to the Foxglove app, and writes beside a recording what the app draws and recordings lack."""
+"""Streams a live cell to the Foxglove app."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from cellwatt.batch import Batch, Tick
-from cellwatt.errors import ConfigError, OutletError
-from cellwatt.files import Places
+from cellwatt.batch import Batch
+from cellwatt.errors import ConfigError
 from cellwatt.frames import Frames, Layout
 from cellwatt.host import stays_here
-from cellwatt.outlets.foxglove.outlet import Channels, FoxgloveOutlet, library
-from cellwatt.outlets.foxglove.topics import CHANNELS, LOG, SCENE, TRANSFORMS, Moment
+from cellwatt.outlets.foxglove.outlet import FoxgloveOutlet, library
+from cellwatt.outlets.foxglove.topics import Moment
 from cellwatt.outlets.foxglove.translate import Skeletons, Translator
 from cellwatt.record import Health as Recorded
-from cellwatt.record import Recording
 from cellwatt.record.encoder import FRAME_TOPIC
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
+
+log = logging.getLogger(__name__)
 
 LAG: Final = 0.5
 """s by which a moment is held back so that it keeps its distance; what comes faster than that is hurried."""
@@ -59,8 +59,6 @@ class Pace:
         """Time in s until the next moment is due; infinite without one."""
         return max(0.0, self._waiting[0][0] - now) if self._waiting else math.inf
 
-
-log = logging.getLogger(__name__)
 
 WANTED: Final = ("frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")
 PORT: Final = 8765
@@ -183,42 +181,3 @@ def _summary(outlet: FoxgloveOutlet, pace: Pace, counts: Mapping[str, int]) -> s
         slow = ", ".join(outlet.behind)
         parts.append(f"too slow, so that their oldest messages were dropped (how many is not known): {slow}")
     return "Foxglove: " + "; ".join(parts)
-
-
-ADDED: Final = (LOG, TRANSFORMS, SCENE, CHANNELS)
-"""Topics that a live cell has and a recording has not."""
-
-
-def companion(recording: Places, out: Path, arms: Mapping[str, Path] | None = None) -> dict[str, int]:
-    """Write log, transforms and links of a recording to ``out`` (.mcap), and return the messages by topic.
-
-    The app opens both files together. ``arms`` as for ``serve``. Raises ``ConfigError`` and ``RecordingError``, and
-    ``OutletError`` if ``out`` is there already or cannot be written.
-    """
-    fox = library()
-    translator = Translator(skeletons_of(arms or {}))
-    read = Recording.open(recording)
-    context = fox.Context()
-    channels = Channels(context, (topic for topic in translator.topics if topic.name in ADDED))
-    try:
-        with fox.open_mcap(out, context=context):
-            for moment in _moments(read, translator):
-                for outgoing in moment.messages:
-                    if outgoing.topic.name in ADDED:
-                        channels.log(outgoing)
-    except OSError as error:
-        raise OutletError(f"{out} cannot be written: {error.strerror or error}") from None
-    finally:
-        channels.close()
-    return dict(channels.sent)
-
-
-def _moments(recording: Recording, translator: Translator) -> Iterator[Moment]:
-    for _, item in recording.items():  # noqa: PERF102 - a recording is no dict
-        match item:
-            case Frames():
-                yield from translator.frames(item)
-            case Batch() | Tick():
-                continue
-            case _:
-                yield translator.item(item)

@@ -1,22 +1,28 @@
-"""Brings the record into a lake, each row exactly once, whenever it is killed.
+"""The process that brings the record into a lake, each row exactly once: ``python -m`` this module, told on stdin.
 
-What is about to be written is on disk before it is: where that was not finished the same file is written again.
+It is a process of its own since Parquet and S3 block, and take memory that the daemon then has back. What is about to
+be written is on disk before it is: where that was not finished the same file is written again.
 """
 
 from __future__ import annotations
 
+import fcntl
+import json
+import logging
+import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from cellwatt.errors import OutletError, why
+from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
-from cellwatt.outlets.historian.pieces import Piece, Place, next_frames, next_results, parquet, root
+from cellwatt.outlets.historian.pieces import Piece, Reached, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
-from cellwatt.outlets.historian.store import Store
+from cellwatt.outlets.historian.store import BucketStore, FolderStore, Store, s3_options
 from cellwatt.outlets.past import ARCHIVED
 from cellwatt.units import Units
 
@@ -27,7 +33,7 @@ class Intent(BaseModel):
     """A file of a table that is about to be written, up to ``end``."""
 
     table: str
-    end: Place
+    end: Reached
 
 
 class Progress(BaseModel):
@@ -36,7 +42,7 @@ class Progress(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     lake: str
-    reached: dict[str, Place] = {}
+    reached: dict[str, Reached] = {}
     intent: Intent | None = None
 
     def save(self, folder: Path) -> None:
@@ -88,7 +94,7 @@ class Export:
                 if piece.last:  # what comes meanwhile is for the next run: it would never end, in files of a few rows
                     break
 
-    def _next(self, table: str, until: Place | None = None) -> Piece | None:
+    def _next(self, table: str, until: Reached | None = None) -> Piece | None:
         place, after = (self._record, self._site, self._cell), self._progress.reached.get(table)
         if table == "frames":
             return next_frames(*place, self._settings, after, until)
@@ -102,12 +108,12 @@ class Export:
         self._reach(table, piece.end)
         return Done(table, piece.rows, piece.lost)
 
-    def _reach(self, table: str, end: Place) -> None:
+    def _reach(self, table: str, end: Reached) -> None:
         self._progress.reached[table] = end
         self._progress.intent = None
         self._progress.save(self._record)
 
-    def _again(self, table: str, end: Place) -> Iterator[Done]:
+    def _again(self, table: str, end: Reached) -> Iterator[Done]:
         """Write the file that was begun, once more and as it was to be."""
         piece = self._next(table, end)
         if piece is not None and piece.end == end:
@@ -133,12 +139,65 @@ class Export:
         return progress
 
 
-def _place(path: str) -> Place | None:
+def _place(path: str) -> Reached | None:
     """The place that the name of a file tells, the last in it; ``None`` where it is not ours."""
     words = path.rpartition("/")[2].removesuffix(".parquet").split("_")
     match [int(word) for word in words if word.isdecimal()]:
         case [session, _, last] if len(words) == 3:
-            return Place(session, last)
+            return Reached(session, last)
         case [session, number, _, last] if len(words) == 4:
-            return Place(session, number, last)
+            return Reached(session, number, last)
     return None
+
+
+LOCK: Final = "historian-lake.lock"
+"""File in the folder of the record that is locked while a lake is written."""
+
+
+def store_of(settings: LakeSettings, folder: Path) -> Store:
+    """The place of a lake; a folder that is not absolute begins at ``folder``."""
+    if not settings.remote:
+        return FolderStore(folder / settings.folder)
+    keys = None
+    if settings.access_key is not None and settings.secret_key is not None:
+        keys = settings.access_key.get_secret_value(), settings.secret_key.get_secret_value()
+    ca = None if settings.ca is None else str(folder / settings.ca)
+    return BucketStore(settings.folder, s3_options(settings.endpoint, settings.region, keys, ca))
+
+
+def work(told: dict[str, Any]) -> None:
+    """Export once, by what the outlet tells. Raises ``OutletError``, also where another process is at it."""
+    settings, record = LakeSettings.model_validate(told["settings"]), Path(told["record"])
+    store = store_of(settings, Path(told["folder"]))
+    with _alone(record / LOCK):
+        for done in Export(record, told["site"], told["cell"], settings, store).run():
+            print(json.dumps(asdict(done)), file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    try:
+        file = path.open("ab")
+    except OSError as error:  # the folder was removed, or may no longer be written
+        raise OutletError(f"lake: {path} cannot be opened: {error.strerror}") from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutletError("lake: another process still writes it") from None
+        yield
+
+
+def main() -> int:
+    """Export; return the exit code."""
+    logging.disable(logging.WARNING)  # a file that is still being written is no news here
+    try:
+        work(json.load(sys.stdin))
+    except CellwattError as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -25,7 +25,7 @@ from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
 
-MODULE: Final = "cellwatt.outlets.historian.worker"
+MODULE: Final = "cellwatt.outlets.historian.exporting"
 LONGEST, NICENESS = 86400.0, 5
 """s that a run may take, the first of all the record; and its priority."""
 PAUSE: Final = 30.0

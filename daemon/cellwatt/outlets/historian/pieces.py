@@ -31,7 +31,7 @@ T = TypeVar("T", Alarm, Task, Energy)
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Place:
+class Reached:
     """The last frame or result that was dealt with.
 
     Of a frame ``number`` is its sequence, and ``time`` its time, UTC ns, if it is known; of a result ``number`` is that
@@ -44,7 +44,7 @@ class Place:
     time: int = field(default=0, compare=False)
 
 
-def frames_after(folder: Path, cell: str, position: Place | None) -> Iterator[tuple[int, Frames]]:
+def frames_after(folder: Path, cell: str, position: Reached | None) -> Iterator[tuple[int, Frames]]:
     """Blocks of frames after ``position``, each with its session; all there are without one."""
     for kept in files_of(folder, cell):
         session = kept.name.session
@@ -60,7 +60,7 @@ def frames_after(folder: Path, cell: str, position: Place | None) -> Iterator[tu
                 yield session, cut(block, known, len(block))
 
 
-def results_after(folder: Path, cell: str, kind: type[T], place: Place | None) -> Iterator[tuple[Place, T]]:
+def results_after(folder: Path, cell: str, kind: type[T], place: Reached | None) -> Iterator[tuple[Reached, T]]:
     """Results of a kind after ``place``, each with its own place."""
     for kept in files_of(folder, cell):
         at = kept.name.session, kept.name.number
@@ -70,7 +70,7 @@ def results_after(folder: Path, cell: str, kind: type[T], place: Place | None) -
         known = place.count if place is not None and at == (place.session, place.number) else 0
         for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
             if number > known:
-                yield Place(*at, number), result
+                yield Reached(*at, number), result
 
 
 VALUES: Final = 4_000_000
@@ -91,7 +91,7 @@ class Piece:
     path: str
     rows: int
     table: Any
-    end: Place
+    end: Reached
     lost: int = 0
     last: bool = False
 
@@ -109,12 +109,12 @@ def day_of(time: int) -> str:
 class _Rows:
     """Rows of one file: of one session, one layout and one day."""
 
-    def __init__(self, selection: Selection, session: int, first: Frames, until: Place | None) -> None:
+    def __init__(self, selection: Selection, session: int, first: Frames, until: Reached | None) -> None:
         self.picker = Picker(selection, first.layout)
         self.session, self.first = session, first.sequence
         self.rows: list[Row] = []
         self.full = False
-        self.seen = Place(session, first.sequence - 1)
+        self.seen = Reached(session, first.sequence - 1)
         self._gaps: list[tuple[int, int]] = []
         self._until = until.number if until is not None else None
         self._most = max(1, VALUES // (len(self.picker.units) + 4))
@@ -126,7 +126,7 @@ class _Rows:
     def add(self, block: Frames) -> None:
         if block.sequence > self.seen.number + 1:
             self._gaps.append((block.sequence, block.sequence - self.seen.number - 1))
-        self.seen = Place(self.session, block.sequence + len(block) - 1, time=int(block.time[-1]))
+        self.seen = Reached(self.session, block.sequence + len(block) - 1, time=int(block.time[-1]))
         self.take(list(self.picker.rows(block)))
 
     def take(self, rows: list[Row]) -> None:
@@ -138,13 +138,13 @@ class _Rows:
                 return
             self.rows.append(row)
 
-    def lost(self, end: Place, before: Place | None) -> int:
+    def lost(self, end: Reached, before: Reached | None) -> int:
         ahead = self.first - before.number - 1 if before is not None and before.session == self.session else 0
         return ahead + sum(n for at, n in self._gaps if at <= end.number)
 
 
 def next_frames(
-    folder: Path, site: str, cell: str, selection: Selection, after: Place | None, until: Place | None = None
+    folder: Path, site: str, cell: str, selection: Selection, after: Reached | None, until: Reached | None = None
 ) -> Piece | None:
     """The next file of frames; up to ``until`` where that was begun before. ``None`` where no row is whole yet."""
     rows: _Rows | None = None
@@ -166,13 +166,15 @@ def next_frames(
     return _framed(rows, site, cell, after, over)
 
 
-def _framed(rows: _Rows, site: str, cell: str, after: Place | None, over: bool) -> Piece:
+def _framed(rows: _Rows, site: str, cell: str, after: Reached | None, over: bool) -> Piece:
     if not rows.rows:  # none of its channels is asked for
         return Piece("", 0, None, rows.seen, 0)
     last = rows.rows[-1]
     # All frames of a session or layout that is over are dealt with, also those behind the last row.
     end = (
-        rows.seen if over and not rows.full else Place(rows.session, last.sequence, time=min(last.time, rows.seen.time))
+        rows.seen
+        if over and not rows.full
+        else Reached(rows.session, last.sequence, time=min(last.time, rows.seen.time))
     )
     table = frame_table(rows.rows, rows.picker.units, rows.session)
     name = f"{rows.session}_{rows.first}_{last.sequence}.parquet"
@@ -181,7 +183,7 @@ def _framed(rows: _Rows, site: str, cell: str, after: Place | None, over: bool) 
 
 
 def next_results(
-    folder: Path, site: str, cell: str, table: str, after: Place | None, until: Place | None = None
+    folder: Path, site: str, cell: str, table: str, after: Reached | None, until: Reached | None = None
 ) -> Piece | None:
     """The next file of alarms, tasks or energies; up to ``until`` where that was begun before."""
     kept = list(_alike(results_after(folder, cell, ARCHIVED[table], after), until))
@@ -193,7 +195,7 @@ def next_results(
     return Piece(path, len(kept), result_table(table, [r for _, r in kept], first.session), last)
 
 
-def _alike(found: Iterator[tuple[Place, Archived]], until: Place | None) -> Iterator[tuple[Place, Archived]]:
+def _alike(found: Iterator[tuple[Reached, Archived]], until: Reached | None) -> Iterator[tuple[Reached, Archived]]:
     """The first of the results that are of one file of the record and one day."""
     kept: tuple[int, int, int] | None = None
     for n, (place, result) in enumerate(found):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
@@ -114,7 +115,7 @@ STATES: Final = ("green", "amber", "red")
 class Reading(NamedTuple):
     """Value of one series; ``metric`` is a name of the catalogue without ``cellwatt_``, ``labels`` in its order.
 
-    ``part`` names what counts, where its count may be taken back; see ``Lives``.
+    ``part`` names what counts, where its count may be taken back; see ``Ratchet``.
     """
 
     metric: str
@@ -123,82 +124,72 @@ class Reading(NamedTuple):
     part: str | None = None
 
 
+_FIGURES: Final[Mapping[str, tuple[tuple[str, str, float], ...]]] = {
+    "sources": (("samples_expected", "expected", 1.0), ("samples_unaccounted", "residue", 1.0)),
+    "streams": (("stream_nominal_hertz", "nominal_hz", 1.0), ("stream_rate_hertz", "rate_hz", 1.0)),
+    "clocks": (("clock_bound_seconds", "bound_ns", 1e-9), ("clock_resets", "resets", 1.0)),
+    "stages": (
+        ("stage_frames", "frames", 1.0), ("stage_results", "results", 1.0), ("stage_failures", "failures", 1.0),
+        ("stage_frames_dropped", "dropped", 1.0), ("stage_frames_waiting", "waiting", 1.0),
+        ("stage_mean_seconds", "mean_us_per_frame", 1e-6), ("stage_slowest_seconds", "slowest_ms", 1e-3),
+    ),
+    "processes": (
+        ("process_silent_seconds", "silent_s", 1.0), ("process_restarts", "restarts", 1.0),
+        ("process_cpu_seconds", "cpu_s", 1.0), ("process_loop_lag_seconds", "loop_lag_ms", 1e-3),
+        ("process_skipped_bytes", "skipped_bytes", 1.0),
+    ),
+}  # fmt: skip
+"""Metrics of parts of health: name, key there, and factor to the metric's unit."""
+
+
 def of_health(status: Body) -> Iterator[Reading]:
     """All that a health message tells."""
     for state in STATES:
         yield Reading("state", (state,), float(status.get("state") == state))
     yield Reading("utc_error_seconds", (), 1e-3 * status.get("utc_error_ms", 0.0))
     yield Reading("results", (), status.get("results", 0))
+    for kind, up in (("sources", "source_up"), ("stages", "stage_up"), ("sinks", "sink_up")):
+        for name, part in status.get(kind, {}).items():
+            yield Reading(up, (name,), float(part["state"] == "ok"))
+            yield from _figures(kind, (name,), part)
     for name, source in status.get("sources", {}).items():
-        yield from _of_source(name, source)
-    yield from _of_frames(status.get("frames", {}))
-    for name, stage in status.get("stages", {}).items():
-        yield from _of_stage(name, stage)
+        yield from _of_account("samples", "source", name, source)
+        for kind in ("streams", "clocks"):
+            for stream, part in source.get(kind, {}).items():
+                yield from _figures(kind, (name, stream), part)
     for name, outlet in status.get("sinks", {}).items():
-        yield Reading("sink_up", (name,), float(outlet["state"] == "ok"))
-        yield from _of_account("sink", "sink_occurrences", f"outlet {name}", name, outlet)
+        yield from _of_account("sink", "outlet", name, outlet)
     for name, process in status.get("processes", {}).items():
-        yield from _of_process(name, process)
+        yield Reading("process_up", (name,), float(not process["down"]))
+        yield from _figures("processes", (name,), process)
+    frames = status.get("frames", {})
+    yield Reading("frames", (), frames.get("count", 0))
+    for stream, counts in frames.get("streams", {}).items():
+        for reason, n in counts.items():
+            yield Reading("frame_samples_unused", (stream, reason), n)
     if (recorder := status.get("recorder")) is not None:
         yield from _of_recorder(recorder)
     yield from _of_alarms(status)
 
 
-def _of_source(name: str, source: Body) -> Iterator[Reading]:
-    yield Reading("source_up", (name,), float(source["state"] == "ok"))
-    yield Reading("samples_expected", (name,), source.get("expected", 0))
-    yield Reading("samples_unaccounted", (name,), source.get("residue", 0))
-    yield from _of_account("samples", "source_occurrences", f"source {name}", name, source)
-    for stream, figures in source.get("streams", {}).items():
-        yield Reading("stream_nominal_hertz", (name, stream), figures["nominal_hz"] or 0.0)
-        if figures["rate_hz"] is not None:
-            yield Reading("stream_rate_hertz", (name, stream), figures["rate_hz"])
-    for stream, clock in source.get("clocks", {}).items():
-        yield Reading("clock_bound_seconds", (name, stream), 1e-9 * clock["bound_ns"])
-        yield Reading("clock_resets", (name, stream), clock["resets"])
+def _figures(kind: str, labels: tuple[str, ...], part: Body) -> Iterator[Reading]:
+    """The figures that a part has."""
+    for metric, key, factor in _FIGURES.get(kind, ()):
+        if (value := part.get(key)) is not None:
+            yield Reading(metric, labels, factor * value)
 
 
-def _of_account(kind: str, other: str, part: str, name: str, account: Body) -> Iterator[Reading]:
+def _of_account(kind: str, part: str, name: str, account: Body) -> Iterator[Reading]:
+    life = f"{part} {name}"
+    missed, dropped = account.get("missed", {}), account.get("dropped", {})
     yield Reading(f"{kind}_received", (name,), account.get("received", 0))
-    lost = sum(account.get("missed", {}).values()) + sum(account.get("dropped", {}).values())
-    yield Reading(f"{kind}_lost", (name,), lost, part)
-    for reason, n in account.get("missed", {}).items():
-        yield Reading(f"{kind}_missed", (name, reason), n, part)
-    for where, n in account.get("dropped", {}).items():
+    yield Reading(f"{kind}_lost", (name,), sum(missed.values()) + sum(dropped.values()), life)
+    for reason, n in missed.items():
+        yield Reading(f"{kind}_missed", (name, reason), n, life)
+    for where, n in dropped.items():
         yield Reading(f"{kind}_dropped", (name, where), n)
     for what, n in account.get("counters", {}).items():
-        yield Reading(other, (name, what), n)
-
-
-def _of_frames(frames: Body) -> Iterator[Reading]:
-    yield Reading("frames", (), frames.get("count", 0))
-    for stream, counts in frames.get("streams", {}).items():
-        for reason, n in counts.items():
-            yield Reading("frame_samples_unused", (stream, reason), n)
-
-
-def _of_stage(name: str, stage: Body) -> Iterator[Reading]:
-    label = (name,)
-    yield Reading("stage_up", label, float(stage["state"] == "ok"))
-    for figure in ("frames", "results", "failures"):
-        yield Reading(f"stage_{figure}", label, stage.get(figure, 0))
-    yield Reading("stage_frames_dropped", label, stage.get("dropped", 0))
-    yield Reading("stage_frames_waiting", label, stage.get("waiting", 0))
-    if stage.get("mean_us_per_frame") is not None:
-        yield Reading("stage_mean_seconds", label, 1e-6 * stage["mean_us_per_frame"])
-    yield Reading("stage_slowest_seconds", label, 1e-3 * stage.get("slowest_ms", 0.0))
-
-
-def _of_process(name: str, process: Body) -> Iterator[Reading]:
-    label = (name,)
-    yield Reading("process_up", label, float(not process["down"]))
-    yield Reading("process_silent_seconds", label, process["silent_s"])
-    yield Reading("process_restarts", label, process["restarts"])
-    yield Reading("process_cpu_seconds", label, process["cpu_s"])
-    if "loop_lag_ms" in process:
-        yield Reading("process_loop_lag_seconds", label, 1e-3 * process["loop_lag_ms"])
-    if "skipped_bytes" in process:
-        yield Reading("process_skipped_bytes", label, process["skipped_bytes"])
+        yield Reading("source_occurrences" if part == "source" else "sink_occurrences", (name, what), n)
 
 
 def _of_recorder(recorder: Body) -> Iterator[Reading]:
@@ -212,11 +203,7 @@ def _of_recorder(recorder: Body) -> Iterator[Reading]:
 
 def _of_alarms(status: Body) -> Iterator[Reading]:
     alarms = status.get("alarms", ())
-    counts: dict[tuple[str, str], int] = {}
-    for alarm in alarms:
-        about = alarm["severity"], alarm["kind"]
-        counts[about] = counts.get(about, 0) + 1
-    for about, n in counts.items():
+    for about, n in Counter((alarm["severity"], alarm["kind"]) for alarm in alarms).items():
         yield Reading("alarms_active", about, n)
     yield Reading("alarms_acknowledged", (), sum(alarm.get("acknowledged") is not None for alarm in alarms))
     yield Reading("alarms_shelved", (), len(status.get("shelved", ())))

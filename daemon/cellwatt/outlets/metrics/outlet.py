@@ -38,6 +38,14 @@ class Ratchet:
 
     def __init__(self) -> None:
         self._marks: dict[Hashable, _Mark] = {}
+        self._lives: dict[str, tuple[int, int | None, float]] = {}
+
+    def life(self, part: str, process: int | None, steady: float) -> int:
+        """Number of the part's life, by the ``process`` id it runs in and a count that only a new life lowers."""
+        number, before, last = self._lives.get(part, (0, process, 0.0))
+        number += process != before or steady < last
+        self._lives[part] = number, process, steady
+        return number
 
     def total(self, key: Hashable, value: float, life: Hashable = None) -> float:
         """Total of a count that shows ``value`` now.
@@ -55,20 +63,6 @@ class Ratchet:
         else:
             mark.top = max(mark.top, value)
         return mark.before + mark.top
-
-
-class Lives:
-    """Numbers the lives of parts: one ends when its process is another one or its steady count falls."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, tuple[int, int | None, float]] = {}
-
-    def life(self, part: str, process: int | None, steady: float) -> int:
-        """Number of the part's life, by the ``process`` id it runs in and a count that only a new life lowers."""
-        number, before, last = self._known.get(part, (0, process, 0.0))
-        number += process != before or steady < last
-        self._known[part] = number, process, steady
-        return number
 
 
 LONGEST: Final = 200
@@ -93,14 +87,14 @@ class Meter:
         self._looked: float | None = None
         self._energies: dict[tuple[str, tuple[str, ...]], float] = {}
         self._alarms: dict[tuple[str, ...], None] = {}
-        self._ratchet, self._lives = Ratchet(), Lives()
+        self._ratchet = Ratchet()
         self._told: dict[str, set[tuple[str, ...]]] = {}
         self.scrapes = 0
         self.status: Mapping[str, Any] = {}
 
     def succeed(self, before: Meter) -> None:
         """Go on with the totals of another meter, and with what it was told last."""
-        self._ratchet, self._lives, self._energies = before._ratchet, before._lives, before._energies
+        self._ratchet, self._energies = before._ratchet, before._energies
         self._readings, self._looked, self.status = before._readings, before._looked, before.status
         self._alarms, self.scrapes = before._alarms, before.scrapes
 
@@ -125,7 +119,7 @@ class Meter:
     def health(self, status: Mapping[str, Any]) -> None:
         """Take the cell's health."""
         self.status, self._looked = status, time.monotonic()
-        lives = {part: self._lives.life(part, process, steady) for part, process, steady in lives_of(status)}
+        lives = {part: self._ratchet.life(part, process, steady) for part, process, steady in lives_of(status)}
         self._readings = [self._steady(reading, lives) for reading in of_health(status)]
         now = {r.labels for r in self._readings if r.metric == "alarms_active"}
         # An alarm that is over is told as 0 from now on, so that nobody takes it for unknown.

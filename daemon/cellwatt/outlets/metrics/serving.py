@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
-import binascii
 import hmac
 import logging
 import time
@@ -104,36 +102,23 @@ class Endpoint:
         return _line("started", HTTPStatus.OK)
 
     def _refused(self, request: web.Request) -> web.Response | None:
-        """The refusal of a reader that does not show what the settings ask for; ``None`` where it does."""
-        settings = self._settings
-        if not settings.asks:
+        """The refusal of a reader that does not show the token of the settings; ``None`` where it does."""
+        token = self._settings.token
+        if token is None:
             return None
-        ways = [*(["Bearer"] if settings.token else []), *(["Basic"] if settings.password else [])]
-        headers = {"WWW-Authenticate": ", ".join(f'{way} realm="cellwatt"' for way in ways)}
+        headers = {"WWW-Authenticate": 'Bearer realm="cellwatt"'}
         if hdrs.AUTHORIZATION not in request.headers:
-            return _line("a token or password is needed", HTTPStatus.UNAUTHORIZED, headers)
-        if self._fits(request.headers[hdrs.AUTHORIZATION]):
+            return _line("a token is needed", HTTPStatus.UNAUTHORIZED, headers)
+        way, _, shown = request.headers[hdrs.AUTHORIZATION].partition(" ")
+        given = shown.strip().encode("utf-8", "surrogateescape")  # a header is bytes
+        if way.lower() == "bearer" and hmac.compare_digest(given, token.get_secret_value().encode()):
             return None  # even while others have to wait: nobody can lock Prometheus out
-        address, account = request.remote or "", settings.user or ""
-        if wait := self._guard.begin(address, account):
+        address = request.remote or ""
+        if wait := self._guard.begin(address, ""):
             text = f"too many tries: wait {wait:.0f} s"
             return _line(text, HTTPStatus.TOO_MANY_REQUESTS, {"Retry-After": f"{max(wait, 1.0):.0f}"})
-        self._guard.fail(address, account)
-        return _line("this token or password does not fit", HTTPStatus.UNAUTHORIZED, headers)
-
-    def _fits(self, header: str) -> bool:
-        settings = self._settings
-        way, _, shown = header.partition(" ")
-        given = shown.strip().encode("utf-8", "surrogateescape")  # a header is bytes
-        if way.lower() == "bearer" and settings.token is not None:
-            return hmac.compare_digest(given, settings.token.get_secret_value().encode())
-        if way.lower() == "basic" and settings.password is not None:
-            try:
-                given = base64.b64decode(given, validate=True)
-            except (binascii.Error, ValueError):
-                return False
-            return hmac.compare_digest(given, f"{settings.user}:{settings.password.get_secret_value()}".encode())
-        return False
+        self._guard.fail(address, "")
+        return _line("this token does not fit", HTTPStatus.UNAUTHORIZED, headers)
 
 
 def _unready(told: Mapping[str, Any]) -> str | None:

@@ -11,7 +11,6 @@ from pydantic import Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.door.settings import Listening
-from cellwatt.outlet import both_or_neither
 from cellwatt.outlets.metrics.catalogue import LABELS
 
 LOCAL: Final = "127.0.0.1:9480"
@@ -29,15 +28,11 @@ class MetricsSettings(Listening):
     login = "a token"
 
     listen: str = LOCAL
-    """Address and port; beyond this PC only with a certificate and a token or password."""
+    """Address and port; beyond this PC only with a certificate and a token."""
     certificate: Path | None = None
     """Certificate (PEM) with which metrics are served as https, with the authorities between, if there are any."""
     token: SecretStr | None = None
     """Token that a reader shows as ``Authorization: Bearer``."""
-    user: str | None = None
-    """Name of a reader that shows a password instead (basic authentication)."""
-    password: SecretStr | None = None
-    """Its password."""
     labels: Mapping[str, str] = Field(default_factory=dict)
     """Labels on every metric, like ``site`` and ``cell``; leave them out where Prometheus' own file sets them."""
     channels: Annotated[tuple[str, ...], Field(min_length=1)] = ("*",)
@@ -63,21 +58,18 @@ class MetricsSettings(Listening):
 
     @model_check(mode="after")
     def _login(self) -> MetricsSettings:
-        both_or_neither(user=self.user, password=self.password)
-        if self.user is not None and ":" in self.user:
-            raise ValueError("user: a name has no ':'")
-        if any(secret is not None and not secret.get_secret_value() for secret in (self.token, self.password)):
-            raise ValueError("a token or password is empty")
+        if self.token is not None and not self.token.get_secret_value():
+            raise ValueError("token: it is empty")
         return self
 
     @property
     def asks(self) -> bool:
-        """True if readers must show a token or password."""
-        return self.token is not None or self.password is not None
+        """True if readers must show a token."""
+        return self.token is not None
 
     def warnings(self) -> tuple[str, ...]:
-        """See ``Listening.warnings``; also a token or password that can be guessed."""
-        secrets = {"token": self.token, "password": self.password}
-        short = [name for name, secret in secrets.items() if secret and len(secret.get_secret_value()) < _SHORT]
+        """See ``Listening.warnings``; also a token that can be guessed."""
+        if self.token is None or len(self.token.get_secret_value()) >= _SHORT:
+            return super().warnings()
         advice = f"fewer than {_SHORT} characters can be guessed; 'openssl rand -hex 16' makes enough"
-        return (*super().warnings(), *(f"{name}: {advice}" for name in short))
+        return (*super().warnings(), f"token: {advice}")

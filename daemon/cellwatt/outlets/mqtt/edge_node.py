@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ProtocolError
-from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
+from cellwatt.outlets.mqtt.message import Message, Order, Subscription, level
 from cellwatt.outlets.mqtt.payload import (
     MS,
     DataType,
@@ -50,7 +50,7 @@ class EdgeNode:
         self._birth = 0
         self._seq = 0
         self._tags = Tags()
-        self._labels = Labels({}, {})
+        self._units: Mapping[str, str] = {}
         self._alarms = alarms
         self._tags.declare(self._tags.node, "health/state", DataType.STRING)
         self._tags.declare(self._tags.node, "alarms/active", DataType.INT64).value = len(alarms.up)
@@ -133,10 +133,10 @@ class EdgeNode:
 
     # data -----------------------------------------------------------------------------------------
 
-    def label(self, labels: Labels, now: int) -> Sequence[Message]:
+    def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
         """Take the channels of the rows; their devices are born with their first values."""
-        self._labels = labels
-        for name, unit in labels.units.items():
+        self._units = units
+        for name, unit in units.items():
             self._tags.channel(name, unit)
         return ()
 
@@ -175,7 +175,7 @@ class EdgeNode:
         return [self._message("DDATA", source, metrics, at)] if metrics else []
 
     def _channel(self, name: str) -> tuple[str, Tag]:
-        return self._tags.channel(name, self._labels.units.get(name))
+        return self._tags.channel(name, self._units.get(name))
 
     def _set(self, tag: Tag, row: Row, name: str) -> bool:
         """Take a channel's value of a row; true if it is another than before."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -35,14 +34,6 @@ class Order(Enum):
     """Tell everything anew, at once."""
     LEAVE = auto()
     """End this connection: nobody is there who listens."""
-
-
-@dataclass(frozen=True, slots=True)
-class Labels:
-    """Names, units and kinds (``Kind``) of the values in rows."""
-
-    units: Mapping[str, str]
-    kinds: Mapping[str, str]
 
 
 def level(name: str) -> str:

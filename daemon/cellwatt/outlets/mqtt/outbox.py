@@ -1,50 +1,44 @@
-"""What waits for the broker: rows, results and predictions, each bounded; made of what the cell gives."""
+"""What waits for the broker: what is new, each kind bounded, and what it missed, out of the record."""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 
 from cellwatt.account import Account
 from cellwatt.channel import Quality
+from cellwatt.errors import RecordingError, why
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.outlets.cursor import Cursor
-from cellwatt.outlets.mqtt.message import Labels
+from cellwatt.outlets.mqtt.link import WINDOW
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.past import Archived, Part, read
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.results import Event, Prediction, Result
+
+PART: Final = 500
+"""Rows that are read from the record at a time."""
+PAUSE: Final = 1.0
+"""s before the record is read again that has not got as far yet."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Live:
-    """A row, the time of the one before it, and true if nobody could hear it when it was made."""
+class Waiting(Generic[T]):
+    """What waits; ``late`` if nobody could hear it when it was made. ``before`` is the time of the row before it."""
 
-    row: Row
-    before: int
+    item: T
     late: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """A result or event, and true if nobody could hear it when it was made."""
-
-    item: Result | Event
-    late: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Foreseen:
-    """A row of a model's outputs."""
-
-    model: str
-    units: Mapping[str, str]
-    row: Row
+    before: int = 0
 
 
 class Outbox:
@@ -57,11 +51,12 @@ class Outbox:
     def __init__(
         self, selection: Selection, most: int, account: Account, cursor: Cursor | None, missed: Callable[[Row], None]
     ) -> None:
-        self.rows: deque[Live] = deque()
-        self.results: deque[Told] = deque()
-        self.predictions: deque[Foreseen] = deque()
-        self.labels: Labels | None = None
-        """Channels of the rows, until they are taken."""
+        self.rows: deque[Waiting[Row]] = deque()
+        self.results: deque[Waiting[Result | Event]] = deque()
+        self.predictions: deque[tuple[str, Mapping[str, str], Row]] = deque()
+        """Names of models, units of their outputs, and rows of these."""
+        self.units: Mapping[str, str] | None = None
+        """Units of the rows' channels, until they are taken."""
         self.unmatched: tuple[str, ...] = ()
         self.last: int | None = None
         """Time of the last row that was made, ns."""
@@ -83,24 +78,25 @@ class Outbox:
         """Nobody hears us: leave the rows to the record, if there is one."""
         self.serving = False
         if self._cursor is not None:
-            for live in self.rows:
-                self._leave(self._cursor, live)
+            for row in self.rows:
+                self._leave(self._cursor, row)
             self.rows.clear()
-        self.rows = deque(replace(live, late=True) for live in self.rows)
-        self.results = deque(replace(told, late=True) for told in self.results)
+        self.rows = deque(replace(row, late=True) for row in self.rows)
+        self.results = deque(replace(result, late=True) for result in self.results)
         self._dropped("predictions", len(self.predictions))
         self.predictions.clear()
 
-    def again(self, entry: Live | Told) -> None:
+    def again(self, entry: Waiting[Any]) -> None:
         """Take back what may not have arrived: a row is owed from the record, all else goes before others."""
-        if isinstance(entry, Live) and self._cursor is not None:
+        is_row = isinstance(entry.item, Row)
+        if is_row and self._cursor is not None:
             self._owe(self._cursor, entry)
             return
-        queue: deque[Any] = self.rows if isinstance(entry, Live) else self.results
+        queue: deque[Any] = self.rows if is_row else self.results
         if len(queue) < self._most:
             queue.appendleft(replace(entry, late=True))
         else:
-            self._dropped("rows" if queue is self.rows else "results", 1)
+            self._dropped("rows" if is_row else "results", 1)
 
     def succeed(self, before: Outbox) -> None:
         """Take over what waits in the outbox before this one."""
@@ -118,8 +114,7 @@ class Outbox:
                 self._row(row, picker)
             picker = self._picker = Picker(self._selection, frames.layout)
             self.unmatched = picker.unmatched
-            kinds = {c.name: c.kind for c in frames.layout.channels}
-            self.labels = Labels(picker.units, {name: kinds[name] for name in picker.units})
+            self.units = picker.units
             self.wake.set()
         for row in picker.rows(frames):
             self._row(row, picker)
@@ -128,14 +123,14 @@ class Outbox:
         span = 0 if picker is None else picker.span
         if self.last is None:
             self.begun = self.last = row.time - span
-        live = Live(row, self.last, not self.serving)
+        waiting = Waiting(row, not self.serving, self.last)
         self.last = row.time
         self._account.expect()
         self._account.owed += 1
-        if live.late and self._cursor is not None:
-            self._leave(self._cursor, live)
+        if waiting.late and self._cursor is not None:
+            self._leave(self._cursor, waiting)
         else:
-            self._put(self.rows, live, "rows")
+            self._put(self.rows, waiting, "rows")
 
     def prediction(self, item: Prediction) -> None:
         """Make rows of a model's output, if anybody hears them."""
@@ -147,11 +142,11 @@ class Outbox:
         if picker is None or picker.layout != frames.layout:
             picker = self._models[item.model] = Picker(self._every, frames.layout)
         for row in picker.rows(frames):
-            self._put(self.predictions, Foreseen(item.model, picker.units, row), "predictions")
+            self._put(self.predictions, (item.model, picker.units, row), "predictions")
 
     def result(self, item: Result | Event) -> None:
         """Take a result or event."""
-        self._put(self.results, Told(item, not self.serving), "results")
+        self._put(self.results, Waiting(item, not self.serving), "results")
 
     def _put(self, queue: deque[T], entry: T, what: str) -> None:
         if len(queue) >= self._most:
@@ -167,14 +162,14 @@ class Outbox:
             self._account.owed -= count
             self._account.drop(count, "queue")
 
-    def _leave(self, cursor: Cursor, live: Live) -> None:
-        self._owe(cursor, live)
+    def _leave(self, cursor: Cursor, row: Waiting[Row]) -> None:
+        self._owe(cursor, row)
         self._account.count("rows left to the record")
-        self._missed(live.row)
+        self._missed(row.item)
 
-    def _owe(self, cursor: Cursor, live: Live) -> None:
+    def _owe(self, cursor: Cursor, row: Waiting[Row]) -> None:
         self._account.owed -= 1
-        cursor.owe(live.before, live.row.time, 1)
+        cursor.owe(row.before, row.item.time, 1)
 
 
 def _as_frames(item: Prediction, rate: float) -> Frames:
@@ -184,3 +179,72 @@ def _as_frames(item: Prediction, rate: float) -> Frames:
     quality = np.where(np.isfinite(values), Quality.GOOD, Quality.MISSING).astype(np.uint8)
     time = np.array(item.time, np.int64)
     return Frames(Layout(channels, rate), item.sequence, time, values, quality, np.zeros(values.shape, np.int64))
+
+
+class Backfill:
+    """Reads what is owed out of the ``record`` of a cell, span by span; ``problem`` is why it cannot.
+
+    ``lane`` has what may be sent now, each with what is to be done once it has arrived.
+    """
+
+    def __init__(
+        self, settings: MqttSettings, record: tuple[Path, str], cursor: Cursor, outbox: Outbox, account: Account
+    ) -> None:
+        self.problem: str | None = None
+        self._settings, self._record = settings, record
+        self._cursor, self._outbox, self._account = cursor, outbox, account
+        self.lane: asyncio.Queue[tuple[Row | Archived, Callable[[], None]]] = asyncio.Queue(WINDOW)
+        self._due = 0.0
+        """Monotonic time, s, at which the next entry may go."""
+
+    async def run(self) -> None:
+        """Read, and hand over row by row, until cancelled."""
+        while True:
+            await self._cursor.lacking.wait()
+            gap = self._cursor.first
+            if gap is None or not self._outbox.serving or self._outbox.last is None or await self._fill(*gap):
+                await asyncio.sleep(PAUSE)
+
+    async def _fill(self, after: int, until: int) -> bool:
+        """Bring a part of a span to its arrival; true where the record has not got as far yet."""
+        part = await self._read(after, until)
+        for result in part.results:  # before the rows, which note how far all is
+            await self._hand_over(result, partial(self._account.count, "results back-filled"))
+        for row in part.rows:
+            await self._hand_over(row, partial(self._sent, after, row.time))
+            after = row.time
+        await self.lane.join()
+        self._cursor.pay(after, part.until)
+        return part.waits
+
+    async def _read(self, after: int, until: int) -> Part:
+        before = after < self._outbox.begun  # results of before this start did not wait in our queue
+        until = min(until, self._outbox.begun) if before else until
+        work = partial(read, *self._record, self._settings, after, until, PART, results=before)
+        try:
+            part = await asyncio.to_thread(work)
+        except (OSError, RecordingError) as error:
+            reason = why(error) if isinstance(error, OSError) else str(error)
+            self.problem = f"record.folder {self._record[0]} cannot be read for back-fill: {reason}"
+            self._account.count("record unreadable")
+            return Part(after, waits=True)
+        self.problem = None
+        return part
+
+    async def _hand_over(self, entry: Row | Archived, note: Callable[[], None]) -> None:
+        """Have an entry sent, as soon as the rate allows."""
+        now = time.monotonic()
+        self._due = max(self._due + 1.0 / self._settings.backfill, now - 0.01)
+        if self._due > now + 0.005:
+            await asyncio.sleep(self._due - now)
+        await self.lane.put((entry, partial(self._arrived, note)))
+        self._outbox.wake.set()
+
+    def _arrived(self, note: Callable[[], None]) -> None:
+        note()
+        self.lane.task_done()
+
+    def _sent(self, after: int, time_: int) -> None:
+        self._account.count("rows back-filled")
+        self._account.receive()
+        self._cursor.pay(after, time_, 1)

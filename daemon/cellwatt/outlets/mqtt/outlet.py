@@ -31,7 +31,7 @@ class MqttOutlet(Outlet[MqttSettings]):
     """
 
     Settings: ClassVar[type[MqttSettings]] = MqttSettings
-    title = "MQTT: rows, results and alarms for brokers, Home Assistant and Sparkplug B hosts"
+    title = "MQTT: rows, results and alarms for brokers and Sparkplug B hosts"
 
     def __init__(self, name: str, settings: MqttSettings, view: CellView) -> None:
         super().__init__(name, settings, view)

@@ -1,16 +1,14 @@
-"""The cell as JSON on plain topics, ``cellwatt/SITE/CELL/…``, and as Home Assistant discovers it. Pure."""
+"""The cell as JSON on plain topics, ``cellwatt/SITE/CELL/…``. Pure."""
 
 from __future__ import annotations
 
-import json
-import re
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook
-from cellwatt.outlets.mqtt.message import Labels, Message, Order, Subscription, level
+from cellwatt.outlets.mqtt.message import Message, Order, Subscription, level
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.past import Archived
 from cellwatt.outlets.selection import Row
@@ -18,7 +16,6 @@ from cellwatt.outlets.zenoh.keys import PREFIX
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json, topic_of
 from cellwatt.results import Alarm, Event, Interval, Result
-from cellwatt.version import __version__
 
 ONLINE, OFFLINE = b"online", b"offline"
 _ROW: Final = "row"
@@ -34,11 +31,11 @@ class PlainFormat:
 
     def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: AlarmBook) -> None:
         self._settings = settings
-        self._site, self._cell = site, cell
         self.root = f"{PREFIX}/{level(site)}/{level(cell)}"
         self._session = time.time_ns()
         self._numbers: Counter[str] = Counter()
-        self._labels = Labels({}, {})
+        self._units: Mapping[str, str] = {}
+        """Units of the rows' channels."""
         self._alarms = alarms
         self._kept: dict[str, str] = {}
         """Topics of alarms that the broker may keep, by id."""
@@ -68,26 +65,18 @@ class PlainFormat:
         return (Message(topic, b"", self._settings.qos.alarm, True),)
 
     def birth(self, now: int) -> Sequence[Message]:
-        """The cell is online; its units, the alarms that are up, and no other; what Home Assistant wants to know."""
+        """The cell is online; its units, the alarms that are up, and no other."""
         over = [self._deleted(id_) for id_ in list(self._kept) if id_ not in self._alarms]
         up = [m for standing in self._alarms.raised if standing.published for m in self._alarm(standing.published)]
         return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
-    def label(self, labels: Labels, now: int) -> Sequence[Message]:
+    def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
         """The units of the rows' channels, kept by the broker."""
-        self._labels = labels
+        self._units = units
         return self._labelled()
 
     def _labelled(self) -> Sequence[Message]:
-        if not self._labels.units:
-            return ()
-        found = [self._message("units", encode_json(self._labels.units), 1, True)]
-        if self._settings.discovery is not None:
-            topic = f"{self._settings.discovery_prefix}/device/{name_of(self.root)}/config"
-            by_channel = self._settings.frame == "channels"
-            told = device(self.root, self._site, self._cell, self._labels, by_channel)
-            found.append(Message(topic, json.dumps(told).encode(), 1, True))
-        return found
+        return (self._message("units", encode_json(self._units), 1, True),) if self._units else ()
 
     def missed(self, row: Row) -> None:
         """Take a row that is not sent, or later: nothing is to be done."""
@@ -110,7 +99,7 @@ class PlainFormat:
         ]
 
     def _channel(self, row: Row, name: str, told: Mapping[str, Any]) -> dict[str, Any]:
-        value = {"value": row.values.get(name), "unit": self._labels.units.get(name), "quality": row.quality[name]}
+        value = {"value": row.values.get(name), "unit": self._units.get(name), "quality": row.quality[name]}
         return {**told, **value}
 
     def predicted(self, model: str, units: Mapping[str, str], row: Row, now: int) -> Sequence[Message]:
@@ -164,77 +153,3 @@ class PlainFormat:
 
 def _alarm_topic(alarm: Alarm) -> str:
     return f"alarm/{level(alarm.severity)}/{level(alarm.kind)}/{level(alarm.id)}"
-
-
-_CLASSES: Final[Mapping[str, tuple[str, ...]]] = {
-    "power": ("W", "mW", "kW"),
-    "apparent_power": ("VA",),
-    "reactive_power": ("var",),
-    "energy": ("J", "kJ", "MJ", "Wh", "kWh"),
-    "voltage": ("V",),
-    "current": ("A", "mA"),
-    "temperature": ("°C", "°F", "K"),
-    "frequency": ("Hz",),
-    "pressure": ("Pa", "kPa", "bar"),
-    "distance": ("m", "mm"),
-    "speed": ("m/s", "mm/s"),
-    "duration": ("s",),
-    "weight": ("kg", "g"),
-}
-_CLASS_OF: Final = {unit: name for name, units in _CLASSES.items() for unit in units}
-_SHOWN: Final = {"degC": "°C", "degF": "°F", "deg": "°", "deg/s": "°/s", "deg/s^2": "°/s²", "1": None}
-
-
-def name_of(root: str) -> str:
-    """Name of the device in the topics of Home Assistant, which allow letters, digits, ``_`` and ``-``."""
-    return re.sub(r"[^A-Za-z0-9_-]", "_", root)
-
-
-_OF_CELL: Final = (
-    ("problem", "Problem", "health", "{{ 'OFF' if value_json['state'] == 'green' else 'ON' }}", "problem", None),
-    ("task", "Task", "task", "{{ value_json['name'] }}", None, None),
-    ("task_energy", "Energy of the last task", "energy", "{{ value_json['total'] }}", "energy", "J"),
-)
-"""What the cell as a whole says: key, name, topic, template, class and unit."""
-
-
-def device(root: str, site: str, cell: str, labels: Labels, by_channel: bool) -> dict[str, Any]:
-    """The discovery message of a cell whose topics are below ``root``; ``by_channel``: each channel has its own."""
-    id_ = name_of(root)
-    sensors = [_sensor(name, labels, by_channel) for name in labels.units]
-    sensors += [
-        (key, name, topic, {"value_template": template, "device_class": class_, "unit_of_measurement": unit})
-        for key, name, topic, template, class_, unit in _OF_CELL
-    ]
-    components = {
-        f"{id_}_{key}": {
-            "platform": "binary_sensor" if key == "problem" else "sensor",
-            "unique_id": f"{id_}_{key}",
-            "name": name,
-            "state_topic": f"{root}/{topic}",
-            **{key: value for key, value in more.items() if value is not None},
-        }
-        for key, name, topic, more in sensors
-    }
-    about = {"identifiers": [id_], "name": f"{site} {cell}", "manufacturer": "cellwatt", "sw_version": __version__}
-    return {
-        "device": about,
-        "origin": {"name": "cellwatt", "sw_version": __version__},
-        "availability_topic": f"{root}/availability",
-        "components": components,
-    }
-
-
-def _sensor(name: str, labels: Labels, by_channel: bool) -> tuple[str, str, str, dict[str, Any]]:
-    """Key, name, topic and more of a channel."""
-    unit = _SHOWN.get(labels.units[name], labels.units[name])
-    quoted = name.replace("\\", "\\\\").replace("'", "\\'")
-    # A row may lack a channel: the sensor then stays as it is. Jinja's dot would find a method of the dict.
-    of_row = f"{{{{ value_json['values'].get('{quoted}', this.state) }}}}"
-    more = {
-        "value_template": "{{ value_json['value'] }}" if by_channel else of_row,
-        "unit_of_measurement": unit,
-        "device_class": _CLASS_OF.get(unit or ""),
-        "state_class": {"continuous": "measurement", "counter": "total_increasing"}.get(labels.kinds[name]),
-    }
-    return name_of(name), name, f"frame/{level(name)}" if by_channel else "frame", more

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -15,13 +16,11 @@ import aiomqtt
 from cellwatt.account import Account
 from cellwatt.errors import OutletError, ProtocolError
 from cellwatt.outlets.cursor import Cursor
-from cellwatt.outlets.mqtt.backfill import Backfill
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
-from cellwatt.outlets.mqtt.link import Link, reason
+from cellwatt.outlets.mqtt.link import WINDOW, Link, reason
 from cellwatt.outlets.mqtt.message import Message, Order
-from cellwatt.outlets.mqtt.outbox import Outbox
+from cellwatt.outlets.mqtt.outbox import Backfill, Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
-from cellwatt.outlets.mqtt.sending import FENCE_EVERY, Parcel, Sending
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.selection import Row
 
@@ -39,6 +38,15 @@ class HostLeftError(OutletError):
     """The primary host went offline."""
 
 
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """Messages, what is to be done once they have arrived, and, where they may not have, to send them again."""
+
+    messages: Sequence[Message]
+    arrived: Callable[[], None] | None = None
+    back: Callable[[], None] | None = None
+
+
 class Session:
     """Serves over one connection until it is lost. ``status`` is the newest health, to be sent when it is new."""
 
@@ -52,8 +60,11 @@ class Session:
     ) -> None:
         self._settings = settings
         self._link, self._format, self._outbox, self._cursor = parts
-        self._sending = Sending(self._link)
         self._account = account
+        self._batch: Sequence[Parcel] = ()
+        """Parcels on their way, …"""
+        self._tasks: list[asyncio.Task[None]] = []
+        """… a task for each of their messages, and one that asks whether the broker has what it does not confirm."""
         self._birth_due = self._format.ready
         self._asked: asyncio.TimerHandle | None = None
         self._asked_at = -BIRTH_EVERY
@@ -84,7 +95,6 @@ class Session:
     async def _work(self) -> None:
         async with asyncio.TaskGroup() as group:
             group.create_task(self._listen())
-            group.create_task(self._sending.confirm())
             group.create_task(self._send())
             group.create_task(self._cursor.keep())
             if self._backfill is not None:
@@ -102,27 +112,21 @@ class Session:
         """Send what waits, as far as that goes quickly, and the last words."""
         try:
             async with asyncio.timeout(LAST_WORDS):
-                await asyncio.create_task(self._finish())
+                await self._arrive()
+                while self._format.ready and (batch := self._next()):
+                    await self._deliver(batch)
+                await self._deliver([Parcel(self._format.death(time.time_ns()))])
         except (TimeoutError, aiomqtt.MqttError):
             self._account.count("stops without last words")
-
-    async def _finish(self) -> None:
-        confirming = asyncio.create_task(self._sending.confirm())
-        try:
-            while self._format.ready and await self._live(time.time_ns()):
-                pass
-            await self._sending.fence()
-            await self._sending.send(self._format.death(time.time_ns()))
-        finally:
-            confirming.cancel()
-            await asyncio.wait([confirming])
-        await self._sending.arrive()
 
     async def end(self) -> None:
         """Note what arrived; take back what did not, or leave it to the record."""
         if self._asked is not None:
             self._asked.cancel()
-        await self._sending.end()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._note()
         self._outbox.leave()
 
     # sending --------------------------------------------------------------------------------------
@@ -130,62 +134,95 @@ class Session:
     async def _send(self) -> None:
         while True:
             self._outbox.wake.clear()
-            while await self._live(time.time_ns()) or await self._past(time.time_ns()):
-                await self._sending.fence(due=True)
-            await self._sending.fence(due=True)
-            try:
-                async with asyncio.timeout(FENCE_EVERY if self._sending.unsure else None):
-                    await self._outbox.wake.wait()
-            except TimeoutError:
-                continue
+            while batch := self._next():
+                await self._deliver(batch)
+            await self._outbox.wake.wait()
 
-    async def _live(self, now: int) -> bool:
-        """Send what is next of the present; false where nothing is."""
-        out, sending, format_ = self._outbox, self._sending, self._format
+    async def _deliver(self, batch: Sequence[Parcel]) -> None:
+        """Send parcels, and return once the broker has them. Raises ``MqttError``."""
+        messages = [message for parcel in batch for message in parcel.messages]
+        self._batch = batch
+        self._tasks = [asyncio.create_task(self._link.publish(message)) for message in messages]
+        if any(message.qos == 0 for parcel in batch if parcel.arrived for message in parcel.messages):
+            self._tasks.append(asyncio.create_task(self._link.fence()))
+        await self._arrive()
+
+    async def _arrive(self) -> None:
+        """Wait for what is on its way; cancelled, it stays on its way. Raises ``MqttError``."""
+        if self._tasks:
+            done, _ = await asyncio.wait(self._tasks, return_when=asyncio.FIRST_EXCEPTION)
+            for task in done:
+                task.result()
+        self._note()
+
+    def _note(self) -> None:
+        """Note what has arrived, in order; give back the rest."""
+        fenced, at, left = all(map(_went, self._tasks)), 0, list[Parcel]()
+        for parcel in self._batch:
+            tasks, at = self._tasks[at : at + len(parcel.messages)], at + len(parcel.messages)
+            sure = fenced or all(message.qos for message in parcel.messages)
+            if left or not sure or not all(map(_went, tasks)):
+                left.append(parcel)
+            elif parcel.arrived is not None:
+                parcel.arrived()
+        for parcel in reversed(left):
+            if parcel.back is not None:
+                parcel.back()
+        self._batch, self._tasks = (), []
+
+    def _next(self) -> list[Parcel]:
+        """What goes next: what is live, and then of the past; some messages at a time."""
+        found, size, now = list[Parcel](), 0, time.time_ns()
+        while size < WINDOW and (parcel := self._live(now) or self._past(now)) is not None:
+            found.append(parcel)
+            size += len(parcel.messages)
+        return found
+
+    def _live(self, now: int) -> Parcel | None:
+        """What is next of the present."""
+        out, format_ = self._outbox, self._format
         if self._answers:
-            await sending.send([self._answers.popleft()])
-        elif self._birth_due and format_.ready:
-            await self._birth(now)
-        elif not out.serving or not format_.ready:
-            return False
-        elif out.labels is not None:
-            labels, out.labels = out.labels, None
-            await sending.send(format_.label(labels, now))
-        elif out.results:
-            told = out.results.popleft()
-            noted = Parcel(partial(self._account.count, "results sent"), partial(out.again, told))
-            await sending.send(format_.result(told.item, told.late, now), noted)
-        elif out.rows:
-            entry = out.rows.popleft()
-            noted = Parcel(partial(self._delivered, entry.row.time), partial(out.again, entry))
-            await sending.send(format_.row(entry.row, entry.late, now), noted)
-        elif out.predictions:
-            seen = out.predictions.popleft()
-            await sending.send(format_.predicted(seen.model, seen.units, seen.row, now))
-        elif self.status is not None:
+            return Parcel([self._answers.popleft()])
+        if self._birth_due and format_.ready:
+            return self._birth(now)
+        if not out.serving or not format_.ready:
+            return None
+        if out.units is not None:
+            units, out.units = out.units, None
+            return Parcel(format_.label(units, now))
+        if out.results:
+            result = out.results.popleft()
+            messages = format_.result(result.item, result.late, now)
+            return Parcel(messages, partial(self._account.count, "results sent"), partial(out.again, result))
+        if out.rows:
+            row = out.rows.popleft()
+            messages = format_.row(row.item, row.late, now)
+            return Parcel(messages, partial(self._delivered, row.item.time), partial(out.again, row))
+        if out.predictions:
+            return Parcel(format_.predicted(*out.predictions.popleft(), now))
+        if self.status is not None:
             status, self.status = self.status, None
-            await sending.send(format_.health(status, now))
-        else:
-            return False
-        return True
+            return Parcel(format_.health(status, now))
+        return None
 
-    async def _birth(self, now: int) -> None:
+    def _birth(self, now: int) -> Parcel:
         self._birth_due = False
         if not self._outbox.serving:
             self._outbox.serving = True
             self._owe_before()
-        await self._sending.send(self._format.birth(now))
+            if self._backfill is not None and self._outbox.last is not None:
+                self._cursor.deliver(self._outbox.last)  # all that was made by now is owed from the record
         self._account.count("births")
+        return Parcel(self._format.birth(now))
 
-    async def _past(self, now: int) -> bool:
-        """Send the next row of the past, if there is one and it may be sent."""
-        past = self._backfill.next() if self._backfill and self._outbox.serving else None
-        if past is None:
-            return False
-        entry, format_ = past.entry, self._format
-        messages = format_.row(entry, True, now) if isinstance(entry, Row) else format_.archived(entry, now)
-        await self._sending.send(messages, Parcel(past.arrived))
-        return True
+    def _past(self, now: int) -> Parcel | None:
+        """The next row or result of the past, if there is one and it may be sent."""
+        if self._backfill is None or not self._outbox.serving or self._backfill.lane.empty():
+            return None
+        entry, arrived = self._backfill.lane.get_nowait()
+        if isinstance(entry, Row):
+            return Parcel(self._format.row(entry, True, now), arrived)
+        return Parcel(self._format.archived(entry, now), arrived)
 
     def _delivered(self, time_: int) -> None:
         self._account.count("rows sent")
@@ -230,3 +267,7 @@ class Session:
             elif not isinstance(found, Order):
                 self._answers.extend(found)
             self._outbox.wake.set()
+
+
+def _went(task: asyncio.Task[None]) -> bool:
+    return task.done() and not task.cancelled() and task.exception() is None

@@ -92,10 +92,6 @@ class MqttSettings(OutletSettings, Selection):
     """JSON: the broker keeps the last row for those who subscribe later."""
     qos: QosSettings = QosSettings()
     """JSON: quality of service; Sparkplug prescribes its own."""
-    discovery: Literal["homeassistant"] | None = None
-    """JSON: tell Home Assistant of all channels, so that they appear there without any setting."""
-    discovery_prefix: Annotated[str, Field(pattern=r"^[^+#/\x00]+(/[^+#/\x00]+)*$")] = "homeassistant"
-    """Topic under which Home Assistant looks for them."""
     sparkplug: SparkplugSettings = SparkplugSettings()
     """Names and primary host where ``format`` is ``sparkplug``."""
     health: Seconds = 10.0
@@ -137,8 +133,6 @@ class MqttSettings(OutletSettings, Selection):
             raise ValueError("ca, certificate and key need a broker that begins with mqtts://")
         if any(_parts(broker)[0] != _parts(self.broker)[0] for broker in self.fallbacks):
             raise ValueError("broker and fallbacks: all mqtts://, or all mqtt://")
-        if self.format == "sparkplug" and self.discovery:
-            raise ValueError("discovery is for format: json")
         if not self.open and self.opening:
             where = "broker" if self._reaches_out(self.broker) else "fallbacks"
             raise refusal(self, ((where,), getattr(self, where), f"{self.opening}; {_ADVICE}"))

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Protocol
 
 from cellwatt.errors import CellwattError, why
+from cellwatt.outlets.notify.rules import Message
 from cellwatt.outlets.notify.texts import short
-from cellwatt.outlets.notify.told import Message
 
 LONGEST = 200  # characters of a reason
 

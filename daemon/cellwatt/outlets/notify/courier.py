@@ -18,9 +18,9 @@ from cellwatt.files import put_aside
 from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
+from cellwatt.outlets.notify.rules import Item, Message, Rules, message_of, ready, silence
 from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About, undelivered
-from cellwatt.outlets.notify.told import Item, Message, Rules, message_of, ready, silence
 from cellwatt.results import Alarm
 
 log = logging.getLogger(__name__)
@@ -35,8 +35,8 @@ GRACE: Final = 3.0
 """Time, s, that an attempt has to its end when the outlet is ended: what was accepted is noted."""
 FAILING: Final = 60.0
 """Time, s, for which a recipient may fail before it is in trouble: mail servers put off whom they do not know."""
-LOOK: Final = 1.0
-"""s between two looks at the clock while something depends on it."""
+LOOK: Final = 0.25
+"""s between two looks at the clock while something may depend on it."""
 
 
 @dataclass(slots=True)
@@ -123,7 +123,7 @@ class Courier:
                 await self._deliver(channel, self._told.flight)
                 continue
             try:
-                async with asyncio.timeout(self._pause()):
+                async with asyncio.timeout(LOOK if self._told.due or self._told.episodes else None):
                     await self._wake.wait()
             except TimeoutError:
                 pass
@@ -134,7 +134,7 @@ class Courier:
         self._rules.withdraw(told, self._session, time.time_ns())
         if self._rules.repeat is not None:
             due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._rules.repeat]
-            self._rules.again(told, due, self._session, allowed)
+            self._rules.again(told, due, self._session)
         self._note()
         if told.flight is None and (items := self._grouped(now, allowed)):
             to = f"{self._about.site}/{self._about.cell}/{self.name}"
@@ -148,15 +148,6 @@ class Courier:
         items = ready(self._told, allowed)
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
         return items if now - oldest >= self._rules.group else []
-
-    def _pause(self) -> float | None:
-        """Time, s, until the clock may change anything; ``None`` if only news can."""
-        told, now = self._told, time.monotonic()
-        if told.due:
-            ends = [self._born.get(slot, now) + self._rules.group - now for slot in told.due]
-            return min([LOOK, *(end for end in ends if end > 0)])
-        waits = self._rules.repeat is not None or any(e.session != self._session for e in told.episodes.values())
-        return LOOK if told.episodes and waits else None
 
     async def _deliver(self, channel: Channel, message: Message) -> None:
         """Try to bring a message until it is accepted, refused, or too old."""

@@ -15,7 +15,7 @@ from typing import Final
 
 from cellwatt.errors import why
 from cellwatt.files import COMPUTED, read_bytes, replace_bytes
-from cellwatt.outlets.notify.told import Told
+from cellwatt.outlets.notify.rules import Recipient
 
 log = logging.getLogger(__name__)
 
@@ -27,7 +27,7 @@ class Ledger:
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
-        self.told: dict[str, Told] = {}
+        self.told: dict[str, Recipient] = {}
         self.problem: str | None = None
         """Reason why the file does not hold what is known; it is tried again at each change."""
         self.unreadable = 0
@@ -50,13 +50,13 @@ class Ledger:
         for line in content.splitlines():
             try:
                 name, kept = json.loads(line)
-                self.told[str(name)] = Told.read(kept)
+                self.told[str(name)] = Recipient.read(kept)
             except (ValueError, TypeError, RecursionError):  # the first also of pydantic
                 self.unreadable += 1
 
-    def of(self, name: str) -> Told:
+    def of(self, name: str) -> Recipient:
         """What is known of a recipient."""
-        return self.told.setdefault(name, Told())
+        return self.told.setdefault(name, Recipient())
 
     def keep(self, names: Collection[str]) -> dict[str, int]:
         """Forget all other recipients; return how many items each of them still waited for."""

@@ -20,9 +20,9 @@ from aiosmtplib import (
 )
 
 from cellwatt.outlets.notify.channels import Answer, FailedError, RefusedError, distrusted, trust
+from cellwatt.outlets.notify.rules import Message
 from cellwatt.outlets.notify.settings import MailSettings
 from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
-from cellwatt.outlets.notify.told import Message
 
 GOODBYE = 1.0
 """Longest time, s, to take leave of a server that has taken the mail."""

@@ -107,8 +107,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
         if self._ledger.unreadable:
             self.account.count("ledger: lines not readable", self._ledger.unreadable)
         for name, count in self._ledger.keep(self.settings.to).items():
-            log.warning("notify: %s is no recipient any more: %d alarms are not told", name, count)
-            self.account.count("alarms of former recipients", count)
+            self.account.count(f"{name}, no recipient any more: alarms not told", count)
 
     def _missed(self) -> Iterable[Alarm]:
         """The newest message of each alarm of this session: what of it was told already, the ledger knows."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from datetime import datetime, timedelta, tzinfo
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from cellwatt.alarms import SEVERITIES
 from cellwatt.results import Severity
@@ -19,14 +19,16 @@ _CLOCK: Final = re.compile(r"([01]\d|2[0-3]):([0-5]\d)|24:00")
 _DAY: Final = 1440  # minutes
 
 
-def check_zone(name: str | None) -> str | None:
-    """Return the name of a time zone unchanged. Raises ``ValueError`` if this PC does not know it."""
-    if name is not None:
-        try:
-            ZoneInfo(name)
-        except (OSError, ValueError, ZoneInfoNotFoundError) as error:
-            raise ValueError(f"no time zone {name!r} is known here; expected a name like Europe/Berlin") from error
+def _zone(name: str) -> str:
+    try:
+        ZoneInfo(name)
+    except (OSError, ValueError, ZoneInfoNotFoundError) as error:
+        raise ValueError(f"no time zone {name!r} is known here; expected a name like Europe/Berlin") from error
     return name
+
+
+Zone = Annotated[str, AfterValidator(_zone)]
+"""Name of a time zone that this PC knows."""
 
 
 def zone_of(name: str | None) -> tzinfo | None:
@@ -45,7 +47,7 @@ class QuietSettings(BaseModel):
     """Time of day at which it ends; one that is earlier than ``from`` is of the next day."""
     days: tuple[Day, ...] = DAYS
     """Days on which it begins: mon, tue, wed, thu, fri, sat, sun."""
-    zone: str | None = None
+    zone: Zone | None = None
     """Time zone of these times, like Europe/Berlin; where absent the ``zone`` of ``notify``."""
     unless: Severity = "error"
     """Least severity that passes all the same."""
@@ -56,11 +58,6 @@ class QuietSettings(BaseModel):
         if not _CLOCK.fullmatch(text):
             raise ValueError(f"found {text!r:.60}, expected a time of day in quotes, like '22:00'")
         return text
-
-    @field_validator("zone")
-    @classmethod
-    def _zone(cls, zone: str | None) -> str | None:
-        return check_zone(zone)
 
     @model_validator(mode="after")
     def _span(self) -> QuietSettings:

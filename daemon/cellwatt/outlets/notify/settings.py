@@ -14,7 +14,7 @@ from pydantic import model_validator as model_check
 from cellwatt.files import unreadable
 from cellwatt.host import Host, check_clear, in_the_clear, stays_here, web_address
 from cellwatt.outlet import OutletSettings, both_or_neither
-from cellwatt.outlets.notify.quiet import QuietSettings, check_zone
+from cellwatt.outlets.notify.quiet import QuietSettings, Zone
 from cellwatt.quantity import Seconds
 from cellwatt.results import Severity
 
@@ -138,34 +138,24 @@ class NtfySettings(_Web):
 
 
 class HomeAssistantSettings(_Web):
-    """A notification by Home Assistant: by one of its ``notify`` services, or by a webhook of an automation."""
+    """A notification by one of Home Assistant's ``notify`` services."""
 
     url: str
     """Address of Home Assistant, like ``https://home.plant.example:8123``."""
-    service: str | None = Field(default=None, pattern=r"^[a-z0-9_]+$")
-    """Name of the service behind ``notify.``, like ``mobile_app_shift``; needs ``token``."""
-    token: SecretStr | None = None
+    service: str = Field(pattern=r"^[a-z0-9_]+$")
+    """Name of the service behind ``notify.``, like ``mobile_app_shift``."""
+    token: SecretStr
     """Long-lived access token."""
-    webhook: SecretStr | None = None
-    """Id of the webhook of an automation; it needs no token."""
 
     @model_check(mode="after")
     def _closed(self) -> HomeAssistantSettings:
         self._check(self.url)
-        if (self.service is None) == (self.webhook is None):
-            raise ValueError("expected one of service and webhook")
-        both_or_neither(service=self.service, token=self.token)
-        if self.webhook is not None and not re.fullmatch(r"[-_A-Za-z0-9]+", self.webhook.get_secret_value()):
-            raise ValueError("webhook: expected letters, digits, '-' and '_'")
         return self
 
     @property
     def address(self) -> str:
         """Address that is called."""
-        base = self.url.rstrip("/")
-        if self.webhook is not None:
-            return f"{base}/api/webhook/{self.webhook.get_secret_value()}"
-        return f"{base}/api/services/notify/{self.service}"
+        return f"{self.url.rstrip('/')}/api/services/notify/{self.service}"
 
 
 Web = WebhookSettings | NtfySettings | HomeAssistantSettings
@@ -224,8 +214,6 @@ class RecipientSettings(_Settings):
     def secrets(self) -> tuple[str, ...]:
         """Secrets of the channel, which no text may hold; the longest first."""
         found = list(_secrets(self.channel))
-        if isinstance(self.channel, HomeAssistantSettings | WebhookSettings):
-            found.append(self.channel.address)
         return tuple(sorted(filter(None, found), key=len, reverse=True))
 
 
@@ -238,7 +226,7 @@ class NotifySettings(OutletSettings):
     """Recipients, each with a name of your own."""
     page: str | None = None
     """Address of the page of the cell or plant, for a link in messages, like ``https://weld-3.plant.example:8480``."""
-    zone: str | None = None
+    zone: Zone | None = None
     """Time zone of people, like Europe/Berlin; where absent that of this PC."""
     timeout: Seconds = Field(default=30.0, gt=0)
     """Longest time for one attempt to send."""
@@ -265,11 +253,6 @@ class NotifySettings(OutletSettings):
         if page is not None and (_parts(page).query or _parts(page).fragment):
             raise ValueError("expected an address without ? and #")
         return page
-
-    @field_validator("zone")
-    @classmethod
-    def _zone(cls, zone: str | None) -> str | None:
-        return check_zone(zone)
 
     def warnings(self) -> tuple[str, ...]:
         """Recipients that are told without encryption, and authorities that cannot be read."""

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pydantic_core import to_jsonable_python
 
-from cellwatt.outlets.notify.told import Item, Message, rank
+from cellwatt.outlets.notify.rules import Item, Message, rank
 from cellwatt.results import Alarm
 from cellwatt.units import named
 
@@ -99,9 +99,6 @@ def _headline(message: Message) -> str:
         return f"{message.more} alarms" if message.more else "test: cellwatt reaches you"
     rest = len(items) - 1 + message.more
     first = _said(items[0])
-    if all(item.held for item in items):
-        up = sum(item.what != "cleared" for item in items) + message.more
-        return f"after the quiet time, {_count(up)} active: {first}" if up else f"after the quiet time: {first}"
     return f"{first} (and {rest} more)" if rest else first
 
 

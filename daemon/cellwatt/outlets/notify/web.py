@@ -16,9 +16,9 @@ import aiohttp
 from pydantic import SecretStr
 
 from cellwatt.outlets.notify.channels import Answer, FailedError, RefusedError, distrusted, trust
+from cellwatt.outlets.notify.rules import Message
 from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings
 from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
-from cellwatt.outlets.notify.told import Message
 from cellwatt.version import __version__
 
 ID: Final = "webhook-id"
@@ -102,7 +102,7 @@ def request(settings: Web, about: About, message: Message, now: int) -> tuple[by
     token: SecretStr | None = None
     if isinstance(settings, NtfySettings):
         told, token = _ntfy(settings, about, message), settings.token
-    elif isinstance(settings, HomeAssistantSettings) and settings.service is not None:
+    elif isinstance(settings, HomeAssistantSettings):
         told, token = _home_assistant(about, message), settings.token
     else:
         told = payload(about, message)

@@ -12,6 +12,7 @@ from asyncua import Node, Server, ua
 from asyncua.server.event_generator import EventGenerator
 
 from cellwatt.errors import CellwattError
+from cellwatt.outlets.opc_ua.robotics import add_node
 
 USER: ContextVar[str | None] = ContextVar("user", default=None)
 """Name of the user whose client calls a method now."""
@@ -80,17 +81,8 @@ class Conditions:
         kind = ua.NodeId(ua.ObjectIds.AlarmConditionType)
         node_id = ua.NodeId(f"alarm:{name}", self._own)
         if node_id not in server.iserver.aspace:
-            made = ua.AddNodesItem()
-            made.RequestedNewNodeId = node_id
-            made.BrowseName = ua.QualifiedName(str(alarm["kind"]), self._own)
-            made.ParentNodeId = self._parent.nodeid
-            made.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasComponent)
-            made.NodeClass = ua.NodeClass.Object
-            made.TypeDefinition = kind
-            made.NodeAttributes = ua.ObjectAttributes()
-            made.NodeAttributes.DisplayName = ua.LocalizedText(str(alarm["kind"]))
-            (result,) = await server.iserver.isession.add_nodes([made])
-            result.StatusCode.check()
+            browsed = ua.QualifiedName(str(alarm["kind"]), self._own)
+            await add_node(server, self._parent, node_id, browsed, kind, ua.ObjectAttributes())
         generator = await server.get_event_generator(kind, ua.ObjectIds.Server)
         event = generator.event
         event.NodeId = node_id

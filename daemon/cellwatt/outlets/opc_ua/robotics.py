@@ -63,6 +63,22 @@ def unit_of(name: str) -> ua.EUInformation:
     return made
 
 
+async def add_node(
+    server: Server, parent: Node, node_id: ua.NodeId, name: ua.QualifiedName, kind: ua.NodeId, attributes: Any
+) -> Node:
+    """Add a component below a node, which the library does for its own types alone."""
+    made = ua.AddNodesItem()
+    made.RequestedNewNodeId, made.BrowseName, made.ParentNodeId = node_id, name, parent.nodeid
+    made.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasComponent)
+    is_variable = isinstance(attributes, ua.VariableAttributes)
+    made.NodeClass = ua.NodeClass.Variable if is_variable else ua.NodeClass.Object
+    made.TypeDefinition, made.NodeAttributes = kind, attributes
+    attributes.DisplayName = ua.LocalizedText(name.Name)
+    (result,) = await server.iserver.isession.add_nodes([made])
+    result.StatusCode.check()
+    return server.get_node(node_id)
+
+
 async def add_types(server: Server, spaces: Spaces) -> Node:
     """Add the types; return the device set."""
     base = server.get_node(ua.NodeId(ua.ObjectIds.BaseObjectType))
@@ -139,23 +155,13 @@ class Arms:
 
     async def variable(self, parent: Node, identifier: str, namespace: int, name: str, unit: str) -> Node:
         """Add a number with its unit below a node; it has no value yet."""
-        made = ua.AddNodesItem()
-        made.RequestedNewNodeId = ua.NodeId(identifier, self._spaces.own)
-        made.BrowseName = ua.QualifiedName(name, namespace)
-        made.ParentNodeId = parent.nodeid
-        made.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasComponent)
-        made.NodeClass = ua.NodeClass.Variable
-        made.TypeDefinition = ua.NodeId(_ANALOG_UNIT)
         attributes = ua.VariableAttributes()
-        attributes.DisplayName = ua.LocalizedText(name)
         attributes.DataType = ua.NodeId(ua.ObjectIds.Double)
         attributes.ValueRank = ua.ValueRank.Scalar
         attributes.AccessLevel = attributes.UserAccessLevel = ua.AccessLevel.CurrentRead.mask
         attributes.Value = ua.Variant(0.0, ua.VariantType.Double)
-        made.NodeAttributes = attributes
-        (result,) = await self._server.iserver.isession.add_nodes([made])
-        result.StatusCode.check()
-        node = self._server.get_node(result.AddedNodeId)
+        node_id, browsed = ua.NodeId(identifier, self._spaces.own), ua.QualifiedName(name, namespace)
+        node = await add_node(self._server, parent, node_id, browsed, ua.NodeId(_ANALOG_UNIT), attributes)
         await node.add_property(0, "EngineeringUnits", unit_of(unit))
         return node
 

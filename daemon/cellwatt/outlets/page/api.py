@@ -12,12 +12,12 @@ from urllib.parse import quote
 from aiohttp import web
 
 from cellwatt.outlets.page.access import VISITOR, Visitor, answer, refusal
-from cellwatt.outlets.page.rooms import Room, prefix
+from cellwatt.outlets.page.cells import Cell, prefix
 from cellwatt.outlets.page.streams import encoded
 from cellwatt.outlets.zenoh.messages import parse_json
 
 if TYPE_CHECKING:
-    from cellwatt.outlets.page.plant import Rooms
+    from cellwatt.outlets.page.plant import Cells
 
 CELL: Final = "/api/cells/{site}/{cell}"
 REPORT_POLICY: Final = (
@@ -36,10 +36,10 @@ _HOUR: Final = 3.6e6
 
 
 class CellApi:
-    """Answers about cells of ``rooms``."""
+    """Answers about cells of ``cells``."""
 
-    def __init__(self, rooms: Rooms) -> None:
-        self._rooms = rooms
+    def __init__(self, cells: Cells) -> None:
+        self._cells = cells
 
     def routes(self) -> Sequence[web.AbstractRouteDef]:
         """Routes below ``CELL``."""
@@ -54,64 +54,66 @@ class CellApi:
             web.post(f"{CELL}/{{what:acknowledge|shelve|unshelve}}", self._act),
         )
 
-    async def _room(self, request: web.Request) -> Room:
-        site, cell = request.match_info["site"], request.match_info["cell"]
+    async def _cell(self, request: web.Request) -> Cell:
+        site, name = request.match_info["site"], request.match_info["cell"]
         try:
-            return await self._rooms.room(site, cell)
+            return await self._cells.cell(site, name)
         except KeyError:
-            raise web.HTTPNotFound(text=f"no cell is heard as {site:.100}/{cell:.100}") from None
+            raise web.HTTPNotFound(text=f"no cell is heard as {site:.100}/{name:.100}") from None
 
     async def _state(self, request: web.Request) -> web.StreamResponse:
-        room, visitor = await self._room(request), visitor_of(request)
-        may_act = visitor.may_act and room.order is not None
-        record = room.archive.folder is not None
-        return answer({**room.feed.state(), "may_act": may_act, "record": record})
+        cell, visitor = await self._cell(request), visitor_of(request)
+        may_act = visitor.may_act and cell.order is not None
+        record = cell.archive.folder is not None
+        return answer({**cell.feed.state(), "may_act": may_act, "record": record})
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        room = await self._room(request)
+        cell = await self._cell(request)
         rate = min(max(number(request, "rate", 10.0), _RATES[0]), _RATES[1])
-        wanted = tuple(dict.fromkeys((*_channels(request), *room.feed.joints)))
-        status = room.feed.live.status
+        wanted = tuple(dict.fromkeys((*_channels(request), *cell.feed.joints)))
+        status = cell.feed.live.status
         first = [encoded("health", status)] if status else []
-        return await room.feed.hub.serve(request, wanted, rate, visitor_of(request).token, first)
+        return await cell.feed.hub.serve(request, wanted, rate, visitor_of(request).token, first)
 
     async def _curves(self, request: web.Request) -> web.StreamResponse:
-        room = await self._room(request)
+        cell = await self._cell(request)
         start, end = _span(request)
         points = round(min(max(number(request, "points", 1200), 1), MOST_POINTS))
-        return answer(await room.archive.curves(room.feed.live, _channels(request), start, end, points))
+        return answer(await cell.archive.curves(cell.feed.live, _channels(request), start, end, points))
 
     async def _alarms(self, request: web.Request) -> web.StreamResponse:
-        room = await self._room(request)
+        cell = await self._cell(request)
         start, end = _span(request)
         limit = round(min(max(number(request, "limit", 200), 1), MOST_ALARMS))
-        told = await room.archive.alarms(room.feed.live, start, end, limit)
-        return answer({**told, "alarms": [_with_evidence(room, alarm) for alarm in told["alarms"]]})
+        told = await cell.archive.alarms(cell.feed.live, start, end, limit)
+        return answer(
+            {**told, "alarms": [_addressed(cell, alarm, "evidence_page", "evidence_page") for alarm in told["alarms"]]}
+        )
 
     async def _reports(self, request: web.Request) -> web.StreamResponse:
-        room = await self._room(request)
-        told = await room.archive.reports()
-        return answer({**told, "reports": [_with_address(room, report) for report in told["reports"]]})
+        cell = await self._cell(request)
+        told = await cell.archive.reports()
+        return answer({**told, "reports": [_addressed(cell, report, "path", "href") for report in told["reports"]]})
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
-        room = await self._room(request)
-        file = await room.archive.report(request.match_info["path"])
+        cell = await self._cell(request)
+        file = await cell.archive.report(request.match_info["path"])
         if file is None:
             raise web.HTTPNotFound(text="there is no such report")
         headers = {"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
         return web.FileResponse(file, headers=headers)
 
     async def _mismatch(self, request: web.Request) -> web.StreamResponse:
-        room = await self._room(request)
-        return answer(_with_address(room, await room.archive.mismatch()))
+        cell = await self._cell(request)
+        return answer(_addressed(cell, await cell.archive.mismatch(), "path", "href"))
 
     # what people say ------------------------------------------------------------------------------
 
     async def _act(self, request: web.Request) -> web.StreamResponse:
-        room, visitor, what = await self._room(request), visitor_of(request), request.match_info["what"]
-        feed = room.feed
-        if room.order is None:
-            url = self._rooms.url_of(feed.site, feed.cell)
+        cell, visitor, what = await self._cell(request), visitor_of(request), request.match_info["what"]
+        feed = cell.feed
+        if cell.order is None:
+            url = self._cells.url_of(feed.site, feed.cell)
             return refusal(HTTPStatus.FORBIDDEN, f"acknowledge on the cell's own page{f': {url}' if url else ''}")
         if not visitor.may_act:
             return refusal(HTTPStatus.FORBIDDEN, "you may look, but not act: ask for a login that may")
@@ -128,7 +130,7 @@ class CellApi:
         if not (feed.is_shelved(alarm) if what == "unshelve" else feed.is_up(alarm)):
             where = "on the shelf" if what == "unshelve" else "active"
             return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be over")
-        await room.order(order)
+        await cell.order(order)
         return answer({})
 
 
@@ -200,17 +202,8 @@ def _minutes(body: Mapping[str, Any]) -> float:
     return float(minutes)
 
 
-def _with_address(room: Room, report: Mapping[str, Any]) -> dict[str, Any]:
-    """A report with the address at which it is served here."""
-    path = report.get("path")
-    return dict(report) if path is None else {**report, "href": _address(room, path)}
-
-
-def _with_evidence(room: Room, alarm: Mapping[str, Any]) -> dict[str, Any]:
-    """An alarm of the record with the address of its evidence."""
-    path = alarm.get("evidence_page")
-    return dict(alarm) if path is None else {**alarm, "evidence_page": _address(room, path)}
-
-
-def _address(room: Room, path: str) -> str:
-    return f"{prefix(room.feed.site, room.feed.cell)}/reports/{quote(path, errors='replace')}"
+def _addressed(cell: Cell, told: Mapping[str, Any], path: str, name: str) -> dict[str, Any]:
+    """What was told with, as ``name``, the address here of the report whose path it has, if any."""
+    if not told.get(path):
+        return dict(told)
+    return {**told, name: f"{prefix(cell.feed.site, cell.feed.cell)}/reports/{quote(told[path], errors='replace')}"}

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import gzip
 import hashlib
 import mimetypes
 import ssl
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,7 +20,6 @@ from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, proof_of, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
-from cellwatt.outlets.page.drop_api import DropApi
 from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.sessions import LONGEST, Sessions
@@ -30,7 +27,7 @@ from cellwatt.outlets.page.streams import Browsers, encoded
 from cellwatt.version import __version__
 
 if TYPE_CHECKING:
-    from cellwatt.outlets.page.plant import Rooms
+    from cellwatt.outlets.page.plant import Cells
 
 PAGES: Final = (
     "/",
@@ -42,12 +39,12 @@ PAGES: Final = (
     "/recordings/{name}",
 )
 _PACKED: Final = 1024
-"""Bytes of JSON from which on it is packed."""
+"""Bytes from which on an answer is packed."""
 LIMITS: Final = Limits(connections=384, peer=256)
 
 
 class Page:
-    """The application for ``rooms``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow.
+    """The application for ``cells``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow.
 
     Recordings can be dropped on it where there are ``drops``.
     """
@@ -56,14 +53,14 @@ class Page:
         self,
         settings: PageSettings,
         gate: Gate,
-        rooms: Rooms,
+        cells: Cells,
         assets: Assets,
         browsers: Browsers,
         drops: Drops | None = None,
     ) -> None:
-        self._settings, self._gate, self._rooms, self._assets = settings, gate, rooms, assets
+        self._settings, self._gate, self._cells, self._assets = settings, gate, cells, assets
         self._browsers = browsers
-        self._drops = None if drops is None else DropApi(drops, settings)
+        self._drops = drops
         self._door = HttpDoor(self.application(), settings, LIMITS, self._drops.put if self._drops else None)
         self.url = ""
 
@@ -84,9 +81,13 @@ class Page:
             web.post("/api/logout", self._log_out),
             web.get("/api/plant", self._plant),
             web.get("/api/plant/stream", self._plant_stream, allow_head=False),
-            *CellApi(self._rooms).routes(),
-            *(self._drops.routes() if self._drops else ()),
+            *CellApi(self._cells).routes(),
+            *(self._drops.routes(self._may_drop) if self._drops else ()),
         )
+
+    def _may_drop(self, request: web.Request) -> bool:
+        """True for whoever may drop recordings."""
+        return self._settings.local and visitor_of(request).may_act
 
     async def _index(self, request: web.Request) -> web.StreamResponse:
         return self._assets.answer(request, INDEX)
@@ -98,12 +99,12 @@ class Page:
         visitor = visitor_of(request)
         known = visitor.name is not None or not self._settings.users
         told: dict[str, Any] = {
-            "mode": self._rooms.mode,
-            "site": self._rooms.site if known else None,
-            "cells": [{"site": site, "cell": cell} for site, cell in self._rooms.cells] if known else [],
+            "mode": self._cells.mode,
+            "site": self._cells.site if known else None,
+            "cells": [{"site": site, "cell": cell} for site, cell in self._cells.names] if known else [],
             "user": visitor.name,
-            "may_act": visitor.may_act and self._rooms.acts,
-            "may_drop": self._drops is not None and self._drops.may(request),
+            "may_act": visitor.may_act and self._cells.acts,
+            "may_drop": self._drops is not None and self._may_drop(request),
             "login_needed": not known,
             "csrf": self._gate.sessions.csrf(visitor.token),
             "version": __version__,
@@ -129,13 +130,13 @@ class Page:
         return made
 
     async def _plant(self, request: web.Request) -> web.StreamResponse:
-        return answer({"cells": self._rooms.summary()})
+        return answer({"cells": self._cells.summary()})
 
     async def _plant_stream(self, request: web.Request) -> web.StreamResponse:
-        hub = self._rooms.hub
+        hub = self._cells.hub
         if hub is None:
             return refusal(HTTPStatus.NOT_FOUND, "this page shows one cell: there is no plant to follow")
-        first = [encoded("plant", {"cells": self._rooms.summary()})]
+        first = [encoded("plant", {"cells": self._cells.summary()})]
         return await hub.serve(request, None, 1.0, visitor_of(request).token, first)
 
     # serving --------------------------------------------------------------------------------------
@@ -158,7 +159,7 @@ class Page:
 
 @asynccontextmanager
 async def served(
-    settings: PageSettings, rooms: Rooms, browsers: Browsers, logins: Path | None = None, drops: Drops | None = None
+    settings: PageSettings, cells: Cells, browsers: Browsers, logins: Path | None = None, drops: Drops | None = None
 ) -> AsyncIterator[Page]:
     """Serve a page until the end of the context; ``logins`` is the file that keeps them, if any does.
 
@@ -173,7 +174,7 @@ async def served(
         asyncio.to_thread(assets.load),
     )
     gate = Gate(settings, sessions, names)
-    page = Page(settings, gate, rooms, assets, browsers, drops)
+    page = Page(settings, gate, cells, assets, browsers, drops)
     try:
         await page.start(context)
         yield page
@@ -202,31 +203,17 @@ def names_in(certificate: Path | None) -> tuple[str, ...]:
 
 @web.middleware
 async def _pack(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Pack long JSON for browsers that unpack it."""
+    """Pack what is long for browsers that unpack it."""
     response = await handler(request)
-    if isinstance(response, web.Response):
-        body = response.body if response.content_type == "application/json" else None
-        if isinstance(body, bytes) and len(body) > _PACKED:
-            response.enable_compression()
+    if isinstance(response, web.Response) and isinstance(response.body, bytes) and len(response.body) > _PACKED:
+        response.headers["Vary"] = "Accept-Encoding"
+        response.enable_compression()
     return response
 
 
 FOLDER: Final = Path(__file__).parent / "static"
 INDEX: Final = "index.html"
-_SMALL: Final = 1024
-"""Bytes below which nothing is packed."""
 _IMMUTABLE: Final = "public, max-age=31536000, immutable"
-_TYPES: Final = {".js": "text/javascript", ".woff2": "font/woff2", ".webmanifest": "application/manifest+json"}
-
-
-@dataclass(frozen=True, slots=True)
-class Asset:
-    """One file, also packed, if that makes it smaller."""
-
-    body: bytes
-    packed: bytes | None
-    type: str
-    tag: str
 
 
 class Assets:
@@ -234,34 +221,24 @@ class Assets:
 
     def __init__(self, folder: Path = FOLDER) -> None:
         self._folder = folder
-        self._kept: dict[str, Asset] = {}
+        self._kept: dict[str, bytes] = {}
 
     def load(self) -> None:
         """Read all files; blocks."""
-        files = [path for path in sorted(self._folder.rglob("*")) if path.is_file()]
-        self._kept = {path.relative_to(self._folder).as_posix(): _asset(path) for path in files}
+        files = [path for path in self._folder.rglob("*") if path.is_file()]
+        self._kept = {path.relative_to(self._folder).as_posix(): path.read_bytes() for path in files}
 
     def answer(self, request: web.Request, name: str) -> web.StreamResponse:
         """The file of a name; one below ``assets`` has its digest in its name and never changes."""
-        asset = self._kept.get(name)
-        if asset is None:
+        body = self._kept.get(name)
+        if body is None:
             if name == INDEX:
                 return refusal(HTTPStatus.SERVICE_UNAVAILABLE, "the files of the page are missing: install it again")
             return refusal(HTTPStatus.NOT_FOUND, "there is no such file")
-        kept = _IMMUTABLE if name.startswith("assets/") else "no-cache"
-        headers = {"Cache-Control": kept, "ETag": asset.tag, "Vary": "Accept-Encoding", "Content-Type": asset.type}
-        if request.headers.get("If-None-Match") == asset.tag:
+        tag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
+        headers = {"Cache-Control": _IMMUTABLE if name.startswith("assets/") else "no-cache", "ETag": tag}
+        if request.headers.get("If-None-Match") == tag:
             return web.Response(status=HTTPStatus.NOT_MODIFIED, headers=headers)
-        if asset.packed is not None and "gzip" in request.headers.get("Accept-Encoding", ""):
-            return web.Response(body=asset.packed, headers={**headers, "Content-Encoding": "gzip"})
-        return web.Response(body=asset.body, headers=headers)
-
-
-def _asset(path: Path) -> Asset:
-    body = path.read_bytes()
-    packed = gzip.compress(body, 9, mtime=0) if len(body) > _SMALL else body
-    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    if kind.startswith("text/"):
-        kind = f"{kind}; charset=utf-8"
-    tag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
-    return Asset(body, packed if len(packed) < len(body) else None, kind, tag)
+        kind = "text/javascript" if name.endswith(".js") else mimetypes.guess_type(name)[0]
+        charset = "utf-8" if kind is not None and kind.startswith("text/") else None
+        return web.Response(body=body, headers=headers, content_type=kind, charset=charset)

@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from cellwatt.alarms import Standing
 from cellwatt.errors import OutletError
-from cellwatt.live.history import History
+from cellwatt.live.last_minute import LastMinute
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.page import shapes
+from cellwatt.outlets.page.levels.curves import Curves
+from cellwatt.outlets.page.levels.episodes import alarm_history
+from cellwatt.outlets.page.reports import list_reports, newest_mismatch, report_file
 
 THREADS: Final = 2
 _TOLD: Final = ("over budget", "unwritten", "damaged")
@@ -62,71 +65,52 @@ class Archive:
     def __init__(
         self, folder: Path | None, cell: str, reports: Path | None, desk: Desk, levels: float = math.inf
     ) -> None:
-        self.folder, self._cell, self._desk = folder, cell, desk
-        self._curves = None
-        if folder is not None:
-            from cellwatt.outlets.page.levels import Curves
-
-            self._curves = Curves(folder, cell, levels)
+        self.folder, self._desk = folder, desk
+        self._curves = Curves(folder, cell, levels)
         self._folders = [found for found in (folder, reports) if found is not None]
 
     def start(self) -> None:
         """Begin to follow the record."""
-        if self._curves is not None:
-            self._curves.start()
+        if self.folder is not None:
+            self._curves.keeper.start()
 
     def counts(self) -> dict[str, int]:
         """Level files that are missing, and why."""
-        told = {} if self._curves is None else self._curves.store.counts
+        told = self._curves.store.counts
         return {f"level files {what}": told[what] for what in _TOLD if told.get(what)}
 
     def close(self) -> None:
         """End; blocks."""
-        if self._curves is not None:
-            self._curves.close()
+        self._curves.keeper.close()
 
     async def curves(
         self, live: LiveCell, channels: Sequence[str], start: float, end: float, points: int
     ) -> dict[str, Any]:
         """Curves from ``start`` to ``end`` ms, and what happened then; the last minute is in memory as well."""
-        from cellwatt.outlets.page.levels import Curves
-
-        curves = self._curves or Curves(None, self._cell)
-        told = await self._desk.ask(curves.curves, channels, start, end, points, in_memory(live, channels))
+        told = await self._desk.ask(self._curves.curves, channels, start, end, points, in_memory(live, channels))
         return {**told, **marks(told, live, start, end)}
 
     async def alarms(self, live: LiveCell, start: float, end: float, limit: int) -> dict[str, Any]:
         """Alarms from ``start`` to ``end`` ms, the newest first."""
-        from cellwatt.outlets.page.levels.telling import alarm_history
-
         if self.folder is None:
             return alarms(live, start, end, limit)
-        store = None if self._curves is None else self._curves.store
-        return await self._desk.ask(alarm_history, self.folder, self._cell, start, end, limit, store)
+        return await self._desk.ask(alarm_history, self._curves.store, start, end, limit)
 
     async def reports(self) -> dict[str, Any]:
         """All reports, the newest first."""
-        from cellwatt.outlets.page.pages import list_reports
-
         return await self._desk.ask(list_reports, self._folders)
 
     async def report(self, path: str) -> Path | None:
         """The file of a report, ``None`` if there is none of that name."""
-        from cellwatt.outlets.page.pages import report_file
-
         return await self._desk.ask(report_file, self._folders, path)
 
     async def mismatch(self) -> dict[str, Any]:
         """What the newest comparison with the simulation found."""
-        from cellwatt.outlets.page.pages import newest_mismatch
-
         return await self._desk.ask(newest_mismatch, self._folders)
 
 
 PREDICTED: Final = "prediction/"
 """Begin of the name of a model's output among channels: ``prediction/<model>/<output>``."""
-USUAL: Final = 20_000_000
-"""Step of frames, ns, where none is known."""
 
 
 def in_memory(live: LiveCell, channels: Sequence[str]) -> tuple[int, dict[str, tuple[NDArray[Any], NDArray[Any]]]]:
@@ -137,14 +121,14 @@ def in_memory(live: LiveCell, channels: Sequence[str]) -> tuple[int, dict[str, t
         history, column = _place(live, channel)
         if history is not None and column in history.names:
             found[channel] = history.time.copy(), history.of(column).copy()
-    return int(between.min()) if len(between) else USUAL, found
+    return int(between.min()) if len(between) else 0, found
 
 
 def marks(record: Mapping[str, Any], live: LiveCell, start: float, end: float) -> dict[str, Any]:
     """Intervals and alarms from ``start`` to ``end`` ms, of the record and of memory, each once."""
     intervals = {(i["source"], i["number"]): i for i in record["intervals"]}
     for body in live.intervals:
-        told = shapes.interval(body)
+        told = shapes.span("interval", body)
         if told["start"] <= end and told["end"] >= start:
             intervals.setdefault((told["source"], told["number"]), told)
     held = [told for told in map(_mark, (*live.cleared, *live.alarms.up)) if _overlap(told, start, end)]
@@ -180,9 +164,9 @@ def _same(recorded: Mapping[str, Any], told: Mapping[str, Any]) -> bool:
     return bool(recorded["id"] == told["id"] and _overlap(recorded, told["raised"], until))
 
 
-def _place(live: LiveCell, channel: str) -> tuple[History | None, str]:
+def _place(live: LiveCell, channel: str) -> tuple[LastMinute | None, str]:
     if not channel.startswith(PREDICTED):
         return live.frames, channel
     model, _, output = channel.removeprefix(PREDICTED).rpartition("/")
-    predicted: Mapping[str, History] = live.predicted
+    predicted: Mapping[str, LastMinute] = live.predicted
     return predicted.get(model), output

@@ -5,14 +5,19 @@ from __future__ import annotations
 import asyncio
 import shutil
 import tempfile
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
+from aiohttp import web
+
 from cellwatt.child import output
+from cellwatt.door.http import BODY
 from cellwatt.errors import CellwattError
+from cellwatt.outlets.page.access import answer
+from cellwatt.outlets.page.api import REPORT_POLICY, body_of
 
 LARGEST: Final = 4_000_000_000
 """Bytes of one drop."""
@@ -25,6 +30,8 @@ LIMIT: Final = 900.0
 NICENESS: Final = 10
 COMMANDS: Final = "cellwatt.commands"
 SAMPLE: Final = ("--conceal", "payload", "--conceal", "spring")
+ROOT: Final = "/api/recordings"
+DROP: Final = f"{ROOT}/{{name:\\d+}}"
 AT_ONCE: Final = 2
 """Commands; more wait."""
 _TABLES: Final = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".mcap", ".db3")
@@ -77,41 +84,72 @@ class Drop:
 
 
 class Drops:
-    """All drops of a page; ``close`` removes them."""
+    """All drops of a page, and the answers about them; ``close`` removes them."""
 
     def __init__(self) -> None:
         self._drops: dict[str, Drop] = {}
-        self._made = 0
+        self._numbers = count(1)
         self._turn = asyncio.Semaphore(AT_ONCE)
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the drops, the newest first."""
-        return list(reversed(self._drops))
+    def routes(self, may: Callable[[web.Request], bool]) -> Sequence[web.AbstractRouteDef]:
+        """Routes below ``ROOT``, for whoever ``may`` drop recordings."""
+        self._may = may
+        return (
+            web.get(ROOT, self._all),
+            web.post(ROOT, self._open),
+            web.post(f"{ROOT}/sample", self._sample),
+            web.get(DROP, self._one),
+            web.put(f"{DROP}/files/{{path:.+}}", self.put),
+            web.post(f"{DROP}/curves/{{path:.+}}", self._draw),
+            web.get(f"{DROP}/curves/{{path:.+}}", self._curves),
+            web.post(f"{DROP}/explain", self._explain),
+            web.get(f"{DROP}/result/{{file}}", self._result),
+        )
 
-    def __getitem__(self, name: str) -> Drop:
-        return self._drops[name]
+    def _checked(self, request: web.Request) -> None:
+        if not self._may(request):
+            raise web.HTTPForbidden(text="recordings are dropped on a page of this PC, by those who may act")
 
-    async def open(self, files: Mapping[str, int], into: Drop | None = None) -> Drop:
-        """A drop that awaits files of some bytes by their paths. Raises ``CellwattError`` where they do not fit."""
+    def _drop(self, request: web.Request) -> Drop:
+        self._checked(request)
+        try:
+            return self._drops[request.match_info["name"]]
+        except KeyError:
+            raise web.HTTPNotFound(text="these recordings are no longer kept: drop them again") from None
+
+    async def _all(self, request: web.Request) -> web.StreamResponse:
+        self._checked(request)
+        return answer({"drops": list(reversed(self._drops))})
+
+    async def _one(self, request: web.Request) -> web.StreamResponse:
+        return answer(await asyncio.to_thread(self._drop(request).told))
+
+    # files ----------------------------------------------------------------------------------------
+
+    async def _open(self, request: web.Request) -> web.StreamResponse:
+        """Announce files with their sizes, for a new drop or one that is there. Raises ``CellwattError``."""
+        self._checked(request)
+        body = await body_of(request)
+        files, into = body.get("files"), body.get("into")
+        if not isinstance(files, dict) or not all(isinstance(n, int) and n >= 0 for n in files.values()):
+            raise web.HTTPBadRequest(text="files: expected a size in bytes for each path")
         if not 0 < len(files) <= MOST_FILES:
             raise CellwattError(f"{len(files)} files were dropped: 1 to {MOST_FILES} can be opened at a time")
         for path in files:
             _check(path)
         if (size := sum(files.values())) > LARGEST:
-            raise CellwattError(
-                f"{size / 1e9:.1f} GB were dropped, {LARGEST / 1e9:.0f} GB are the most: use cellwatt plot"
-            )
-        drop = into or await self._new()
+            most = f"{LARGEST / 1e9:.0f} GB are the most"
+            raise CellwattError(f"{size / 1e9:.1f} GB were dropped, {most}: use cellwatt plot")
+        known = self._drops.get(into) if isinstance(into, str) else None
+        drop = known or await self._new()
         if (free := (await asyncio.to_thread(shutil.disk_usage, drop.files)).free) < 2 * size:
             raise CellwattError(f"{drop.files} has {free / 1e9:.1f} GB left: name a larger folder in TMPDIR")
         drop.awaited.update(files)
-        return drop
+        return answer({"name": drop.name})
 
     async def _new(self) -> Drop:
-        self._made += 1
-        name = str(self._made)
+        name = str(next(self._numbers))
         folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix="cellwatt-view-"))
         self._drops[name] = drop = Drop(name, folder, {})
         await asyncio.to_thread(drop.files.mkdir)
@@ -122,8 +160,12 @@ class Drops:
             await asyncio.to_thread(shutil.rmtree, old.folder, ignore_errors=True)
         return drop
 
-    async def take(self, drop: Drop, path: str, content: AsyncIterator[bytes]) -> None:
-        """Write one file. Raises ``CellwattError`` where it was not announced, or has another size."""
+    async def put(self, request: web.Request) -> web.StreamResponse:
+        """Take one file in pieces; the door leaves its body alone.
+
+        Raises ``CellwattError`` where it was not announced, or has another size.
+        """
+        drop, path = self._drop(request), request.match_info["path"]
         size = drop.awaited.pop(path, None)
         if size is None:
             raise CellwattError(f"{path:.200} was not announced: drop it again")
@@ -133,7 +175,7 @@ class Drops:
         try:
             out = await asyncio.to_thread(_begun, file)
             try:
-                async for piece in content:
+                async for piece in _pieces(request):
                     if (left := left - len(piece)) < 0:
                         break
                     await asyncio.to_thread(out.write, piece)
@@ -146,24 +188,36 @@ class Drops:
                 await asyncio.to_thread(file.unlink, missing_ok=True)
         if left:
             raise CellwattError(f"{path:.200} has another size than was announced: drop it again")
+        return answer({})
 
-    async def draw(self, drop: Drop, path: str) -> None:
-        """Make the page of a recording's curves. Raises ``CellwattError`` where it cannot be drawn."""
+    # commands -------------------------------------------------------------------------------------
+
+    async def _draw(self, request: web.Request) -> web.StreamResponse:
+        drop, path = self._drop(request), request.match_info["path"]
         if path not in drop.drawn:
             await asyncio.to_thread(_known, drop, [path])
             out = drop.folder / f"curves-{next(drop.numbers)}.html"
             await self._run(drop, ["plot", f"./{path}", "--out", str(out)])
             drop.drawn[path] = out
+        return answer({})
 
-    async def sample(self) -> Drop:
-        """A drop of an arm's simulation and two recordings of it, with physics concealed. Raises ``CellwattError``."""
-        drop = await self.open({"arm.xml": 0})
-        drop.awaited.clear()
+    async def _curves(self, request: web.Request) -> web.StreamResponse:
+        drawn = self._drop(request).drawn.get(request.match_info["path"])
+        if drawn is None:
+            raise web.HTTPNotFound(text="this recording is not drawn")
+        return _page(drawn)
+
+    async def _sample(self, request: web.Request) -> web.StreamResponse:
+        """Make a drop of an arm's simulation and two recordings of it, with physics concealed."""
+        self._checked(request)
+        drop = await self._new()
         drop.note = await self._run(drop, ["demo", "explain", "--only-files", *SAMPLE, "--out", "."])
-        return drop
+        return answer({"name": drop.name})
 
-    async def explain(self, drop: Drop, recordings: Sequence[str], simulations: Sequence[str], robot: str) -> None:
-        """Begin to explain. Raises ``CellwattError`` where that cannot be."""
+    async def _explain(self, request: web.Request) -> web.StreamResponse:
+        drop, body = self._drop(request), await body_of(request)
+        recordings, simulations = _paths(body, "recordings"), _paths(body, "simulations")
+        robot = str(body.get("robot") or "")
         if drop.answer is not None and drop.answer.running:
             raise CellwattError("these recordings are being explained already")
         if not recordings:
@@ -175,19 +229,30 @@ class Drops:
         own = [path for path in simulations if Path(path).suffix in (".xml", ".urdf")]
         words += ["--mend", f"./{own[0]}"] if own else []
         await asyncio.to_thread(shutil.rmtree, drop.result, ignore_errors=True)
-        drop.answer = answer = Answer()
-        self._tasks[drop.name] = asyncio.create_task(self._explained(drop, answer, words))
+        drop.answer = told = Answer()
+        self._tasks[drop.name] = asyncio.create_task(self._explained(drop, told, words))
+        return answer({})
 
-    async def _explained(self, drop: Drop, answer: Answer, words: list[str]) -> None:
+    async def _explained(self, drop: Drop, told: Answer, words: list[str]) -> None:
         def progress(line: str) -> None:
-            answer.said = line
+            told.said = line
 
         try:
-            answer.said = (await self._run(drop, words, progress)).replace(f"{drop.folder}/", "")
+            told.said = (await self._run(drop, words, progress)).replace(f"{drop.folder}/", "")
         except CellwattError as error:
-            answer.said, answer.error = "", str(error)
+            told.said, told.error = "", str(error)
         finally:
-            answer.running = False
+            told.running = False
+
+    async def _result(self, request: web.Request) -> web.StreamResponse:
+        drop, name = self._drop(request), request.match_info["file"]
+        made = await asyncio.to_thread(lambda: {path.name: path for path in drop.result.glob("*")})
+        if (file := made.get(name)) is None:
+            raise web.HTTPNotFound(text="there is no such file")
+        if file.suffix == ".html":
+            return _page(file)
+        headers = {"Content-Disposition": "attachment", "Content-Type": "application/octet-stream"}
+        return web.FileResponse(file, headers=headers)
 
     async def _run(self, drop: Drop, words: Sequence[str], heard: Callable[[str], object] = len) -> str:
         """Output of a command in the drop's folder. Raises ``CellwattError`` where it fails."""
@@ -249,3 +314,29 @@ def _known(drop: Drop, paths: Sequence[str]) -> None:
     for path in paths:
         if path not in there:
             raise CellwattError(f"{path:.200} is not among the files that were dropped")
+
+
+def _page(file: Any) -> web.FileResponse:
+    return web.FileResponse(
+        file, headers={"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
+    )
+
+
+def _paths(body: Any, name: str) -> list[str]:
+    found = body.get(name)
+    if not isinstance(found, list) or not all(isinstance(path, str) for path in found):
+        raise web.HTTPBadRequest(text=f"{name}: expected paths of files that were dropped")
+    return found
+
+
+async def _pieces(request: web.Request) -> AsyncIterator[bytes]:
+    """The body as it comes. Raises ``CellwattError`` where it stops coming."""
+    while True:
+        try:
+            async with asyncio.timeout(BODY):
+                piece = await request.content.readany()
+        except (TimeoutError, OSError, web.HTTPException) as error:
+            raise CellwattError("the file broke off on its way: drop it again") from error
+        if not piece:
+            return
+        yield piece

@@ -71,8 +71,10 @@ class Feed:
         alarms = self.live.add(kind, body)
         if kind == "prediction":
             self.hub.prediction(body)
-        elif kind in ("interval", "task", "energy", "event"):
-            self.hub.tell(kind, getattr(shapes, kind)(body))
+        elif kind in ("interval", "task", "energy"):
+            self.hub.tell(kind, shapes.span(kind, body))
+        elif kind == "event":
+            self.hub.tell(kind, shapes.event(body))
         self._tell_alarms(alarms)
 
     def take_health(self, status: Body) -> None:
@@ -134,9 +136,9 @@ class Feed:
             "channels": [] if self.layout is None else shapes.channels(self.layout),
             "alarms": [self._alarm(standing) for standing in live.alarms.up],
             "shelved": self._shelved,
-            "intervals": [shapes.interval(body) for body in live.intervals],
-            "task": None if live.task is None else shapes.task(live.task),
-            "energies": {name: [shapes.energy(e) for e in kept] for name, kept in live.energies.items()},
+            "intervals": [shapes.span("interval", body) for body in live.intervals],
+            "task": None if live.task is None else shapes.span("task", live.task),
+            "energies": {name: [shapes.span("energy", e) for e in kept] for name, kept in live.energies.items()},
             "predictions": [
                 {"model": model, "outputs": dict(zip(history.names, history.units, strict=True))}
                 for model, history in live.predicted.items()

@@ -10,22 +10,68 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
-from cellwatt.errors import ProtocolError
-from cellwatt.outlets.page.archive import Desk
-from cellwatt.outlets.page.followed import UNREADABLE, Followed
-from cellwatt.outlets.page.rooms import Mode, OneRoom, Room, page_of, plant_cell
+from cellwatt.errors import OutletError, ProtocolError
+from cellwatt.outlets.page.archive import Archive, Desk
+from cellwatt.outlets.page.cells import Cell, Mode, OneCell, page_of, plant_cell
+from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.keys import PREFIX, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.received import Health, read_health
+from cellwatt.subscriber import Subscriber
 
 if TYPE_CHECKING:
     import zenoh
 
 log = logging.getLogger(__name__)
+
+WANT: Final = ("frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")
+"""Topics that a page shows."""
+UNREADABLE: Final = (KeyError, TypeError, ValueError, AttributeError)
+"""What a message of another version of cellwatt, or of somebody who speaks in a cell's name, may raise."""
+PAUSE: Final = 2.0
+"""s before a link that failed is tried again."""
+
+
+async def watch(link: LinkSettings, feed: Feed, verify: Path | None = None) -> None:
+    """Give a feed all that its cell publishes, until cancelled; a link that fails is told to browsers and tried again.
+
+    ``verify`` is the public key of a cell that signs.
+    """
+    unreadable = 0
+    while True:
+        try:
+            async with Subscriber(feed.site, feed.cell, link, want=WANT, verify=verify) as subscriber:
+                async for message in subscriber:
+                    try:
+                        feed.take(message)
+                    except UNREADABLE as error:
+                        unreadable += 1
+                        if unreadable == 1:
+                            log.warning("%s/%s: a message cannot be shown: %r", feed.site, feed.cell, error)
+        except OutletError as error:
+            log.warning("%s/%s: %s; trying again", feed.site, feed.cell, error)
+            feed.take_gap(f"the link to the cell failed: {error}")
+        await asyncio.sleep(PAUSE)
+
+
+MOST_OPEN: Final = 16
+"""Cells that are followed in full at the same time."""
+KEPT: Final = 60.0
+"""s that a cell is followed after the last browser has left it."""
+
+
+@dataclass
+class _Open:
+    cell: Cell
+    task: asyncio.Task[None]
+    used: float = 0.0
+    """Monotonic time, s, at which somebody last asked."""
+
 
 LOOK: Final = 2.0
 """s between two messages to browsers."""
@@ -51,7 +97,7 @@ class _Cell:
 
 
 class Plant:
-    """The cells of a site behind a link, as ``OneRoom`` has one; ``run`` follows them.
+    """The cells of a site behind a link, as ``OneCell`` has one; ``run`` follows them.
 
     Zenoh calls back in threads of its own: what they bring is taken on the loop.
     """
@@ -65,30 +111,51 @@ class Plant:
         self._link, self._name = link, site
         self._known: dict[str, _Cell] = {}
         self._told: dict[str, dict[str, Any]] = {}
-        self._followed = Followed(link, browsers, desk)
+        self._browsers, self._desk = browsers, desk
+        self._opened: dict[str, _Open] = {}
+        """Cells that somebody looks at, or did a while ago."""
+        self._left: set[asyncio.Task[None]] = set()
+        """Cells that are being left: their links are still to be closed."""
         self._loop = asyncio.get_running_loop()
         self._session: zenoh.Session | None = None
         self._unreadable = 0
 
-    # rooms ----------------------------------------------------------------------------------------
+    # cells ----------------------------------------------------------------------------------------
 
     @property
-    def cells(self) -> Sequence[tuple[str, str]]:
-        """See ``OneRoom.cells``."""
+    def names(self) -> Sequence[tuple[str, str]]:
+        """See ``OneCell.names``."""
         return [(self._name, cell) for cell in sorted(self._known)]
 
-    async def room(self, site: str, cell: str) -> Room:
-        """See ``OneRoom.room``."""
-        if site != self._name or cell not in self._known:
-            raise KeyError(cell)
-        return self._followed.room(site, cell, self._known[cell].health)
+    async def cell(self, site: str, name: str) -> Cell:
+        """See ``OneCell.cell``: it is followed from now on."""
+        if site != self._name or name not in self._known:
+            raise KeyError(name)
+        found = self._opened.get(name)
+        if found is None:
+            if len(self._opened) >= MOST_OPEN:
+                raise OutletError(f"{MOST_OPEN} cells are being looked at, the most that may: close one, wait a minute")
+            feed, health = Feed(site, name, Hub(self._browsers)), self._known[name].health
+            if health is not None:
+                with contextlib.suppress(*UNREADABLE):
+                    feed.take_health(health.status)
+            cell = Cell(feed, Archive(None, name, None, self._desk))
+            found = self._opened[name] = _Open(cell, asyncio.create_task(watch(self._link, feed)))
+        found.used = time.monotonic()
+        return found.cell
+
+    def _leave(self, name: str) -> None:
+        task = self._opened.pop(name).task
+        self._left.add(task)
+        task.add_done_callback(self._left.discard)
+        task.cancel()
 
     def summary(self) -> list[dict[str, Any]]:
-        """See ``OneRoom.summary``."""
+        """See ``OneCell.summary``."""
         return [self._summary(cell) for cell in sorted(self._known)]
 
     def url_of(self, site: str, cell: str) -> str | None:
-        """See ``OneRoom.url_of``."""
+        """See ``OneCell.url_of``."""
         known = self._known.get(cell)
         return page_of(known.health.status) if known is not None and known.health is not None else None
 
@@ -107,15 +174,17 @@ class Plant:
     async def run(self) -> None:
         """Follow the site until cancelled. Raises ``OutletError`` if the link cannot be opened."""
         try:
-            async with self._opened():
+            async with self._linked():
                 while True:
                     await asyncio.sleep(LOOK)
                     await self._look()
         finally:
-            await self._followed.close()  # a cell may be looked at as soon as it is heard, before the link is all open
+            for name in list(self._opened):  # one may be looked at as soon as it is heard, before the link is all open
+                self._leave(name)
+            await asyncio.gather(*self._left, return_exceptions=True)
 
     @asynccontextmanager
-    async def _opened(self) -> AsyncIterator[None]:
+    async def _linked(self) -> AsyncIterator[None]:
         stopped = threading.Event()
         opening = asyncio.ensure_future(asyncio.to_thread(self._open, stopped.is_set))
         try:
@@ -161,15 +230,6 @@ class Plant:
         if (cell := self._of(name)) is not None:
             cell.waiting, cell.heard = sample, time.monotonic()
 
-    @contextlib.contextmanager
-    def _reading(self, name: str) -> Any:
-        try:
-            yield
-        except ProtocolError as error:
-            self._unreadable += 1
-            if self._unreadable == 1:
-                log.warning("%s: a message cannot be read: %.300s", name, error)
-
     async def _look(self) -> None:
         """Read the newest health of each cell, and tell browsers which cells have changed."""
         now = time.monotonic()
@@ -177,8 +237,12 @@ class Plant:
             if place % AT_ONCE == 0:
                 await asyncio.sleep(0)
             if cell.waiting is not None:
-                with self._reading(name):
+                try:
                     cell.health = read_health(cell.waiting)[1]
+                except ProtocolError as error:
+                    self._unreadable += 1
+                    if self._unreadable == 1:
+                        log.warning("%s: a message cannot be read: %.300s", name, error)
                 cell.waiting = None
             if cell.gone is not None and now - cell.gone > FORGOTTEN:
                 del self._known[name]
@@ -186,7 +250,11 @@ class Plant:
         changed = [told for name in self._known if (told := self._changed(name)) is not None]
         if changed and self.hub is not None:
             self.hub.tell("plant", {"cells": changed})
-        self._followed.leave(now)
+        for name, opened in list(self._opened.items()):
+            if len(opened.cell.feed.hub):
+                opened.used = now
+            elif now - opened.used > KEPT:
+                self._leave(name)
 
     def _changed(self, name: str) -> dict[str, Any] | None:
         told = self._summary(name)
@@ -196,5 +264,5 @@ class Plant:
         return None if kept == before else told
 
 
-Rooms = OneRoom | Plant
+Cells = OneCell | Plant
 """All cells of a page."""

@@ -1,23 +1,28 @@
-"""The process that serves the page of a cell: ``python -m cellwatt.outlets.page.serving FD``, started by the outlet."""
+"""Serves a page: of a cell to its daemon (``python -m …page.serving FD``), or by itself from the bus."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.page.app import served
 from cellwatt.outlets.page.archive import Archive, Desk
+from cellwatt.outlets.page.cells import Cell, OneCell, follow_arms, prefix
+from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.rooms import OneRoom, Room, follow_arms, prefix
+from cellwatt.outlets.page.plant import Cells, Plant, watch
 from cellwatt.outlets.page.sessions import FILE
 from cellwatt.outlets.page.streams import Browsers, Hub
+from cellwatt.runtime.tasks import plain_errors
+from cellwatt.subscriber import LinkSettings
 
 NICENESS: Final = 10
 """Data come before browsers: stages, which judge them, have 5."""
@@ -34,8 +39,8 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     shown = Shown(feed.take_frames, feed.take_item, feed.take_health)
     try:
         await asyncio.to_thread(archive.start)
-        room = OneRoom(Room(feed, archive, daemon.order))
-        async with served(settings, room, browsers, folder and folder / FILE) as page:
+        shown_cell = OneCell(Cell(feed, archive, daemon.order))
+        async with served(settings, shown_cell, browsers, folder and folder / FILE) as page:
             gc.collect()
             gc.freeze()
             arms = asyncio.create_task(follow_arms(feed, settings.arms, desk))
@@ -45,6 +50,46 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
                 arms.cancel()
     finally:
         await asyncio.to_thread(archive.close)
+        await asyncio.to_thread(desk.close)
+
+
+async def view(
+    settings: PageSettings,
+    link: LinkSettings | None,
+    site: str,
+    cell: str | None,
+    verify: Path | None,
+    seconds: float | None,
+    tell: Callable[[str], object],
+) -> None:
+    """Serve the page of a cell, ``None`` for all of the site, for ``seconds`` or until cancelled.
+
+    Without a ``link`` it is a page for recordings alone.
+
+    ``tell`` is given the address. Logins end with this call. Raises ``OutletError`` if the page cannot be served.
+    """
+    browsers, desk, drops = Browsers(settings.browsers), Desk(), Drops()
+    try:
+        with plain_errors():
+            async with asyncio.TaskGroup() as group:
+                cells: Cells = OneCell(None)
+                following: list[Coroutine[Any, Any, None]] = []
+                if link is not None and cell is None:
+                    cells = Plant(link, site, browsers, desk)
+                    following = [cells.run()]
+                elif link is not None and cell is not None:
+                    feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
+                    cells = OneCell(Cell(feed, Archive(None, cell, settings.reports, desk)))
+                    following = [watch(link, feed, verify), follow_arms(feed, settings.arms, desk)]
+                tasks = [group.create_task(work) for work in following]
+                async with served(settings, cells, browsers, drops=drops) as page:
+                    tell(f"the page is at {page.url}")
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(seconds):
+                            await asyncio.Event().wait()
+                for task in tasks:  # where this is cancelled, the group does it, and twice would cut their ends short
+                    task.cancel()
+    finally:
         await asyncio.to_thread(desk.close)
 
 

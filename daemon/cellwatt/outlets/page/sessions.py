@@ -6,14 +6,15 @@ import base64
 import binascii
 import hashlib
 import hmac
-import json
 import logging
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
+
+from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.files import read_bytes, replace_bytes
 
@@ -37,6 +38,17 @@ class Login:
     name: str
     proof: str
     ends: float
+
+
+@dataclass(slots=True)
+class _Kept:
+    """What the file holds: the secret of this page (hex), and logins by the digest of their token."""
+
+    secret: str
+    logins: dict[str, Login]
+
+
+_KEPT: Final = TypeAdapter(_Kept)
 
 
 class Sessions:
@@ -99,15 +111,15 @@ class Sessions:
         if self._file is None:
             return
         try:
-            kept = json.loads(read_bytes(self._file, _LARGEST))
+            kept = _KEPT.validate_json(read_bytes(self._file, _LARGEST))
             if self._file.stat().st_mode & 0o077:
                 raise ValueError("others may read it: its logins are void")
-            self._secret = bytes.fromhex(kept["secret"])
-            self._logins = {str(key): _login(body) for key, body in kept["logins"].items()}
+            self._secret, self._logins = bytes.fromhex(kept.secret), kept.logins
         except FileNotFoundError:
             pass
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            log.warning("%s: %s; everybody has to log in again", self._file, error)
+        except (OSError, ValueError) as error:
+            told = "it is damaged" if isinstance(error, ValidationError) else error
+            log.warning("%s: %s; everybody has to log in again", self._file, told)
 
     def save(self) -> None:
         """Write what a later process needs; blocks. A failure is logged, and tried again with the next change."""
@@ -115,9 +127,9 @@ class Sessions:
             return
         self.changed = False
         now = self._clock()
-        logins = {key: asdict(login) for key, login in list(self._logins.items()) if login.ends > now}
+        logins = {key: login for key, login in list(self._logins.items()) if login.ends > now}
         try:
-            replace_bytes(self._file, json.dumps({"secret": self._secret.hex(), "logins": logins}).encode(), 0o600)
+            replace_bytes(self._file, _KEPT.dump_json(_Kept(self._secret.hex(), logins)), 0o600)
         except OSError as error:
             log.warning("%s cannot be written, logins end with this process: %s", self._file, error.strerror)
 
@@ -129,10 +141,6 @@ def new_token() -> str:
 
 def _key(token: str) -> str:
     return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
-
-
-def _login(body: dict[str, Any]) -> Login:
-    return Login(str(body["name"]), str(body["proof"]), float(body["ends"]))
 
 
 N, R, P = 2**14, 8, 5

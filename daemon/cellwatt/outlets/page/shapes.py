@@ -19,10 +19,14 @@ DIGITS = 7
 _ALARM = (
     "id", "kind", "severity", "active", "statement", "source", "joint", "alternatives", "interval", "evidence", "stage",
 )  # fmt: skip
-_ENERGY = (
-    "task", "variant", "repetition", "total", "groups", "group_uncertainty", "uncertainty", "positive_mechanical",
-    "motion_efficiency_percent", "total_per_part",
-)  # fmt: skip
+_SPANS = {
+    "interval": ("source", "number", "moving", "closed"),
+    "task": ("source", "name", "variant", "speed", "repetition"),
+    "energy": (
+        "task", "variant", "repetition", "total", "groups", "group_uncertainty", "uncertainty", "positive_mechanical",
+        "motion_efficiency_percent", "total_per_part",
+    ),
+}  # fmt: skip
 
 
 def ms(time: int | None) -> float | None:
@@ -60,21 +64,9 @@ def _said(word: Acknowledgement | Shelf) -> dict[str, Any]:
     return {"name": word.name, "note": word.note, "time": ms(word.time)}
 
 
-def interval(body: Body) -> dict[str, Any]:
-    """A span in which the set of moving joints did not change."""
-    told = {name: body[name] for name in ("source", "number", "moving", "closed")}
-    return {**told, "start": ms(body["start"]), "end": ms(body["end"])}
-
-
-def task(body: Body) -> dict[str, Any]:
-    """A task that was recognised."""
-    told = {name: body[name] for name in ("source", "name", "variant", "speed", "repetition")}
-    return {**told, "start": ms(body["start"]), "end": ms(body["end"])}
-
-
-def energy(body: Body) -> dict[str, Any]:
-    """Energy of one repetition of a task by consumer, J."""
-    return {**{name: body.get(name) for name in _ENERGY}, "start": ms(body["start"]), "end": ms(body["end"])}
+def span(kind: str, body: Body) -> dict[str, Any]:
+    """An interval, a task, or the energy of one repetition of a task by consumer (J), as its fields."""
+    return {**{name: body.get(name) for name in _SPANS[kind]}, "start": ms(body["start"]), "end": ms(body["end"])}
 
 
 def event(body: Body) -> dict[str, Any]:

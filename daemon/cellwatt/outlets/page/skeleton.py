@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 from xml.etree import ElementTree
 
 from pydantic import BaseModel
@@ -16,7 +16,7 @@ from cellwatt.errors import ConfigError, why
 from cellwatt.files import read_bytes
 
 MOST_JOINTS: Final = 500
-_TYPES: Final[Mapping[str, Literal["revolute", "prismatic", "fixed"]]] = {
+_TYPES: Final[Mapping[str, str]] = {
     "revolute": "revolute",
     "continuous": "revolute",
     "prismatic": "prismatic",
@@ -25,8 +25,6 @@ _TYPES: Final[Mapping[str, Literal["revolute", "prismatic", "fixed"]]] = {
     "planar": "fixed",
 }
 """Types of URDF; what moves in several directions is shown at rest."""
-
-Vector = tuple[float, float, float]
 
 
 class _Named(BaseModel):
@@ -41,24 +39,19 @@ class _Robot(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
-    """A joint of a URDF between two links. It follows another where ``mimic`` names one."""
+class _Joint:
+    """A joint between two links, with ``told`` for the page; it follows another where ``mimic`` names one."""
 
     name: str
-    type: Literal["revolute", "prismatic", "fixed"]
     parent: str
     child: str
-    xyz: Vector
-    rpy: Vector
-    axis: Vector
-    mimic: str | None = None
-    multiplier: float = 1.0
-    offset: float = 0.0
+    mimic: str | None
+    told: Mapping[str, Any]
 
     @property
     def moves(self) -> bool:
         """True where it has a position of its own."""
-        return self.type != "fixed" and self.mimic is None
+        return self.told["type"] != "fixed" and self.mimic is None
 
 
 def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]:
@@ -75,57 +68,52 @@ def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]
     if path.suffix in (".yaml", ".yml", ".json"):
         robot = read_settings(path, _Robot)
         path, order = path.parent / robot.urdf, [joint.name for joint in robot.joints]
-    joints = from_base(path, read_urdf(path))
-    moving = [joint.name for joint in joints if joint.moves]
-    if missing := [name for name in order or () if name not in moving]:
-        raise ConfigError(f"{path}: no moving joint {', '.join(missing)}; there are {', '.join(moving) or 'none'}")
+    try:
+        joints = _from_base(_joints(path))
+        moving = [joint.name for joint in joints if joint.moves]
+        if missing := [name for name in order or () if name not in moving]:
+            raise ValueError(f"no moving joint {', '.join(missing)}; there are {', '.join(moving) or 'none'}")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {why(error)}") from error
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last: an encoding that there is not
+        raise ConfigError(f"{path}: cannot be used as a URDF: {error}") from error
     bound = {name: f"{source}.joint_{i}.position" for i, name in enumerate(order or moving, 1)}
     known = {name: channel for name, channel in bound.items() if channel in set(channels)}
-    return {"source": source, "name": path.stem, "joints": list(_told(joints, known))}
-
-
-def _told(joints: Sequence[Joint], channels: Mapping[str, str]) -> Iterator[dict[str, Any]]:
     place = {joint.child: i for i, joint in enumerate(joints)}
-    for joint in joints:
-        told = {
-            "name": joint.name,
+    told = [
+        {
+            **joint.told,
             "parent": place.get(joint.parent, -1),
-            "xyz": list(joint.xyz),
-            "rpy": list(joint.rpy),
-            "axis": list(joint.axis),
-            "type": joint.type,
-            "channel": channels.get(joint.mimic or joint.name) if joint.type != "fixed" else None,
+            "channel": None if joint.told["type"] == "fixed" else known.get(joint.mimic or joint.name),
         }
-        if joint.mimic is not None:
-            told |= {"multiplier": joint.multiplier, "offset": joint.offset}
-        yield told
+        for joint in joints
+    ]
+    return {"source": source, "name": path.stem, "joints": told}
 
 
-def from_base(path: Path, joints: Sequence[Joint]) -> list[Joint]:
-    """Joints in order from the base, each behind the one that it hangs on.
-
-    Raises ``ConfigError`` where they are no tree.
-    """
-    children = {joint.child for joint in joints}
-    bases = {joint.parent: None for joint in joints if joint.parent not in children}
+def _from_base(joints: Sequence[_Joint]) -> list[_Joint]:
+    """Joints from the base, each behind the one that it hangs on. Raises ``ValueError`` where they are no tree."""
+    names, children = {joint.name: joint for joint in joints}, {joint.child for joint in joints}
+    bases = {joint.parent for joint in joints} - children
+    if len(names) < len(joints):
+        raise ValueError("two joints have the same name")
     if len(children) < len(joints):
-        raise ConfigError(f"{path}: two joints hold the same link")
+        raise ValueError("two joints hold the same link")
     if len(bases) != 1:
-        raise ConfigError(f"{path}: its joints are not one tree: {len(bases)} links hang on nothing")
-    below: dict[str, list[Joint]] = {}
+        raise ValueError(f"its joints are not one tree: {len(bases)} links hang on nothing")
+    below: dict[str, list[_Joint]] = {}
     for joint in reversed(joints):
         below.setdefault(joint.parent, []).append(joint)
-    found: list[Joint] = []
-    waiting = list(below.get(next(iter(bases)), ()))
+    found: list[_Joint] = []
+    waiting = below.get(bases.pop(), [])
     while waiting:
         found.append(waiting.pop())
         waiting += below.get(found[-1].child, ())
     if len(found) < len(joints):
-        raise ConfigError(f"{path}: some of its joints hang on each other in a ring")
-    names = {joint.name: joint for joint in found}
+        raise ValueError("some of its joints hang on each other in a ring")
     for joint in found:
         if joint.mimic is not None and not (joint.mimic in names and names[joint.mimic].moves):
-            raise ConfigError(f"{path}: joint {joint.name!r} follows {joint.mimic!r}, which is no joint that moves")
+            raise ValueError(f"joint {joint.name!r} follows {joint.mimic!r}, which is no joint that moves")
     return found
 
 
@@ -139,50 +127,44 @@ class _Tree(ElementTree.TreeBuilder):
         raise ValueError("a URDF has no DOCTYPE")
 
 
-def read_urdf(path: Path) -> list[Joint]:
-    """All joints of a URDF, as they stand in it. Raises ``ConfigError`` where it cannot be read or has none."""
-    try:
-        parser = ElementTree.XMLParser(target=_Tree())
-        parser.feed(read_bytes(path))
-        root = parser.close()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {why(error)}") from error
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last: an encoding that there is not
-        raise ConfigError(f"{path}: cannot be read as a URDF: {error}") from error
-    found = [_joint(path, element) for element in root.findall("joint")] if root.tag == "robot" else []
-    if not found:
-        raise ConfigError(f"{path}: cannot be read as a URDF: no joint in <robot>")
-    if len(found) > MOST_JOINTS:
-        raise ConfigError(f"{path}: {len(found)} joints, at most {MOST_JOINTS} can be shown")
-    if len({joint.name for joint in found}) < len(found):
-        raise ConfigError(f"{path}: two joints have the same name")
-    return found
+def _joints(path: Path) -> list[_Joint]:
+    """All joints of a URDF, as they stand in it.
+
+    Raises ``OSError``, and ``ParseError``, ``LookupError`` or ``ValueError`` where it is none.
+    """
+    parser = ElementTree.XMLParser(target=_Tree())
+    parser.feed(read_bytes(path))
+    root = parser.close()
+    found = root.findall("joint") if root.tag == "robot" else []
+    if not 0 < len(found) <= MOST_JOINTS:
+        raise ValueError(f"{len(found) or 'no'} joint in <robot>, 1 to {MOST_JOINTS} can be shown")
+    return [_joint(element) for element in found]
 
 
-def _joint(path: Path, element: ElementTree.Element) -> Joint:
+def _joint(element: ElementTree.Element) -> _Joint:
     name, type_ = element.get("name", ""), element.get("type", "")
     parent, child = (_attribute(element, tag, "link") for tag in ("parent", "child"))
     if not (name and parent and child and type_ in _TYPES):
-        raise ConfigError(f"{path}: joint {name!r} lacks its type, its parent or its child")
+        raise ValueError(f"joint {name!r} lacks its type, its parent or its child")
     try:
         axis = _vector(_attribute(element, "axis", "xyz") or "1 0 0")
         length = math.hypot(*axis)
         if type_ != "fixed" and not length:
             raise ValueError("its axis has no direction")
-        return Joint(
-            name=name,
-            type=_TYPES[type_],
-            parent=parent,
-            child=child,
-            xyz=_vector(_attribute(element, "origin", "xyz") or "0 0 0"),
-            rpy=_vector(_attribute(element, "origin", "rpy") or "0 0 0"),
-            axis=(axis[0] / length, axis[1] / length, axis[2] / length) if length else axis,
-            mimic=_attribute(element, "mimic", "joint"),
-            multiplier=_number(_attribute(element, "mimic", "multiplier") or "1"),
-            offset=_number(_attribute(element, "mimic", "offset") or "0"),
-        )
+        told: dict[str, Any] = {
+            "name": name,
+            "type": _TYPES[type_],
+            "xyz": _vector(_attribute(element, "origin", "xyz") or "0 0 0"),
+            "rpy": _vector(_attribute(element, "origin", "rpy") or "0 0 0"),
+            "axis": [part / length for part in axis] if length else axis,
+        }
+        mimic = _attribute(element, "mimic", "joint")
+        if mimic is not None:
+            told["multiplier"] = _number(_attribute(element, "mimic", "multiplier") or "1")
+            told["offset"] = _number(_attribute(element, "mimic", "offset") or "0")
     except ValueError as error:
-        raise ConfigError(f"{path}: joint {name!r}: {error}") from error
+        raise ValueError(f"joint {name!r}: {error}") from error
+    return _Joint(name, parent, child, mimic, told)
 
 
 def _attribute(element: ElementTree.Element, tag: str, name: str) -> str | None:
@@ -190,11 +172,11 @@ def _attribute(element: ElementTree.Element, tag: str, name: str) -> str | None:
     return None if child is None else child.get(name)
 
 
-def _vector(text: str) -> Vector:
+def _vector(text: str) -> list[float]:
     values = [_number(word) for word in text.split()]
     if len(values) != 3:
         raise ValueError(f"{text!r} is not three numbers")
-    return values[0], values[1], values[2]
+    return values
 
 
 def _number(text: str) -> float:

@@ -32,24 +32,10 @@ class Group:
     def __init__(self, channels: Sequence[str] | None, rate: float) -> None:
         self.channels, self.period = channels, 1.0 / rate
         self.members: set[Browser] = set()
-        self._frames: deque[Frames] = deque(maxlen=_FRESH)
-        self._predictions: dict[tuple[str, tuple[str, ...]], list[Body]] = {}
-        self._task = asyncio.create_task(self._run())
-
-    def frames(self, frames: Frames) -> None:
-        """Keep a block for the next tick."""
-        if self.channels is not None:
-            self._frames.append(frames)
-
-    def prediction(self, body: Body) -> None:
-        """Keep a model's output for the next tick."""
-        kept = self._predictions.setdefault((body["model"], tuple(body["outputs"])), [])
-        kept.append(body)
-        del kept[:-_FRESH]
-
-    def close(self) -> None:
-        """Make no more blocks."""
-        self._task.cancel()
+        self.frames: deque[Frames] = deque(maxlen=_FRESH)
+        """Blocks that wait for the next tick, and outputs of models."""
+        self.predictions: deque[Body] = deque(maxlen=_FRESH)
+        self.task = asyncio.create_task(self._run())
 
     async def _run(self) -> None:
         loop = asyncio.get_running_loop()
@@ -65,12 +51,15 @@ class Group:
                 log.exception("a block for browsers cannot be made")
 
     def _blocks(self) -> Iterator[bytes]:
-        blocks, self._frames = self._frames, deque(maxlen=_FRESH)
-        newest = [block for block in blocks if block.layout == blocks[-1].layout and len(block)]
+        newest = [block for block in self.frames if block.layout == self.frames[-1].layout and len(block)]
+        self.frames.clear()
         if newest:
             yield encoded("frames", shapes.frames(newest, self.channels or ()))
-        made, self._predictions = self._predictions, {}
-        for (model, _), bodies in made.items():
+        models: dict[tuple[str, tuple[str, ...]], list[Body]] = {}
+        for body in self.predictions:
+            models.setdefault((body["model"], tuple(body["outputs"])), []).append(body)
+        self.predictions.clear()
+        for (model, _), bodies in models.items():
             yield encoded("prediction", shapes.prediction(model, bodies))
 
 
@@ -90,12 +79,12 @@ class Hub:
     def frames(self, frames: Frames) -> None:
         """Pass on frames."""
         for group in self._groups.values():
-            group.frames(frames)
+            group.frames.append(frames)
 
     def prediction(self, body: Body) -> None:
         """Pass on a model's output."""
         for group in self._groups.values():
-            group.prediction(body)
+            group.predictions.append(body)
 
     def tell(self, event: str, data: Any) -> None:
         """Pass on an event at once."""
@@ -126,15 +115,17 @@ class Hub:
             for data in first:
                 browser.put(data)
             with self._member(browser, channels, rate):
-                response = web.StreamResponse(headers={"Content-Type": "text/event-stream", "X-Accel-Buffering": "no"})
-                response.headers["Cache-Control"] = "no-store"
-                _bound(request)
+                headers = {"Content-Type": "text/event-stream", "X-Accel-Buffering": "no", "Cache-Control": "no-store"}
+                response = web.StreamResponse(headers=headers)
+                if request.transport is not None:  # the system keeps little: what a browser does not take shows here
+                    request.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SENT)
                 await response.prepare(request)
                 try:
                     await browser.send(response)
                 except TimeoutError:
                     self._browsers.counts["browsers too slow"] += 1
-                    _cut(request)
+                    if isinstance(request.transport, asyncio.Transport):
+                        request.transport.abort()
                 except ConnectionError:
                     pass  # it has left
             return response
@@ -150,20 +141,7 @@ class Hub:
             group.members.discard(browser)
             if not group.members:
                 del self._groups[key]
-                group.close()
-
-
-def _bound(request: web.Request) -> None:
-    """Let the system keep little for this browser, so that what it does not take shows here."""
-    if request.transport is not None:
-        kept = request.transport.get_extra_info("socket")
-        if kept is not None:
-            kept.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SENT)
-
-
-def _cut(request: web.Request) -> None:
-    if isinstance(request.transport, asyncio.Transport):
-        request.transport.abort()
+                group.task.cancel()
 
 
 MOST_BYTES: Final = 1_000_000

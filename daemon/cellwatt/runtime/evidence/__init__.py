@@ -2,7 +2,6 @@
 
 keeper   notes the alarms that want a pack and has the packs made, one at a time
 making   the process that makes one: cuts it out of the record and writes its page
-page     the page
 """
 
 from cellwatt.runtime.evidence.keeper import Keeper

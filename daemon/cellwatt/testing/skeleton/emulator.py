@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
-
-import numpy as np
 
 from cellwatt.emulation import Emulator, Options, TcpPort
 from cellwatt.testing.skeleton import wire
@@ -41,8 +38,8 @@ class SkeletonEmulator(Emulator):
                 await self._port.answer(wire.format_sample(self._sample()), writer.write, _line)
 
     def _sample(self) -> wire.Sample:
-        now = self.signals.at(np.array([time.time() - self.epoch]))
-        return wire.Sample(*(float(now[f"supply.{name}"][0]) for name in ("voltage", "current", "power")))
+        now = self.world()
+        return wire.Sample(*(now[f"supply.{name}"] for name in ("voltage", "current", "power")))
 
 
 def _line(garbage: bytes) -> bytes:

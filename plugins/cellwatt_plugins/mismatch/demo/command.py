@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import secrets
 import shlex
 import sys
-import webbrowser
 from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 
 import click
 import numpy as np
-from rich.console import Console
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.errors import CellwattError, ConfigError, why
@@ -23,7 +20,7 @@ from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.mismatch.demo.arm import JOINTS, believed, draw, mjcf
 from cellwatt_plugins.mismatch.demo.physics import Concealed, by_chance, conceal, kinds
 from cellwatt_plugins.mismatch.demo.plant import Log, motions, run
-from cellwatt_plugins.mismatch.demo.reveal import Revealed, compared, table
+from cellwatt_plugins.mismatch.demo.reveal import Revealed, compared, in_words
 
 NOTHING = "nothing"
 COLUMNS = ("qpos", "qvel", "actuator_force")
@@ -62,12 +59,13 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_fi
     say(f"{folder}: arm.xml is your simulation, run_1.csv and run_2.csv are what the arm's sensors measured")
     say(f"$ cd {shlex.quote(str(folder))} && cellwatt explain {shlex.join(words)}\n")
     revealed = _explained(folder, concealed, as_json)
-    again = shlex.join(["cellwatt", "demo", "explain", *(f"--conceal={name}" for name in wanted), f"--seed={seed}"])
-    report = (folder / "result" / "report.html").resolve()
     if as_json:
         click.echo((folder / "revealed.json").read_text())
     else:
-        _show(revealed, report, again)
+        outcome = ("names it, but a number is further off than its ± allows", "is right")[revealed.exact]
+        again = shlex.join(["cellwatt", "demo", "explain", *(f"--conceal={name}" for name in wanted), f"--seed={seed}"])
+        click.echo(f"\n{in_words(revealed)}\n\nexplain {outcome if revealed.right else 'is wrong here'}.")
+        click.echo(f"the same again: {again}\nthe report: {(folder / 'result' / 'report.html').resolve()}")
     if not revealed.right:
         sys.exit(EXIT_FAILED)
 
@@ -108,22 +106,3 @@ def _explained(folder: Path, concealed: Sequence[Concealed], as_json: bool) -> R
     revealed = compared(concealed, findings)
     (folder / "revealed.json").write_text(json.dumps(revealed.as_json(), indent=1))
     return revealed
-
-
-def _show(revealed: Revealed, report: Path, again: str) -> None:
-    console = Console()
-    console.print()
-    console.print(table(revealed))
-    if revealed.right and revealed.exact:
-        console.print("\nexplain is right.", style="bold green")
-    elif revealed.right:
-        console.print("\nexplain names it, but a number is further off than its ± allows.", style="bold yellow")
-    else:
-        console.print("\nexplain is wrong here.", style="bold red")
-    console.print(f"the same again: {again}", soft_wrap=True, highlight=False)
-    shown = (
-        console.is_terminal
-        and any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-        and webbrowser.open(report.as_uri())
-    )
-    console.print(f"the report{' is open in your browser' if shown else ''}: {report}", soft_wrap=True, highlight=False)

@@ -64,34 +64,12 @@ def _friction(rng: np.random.Generator, arm: Arm) -> Concealed:
     return Concealed("friction", "coulomb_friction", joint, {"now": (now, "N*m")}, text, {"more": more})
 
 
-def _damping(rng: np.random.Generator, arm: Arm) -> Concealed:
-    joint = _any(rng)
-    more = float(arm.damping[joint] * rng.uniform(0.6, 1.2))
-    now = float(arm.damping[joint] + more)
-    text = f"Joint {joint + 1} has {more:.2f} Nm s/rad more viscous friction"
-    return Concealed("damping", "viscous_friction", joint, {"now": (now, "N*m*s/rad")}, text, {"more": more})
-
-
 def _stribeck(rng: np.random.Generator, arm: Arm) -> Concealed:
     joint = _any(rng)
     excess, velocity = float(arm.frictionloss[joint] * rng.uniform(0.6, 1.2)), float(rng.uniform(0.05, 0.15))
     text = f"Joint {joint + 1} has {excess:.2f} Nm more friction below about {velocity:.2f} rad/s"
     numbers = {"excess": (excess, "N*m"), "velocity": (velocity, "rad/s")}
     return Concealed("stribeck", "stribeck_friction", joint, numbers, text)
-
-
-def _load_friction(rng: np.random.Generator, arm: Arm) -> Concealed:
-    joint, share = int(rng.choice(HEAVY)), float(rng.uniform(0.08, 0.16))
-    text = f"Joint {joint + 1} loses {100 * share:.1f} % of its load to friction"
-    return Concealed("load-friction", "load_dependent_friction", joint, {"coefficient": (share, "")}, text)
-
-
-def _one_way(rng: np.random.Generator, arm: Arm) -> Concealed:
-    joint = _any(rng)
-    size = float(arm.frictionloss[joint] * rng.uniform(0.6, 1.2) * rng.choice([-1, 1]))
-    way = "positive" if size > 0 else "negative"
-    text = f"Joint {joint + 1} has {abs(size):.2f} Nm more friction in {way} direction than in the other"
-    return Concealed("one-way-friction", "asymmetric_friction", joint, {"difference": (size, "N*m")}, text)
 
 
 def _payload(rng: np.random.Generator, arm: Arm) -> Concealed:
@@ -106,20 +84,6 @@ def _spring(rng: np.random.Generator, arm: Arm) -> Concealed:
     text = f"A spring of {stiffness:.1f} Nm/rad pulls joint {joint + 1} towards {rest:.2f} rad"
     numbers = {"stiffness": (stiffness, "N*m/rad"), "rest": (rest, "rad")}
     return Concealed("spring", "spring_load", joint, numbers, text)
-
-
-def _tilt(rng: np.random.Generator, arm: Arm) -> Concealed:
-    roll, pitch = (float(x) for x in rng.uniform(0.02, 0.05, 2) * rng.choice([-1, 1], 2))
-    text = f"The base leans {np.degrees(roll):.1f}° in roll and {np.degrees(pitch):.1f}° in pitch"
-    return Concealed("tilt", "gravity_tilt", None, {"roll": (roll, "rad"), "pitch": (pitch, "rad")}, text)
-
-
-def _ripple(rng: np.random.Generator, arm: Arm) -> Concealed:
-    joint, cycles = _any(rng), int(rng.integers(8, 30))
-    size, phase = float(arm.frictionloss[joint] * rng.uniform(0.25, 0.5)), float(rng.uniform(-3, 3))
-    text = f"Joint {joint + 1} has a ripple of {size:.2f} Nm, {cycles} times a turn"
-    numbers = {"amplitude": (size, "N*m"), "cycles": (float(cycles), "1/turn")}
-    return Concealed("ripple", "position_periodic_torque", joint, numbers, text, {"phase": phase})
 
 
 def _gain(rng: np.random.Generator, arm: Arm) -> Concealed:
@@ -148,14 +112,9 @@ def _any(rng: np.random.Generator) -> int:
 
 _DRAWN: Final[Mapping[str, Draw]] = {
     "friction": _friction,
-    "damping": _damping,
     "stribeck": _stribeck,
-    "load-friction": _load_friction,
-    "one-way-friction": _one_way,
     "payload": _payload,
     "spring": _spring,
-    "tilt": _tilt,
-    "ripple": _ripple,
     "gain": _gain,
     "offset": _offset,
     "delay": _delay,

@@ -106,50 +106,20 @@ def run(arm: Arm, simulation: Path, concealed: Sequence[Concealed], motion: Moti
     data = mujoco.MjData(model)
     wanted = _feed_forward(mujoco, simulation, motion)
     stiffness, damping = _gains(mujoco, model, data, motion)
-    acting = _Acting(model, concealed)
+    dry = model.dof_frictionloss.copy()
+    sticking = [(each.joint, each.numbers) for each in concealed if each.kind == "stribeck"]
     n = len(motion.q)
     data.qpos[:] = motion.q[0]
     q, qd, torque = (np.empty((n, JOINTS)) for _ in range(3))
     for i in range(-round(SETTLE / STEP), n):
         k = max(i, 0)
         data.ctrl[:] = wanted[k] + stiffness * (motion.q[k] - data.qpos) + damping * (motion.qd[k] - data.qvel)
-        acting.on(model, data)
+        for joint, value in sticking:
+            slow = np.exp(-((data.qvel[joint] / value["velocity"][0]) ** 2))
+            model.dof_frictionloss[joint] = dry[joint] + value["excess"][0] * slow
         q[k], qd[k], torque[k] = data.qpos, data.qvel, data.ctrl
         mujoco.mj_step(model, data)
-        acting.felt(model, data)
     return _measured(q, qd, torque, concealed, rng)
-
-
-class _Acting:
-    """What is concealed and acts on the joints, from step to step."""
-
-    def __init__(self, model: Any, concealed: Sequence[Concealed]) -> None:
-        self.concealed = [c for c in concealed if c.joint is not None]
-        self.dry = model.dof_frictionloss.copy()
-        self.load = np.zeros(JOINTS)
-
-    def on(self, model: Any, data: Any) -> None:
-        """Set friction and torques of the next step."""
-        dry, push = self.dry.copy(), np.zeros(JOINTS)
-        for each in self.concealed:
-            j = each.joint
-            value = {name: number for name, (number, _) in each.numbers.items()}
-            if each.kind == "stribeck":
-                dry[j] += value["excess"] * np.exp(-((data.qvel[j] / value["velocity"]) ** 2))
-            elif each.kind == "load-friction":
-                dry[j] += value["coefficient"] * abs(self.load[j])
-            elif each.kind == "one-way-friction":
-                dry[j] += max(0.0, value["difference"] * np.sign(data.qvel[j]))
-            elif each.kind == "ripple":
-                push[j] -= value["amplitude"] * np.sin(value["cycles"] * data.qpos[j] + each.hidden["phase"])
-        model.dof_frictionloss[:] = dry
-        data.qfrc_applied[:] = push
-
-    def felt(self, model: Any, data: Any) -> None:
-        """Take the load that the links put on each gear in the step that was made."""
-        dry = data.qfrc_constraint
-        rotor = model.dof_armature * data.qacc
-        self.load = data.qfrc_actuator + data.qfrc_passive + data.qfrc_applied + dry - rotor
 
 
 def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
@@ -163,8 +133,6 @@ def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
         value = {name: number for name, (number, _) in each.numbers.items()}
         if each.kind == "friction":
             _set(joints[each.joint or 0], frictionloss=value["now"])
-        elif each.kind == "damping":
-            _set(joints[each.joint or 0], damping=value["now"])
         elif each.kind == "spring":
             _set(joints[each.joint or 0], stiffness=value["stiffness"], springref=value["rest"])
         elif each.kind == "payload":
@@ -172,10 +140,6 @@ def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
             held = ET.SubElement(last, "body", pos=f"{each.hidden['aside']} 0 {each.hidden['reach']}")
             size = 0.4 * value["mass"] * 0.04**2
             ET.SubElement(held, "inertial", pos="0 0 0", mass=str(value["mass"]), diaginertia=f"{size} {size} {size}")
-        elif each.kind == "tilt":
-            down = np.array([0, 0, -9.81])
-            turned = down + np.cross(down, [value["roll"], 0, 0]) + np.cross(down, [0, value["pitch"], 0])
-            root.find("option").set("gravity", " ".join(str(x) for x in turned))  # type: ignore[union-attr]
     return ET.tostring(root, encoding="unicode")
 
 

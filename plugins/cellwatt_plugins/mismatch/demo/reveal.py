@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rich.table import Table
-
 from cellwatt.report.numbers import measured, number, unit
 from cellwatt_plugins.mismatch.demo.physics import Concealed
 
@@ -66,34 +64,22 @@ def _retuned(findings: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def table(revealed: Revealed) -> Table:
-    """A row for each concealed number and for each finding that should not be there."""
-    out = Table(box=None, header_style="bold", title="What was concealed", title_justify="left", title_style="bold")
-    for head in ("on the arm", "", "concealed", "explain says", ""):
-        out.add_column(head)
+def in_words(revealed: Revealed) -> str:
+    """A line for each concealed number and for each finding that should not be there."""
+    lines = ["What was concealed:"]
     for answer in revealed.answers:
-        for row in _rows(answer):
-            out.add_row(*row)
-    for finding in revealed.invented:
-        out.add_row(finding["statement"], "", "nothing", "named", "[bold red]wrong[/]")
-    if not revealed.answers:
-        out.add_row("Nothing: numbers alone are off by a few per cent", "", "", "", _sign(revealed.right))
-    return out
-
-
-def _rows(answer: Answer) -> list[list[str]]:
-    rows = []
-    for i, (name, (value, symbol)) in enumerate(answer.concealed.numbers.items()):
-        sentence = answer.concealed.sentence if i == 0 else ""
-        told = f"{number(value)} {unit(symbol)}".strip()
         if answer.finding is None:
-            rows.append([sentence, name, told, "not named", "[bold red]wrong[/]" if i == 0 else ""])
+            lines.append(f"  {answer.concealed.sentence}.  WRONG: explain does not name it")
             continue
-        found, std = _found(answer.finding, name)
-        off = _off(answer.finding, name, value)
-        sign = _sign(True) if off <= FAR else f"[bold yellow]named, {off:.0f} σ off[/]"
-        rows.append([sentence, name, told, f"{measured(found, std)} {unit(symbol)}".strip(), sign])
-    return rows
+        lines.append(f"  {answer.concealed.sentence}.")
+        for name, (value, symbol) in answer.concealed.numbers.items():
+            found, std = _found(answer.finding, name)
+            off = _off(answer.finding, name, value)
+            sign = "right" if off <= FAR else f"named, {off:.0f} σ off"
+            true, said = (f"{text} {unit(symbol)}".strip() for text in (number(value), measured(found, std)))
+            lines.append(f"    {name}: {true}; explain says {said}: {sign}")
+    lines += [f"  Nothing of this: {finding['statement']}  WRONG" for finding in revealed.invented]
+    return "\n".join(lines if len(lines) > 1 else [*lines, "  Nothing: numbers alone are off by a few per cent."])
 
 
 def _off(finding: Mapping[str, Any], name: str, value: float) -> float:
@@ -109,7 +95,3 @@ def _found(finding: Mapping[str, Any], name: str) -> tuple[float, float]:
         return parameters[name]["value"], parameters[name]["std"]
     first = next(iter(parameters.values()))
     return (finding["was"] or 0.0) + first["value"], first["std"]
-
-
-def _sign(right: bool) -> str:
-    return "[bold green]right[/]" if right else "[bold red]wrong[/]"

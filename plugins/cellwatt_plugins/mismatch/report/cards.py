@@ -119,33 +119,18 @@ def _remains(rest: Improvement) -> Bars:
 
 
 def fit_table(fit: Sequence[ChannelFit]) -> list[Block]:
-    """Held-out error of each channel, in figures and as dots on a scale of noise floors."""
+    """Held-out error of each channel, in its unit and in noise floors."""
     if not fit:
         return []
-    ratios = [_ratio(getattr(f, key), f.noise_floor) for f in fit for key, _ in STATES]
-    top = max([2.0, *(r for r in ratios if math.isfinite(r))]) * 1.1
-    ticks = [(_place(t, top), f"{t}×") for t in (1, 2, 5, 10, 20, 50, 100, 200) if t <= top]
-    scale = "".join(f'<span style="left:{at:.1f}%">{text}</span>' for at, text in ticks)
     heads = [Html(f"<i class={key}></i>{label}") for key, label in (*STATES, ("floor", "noise floor"))]
-    rows = [_fit_row(f, top) for f in fit]
-    return [Table("Error of each channel", ["channel", *heads, "unit", Html(f"<div class=scale>{scale}</div>")], rows)]
+    return [Table("Error of each channel", ["channel", *heads, "unit", "model ÷ noise"], [_fit_row(f) for f in fit])]
 
 
-def _fit_row(fit: ChannelFit, top: float) -> list[str]:
+def _fit_row(fit: ChannelFit) -> list[str]:
     digits = decimals_for(fit.noise_floor)
-    places = {key: _place(_ratio(getattr(fit, key), fit.noise_floor), top) for key, _ in STATES}
-    known = {key: place for key, place in places.items() if math.isfinite(place)}
-    dots = "".join(f'<i class={key} style="left:{place:.1f}%"></i>' for key, place in known.items())
-    low, high = min(known.values(), default=0.0), max(known.values(), default=0.0)
-    line = f'<u style="left:{low:.1f}%;width:{high - low:.1f}%"></u>' if known else ""
     values = [fixed(v, digits) for v in (fit.simulation, fit.refit, fit.model, fit.noise_floor)]
-    scale = Html(f'<div class="scale dots" style="--one:{_place(1.0, top):.1f}%">{line}{dots}</div>')
-    return [capital(wording.channel_name(fit.channel)), *values, unit(fit.unit), scale]
-
-
-def _place(ratio: float, top: float) -> float:
-    """Percent along a logarithmic scale from 0.7 to ``top`` noise floors."""
-    return 100 * math.log(max(ratio, 0.7) / 0.7) / math.log(top / 0.7) if math.isfinite(ratio) else math.nan
+    name = capital(wording.channel_name(fit.channel))
+    return [name, *values, unit(fit.unit), times(_ratio(fit.model, fit.noise_floor))]
 
 
 def _ratio(value: float, floor: float) -> float:

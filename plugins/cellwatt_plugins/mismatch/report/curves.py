@@ -13,7 +13,6 @@ from cellwatt.report.theme import FOUND, MEASURED, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.report.trace import Trace, telling_stretch
 from cellwatt_plugins.mismatch.verdict.findings import Span
-from cellwatt_plugins.robot.stretches import stretches
 
 CURVES = 5
 """In each figure."""
@@ -45,10 +44,10 @@ def draw(trace: Trace, channel: str, floor: float, found: Sequence[Span], points
         )
     )
     x, y = Axis("s", _opening(trace, channel, points)), Axis(unit(trace.units[trace.channels.index(channel)]))
-    held, marks = _held_out(trace), band(-2 * floor, 2 * floor, NOISE)
+    marks = band(-2 * floor, 2 * floor, NOISE)
     mine = [s for s in found if s.recording == trace.name][:MOST_MARKS]
     edges = [stretch(s.start, s.end, FOUND, 1.0, (0.97, 1.0)) for s in mine]
-    rows = [[Panel(upper, x, y, held)], [Panel(lower, x, y, [*marks, *held, *edges])]]
+    rows = [[Panel(upper, x, y)], [Panel(lower, x, y, [*marks, *edges])]]
     label = f"{capital(wording.channel_name(channel))} in {trace.name} over time, and what is left of the difference"
     return Figure(label, rows, (190, 118), "x", layout={"hovermode": "x unified"}, when=("run", run))
 
@@ -66,11 +65,3 @@ def _digits(trace: Trace, channel: str, floor: float) -> int:
     values = trace.column(trace.measured, channel)
     known = values[np.isfinite(values)]
     return max(decimals_for(float(np.ptp(known)) / 5000 if len(known) else 1.0, 1), 0)
-
-
-def _held_out(trace: Trace) -> list[dict[str, object]]:
-    """Shade where the parameters were not fitted."""
-    if trace.held_out is None or trace.held_out.all():
-        return []
-    parts = stretches(trace.held_out)[:MOST_MARKS]
-    return [stretch(float(trace.time[a]), float(trace.time[b - 1]), MODEL, 0.07) for a, b in parts]

@@ -1,4 +1,4 @@
-"""Sections of drawn figures: where the mismatch sits, channels over time, what the difference follows."""
+"""Sections of drawn figures: channels over time, what the difference follows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from cellwatt.report import Block, Folded, Section, Switch, heading
 from cellwatt.report.numbers import capital
-from cellwatt_plugins.mismatch.report import clouds, curves, heat, wording
+from cellwatt_plugins.mismatch.report import clouds, curves, wording
 from cellwatt_plugins.mismatch.report.trace import Trace, worst_first
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Span, Where
 
@@ -28,7 +28,7 @@ def sections(findings: Findings, traces: Sequence[Trace], floors: dict[str, floa
     if not traces:
         return []
     first = _prominent(findings, floors)
-    drawn = [_strips(traces, floors), _over_time(findings, traces, floors, first)]
+    drawn = [_over_time(findings, traces, floors, first)]
     if findings.verdict != "no_mismatch":
         blocks: list[Block] = []
         for c in first[:MOST_CLOUDS]:
@@ -36,14 +36,6 @@ def sections(findings: Findings, traces: Sequence[Trace], floors: dict[str, floa
             blocks += [heading(capital(wording.channel_name(c))), cloud]
         drawn.append(Section("What the difference follows", blocks, FOLLOWED))
     return drawn
-
-
-def _strips(traces: Sequence[Trace], floors: dict[str, float]) -> Section:
-    top = heat.colour_range(traces, floors)
-    switch = Switch("state", ("Simulation", "Simulation, retuned", "Model"))
-    strips = [heat.draw(traces, which, floors, top) for which in range(len(heat.STATES))]
-    lead = "Rms of the residual ÷ noise floor. Grey is noise; blank cells were not visited."
-    return Section("Where the mismatch sits", [switch, *strips], lead)
 
 
 def _over_time(findings: Findings, traces: Sequence[Trace], floors: dict[str, float], first: Sequence[str]) -> Section:
@@ -64,8 +56,6 @@ def _time_lead(traces: Sequence[Trace], shown: Sequence[Trace], marked: bool) ->
     parts = ["Opens where the simulation is furthest off; drag to zoom, double-click for the whole recording."]
     parts += ["Grey band: ± 2 noise floors."]
     parts += ["Yellow edge: a finding sits here."] if marked else []
-    held = any(t.held_out is not None and t.held_out.any() and not t.held_out.all() for t in shown)
-    parts += ["Blue shade: held out of the fit."] if held else []
     parts += [f"These are the {len(shown)} that differ most of {len(traces)}."] if len(shown) < len(traces) else []
     return " ".join(parts)
 

@@ -52,7 +52,7 @@ def report(
             falls.section(findings),
             Section("What was found", cards.found(findings)),
             Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
-            Section("Channels", cards.fit_table(findings.fit), "Held-out rms error; dots on a scale of noise floors."),
+            Section("Channels", cards.fit_table(findings.fit), "Held-out rms error."),
             *figures.sections(findings, [t for t in traces if len(t.time)], floors),
             Section("Other recordings", cards.others_table(findings.others), OTHERS),
             Section("What was tried", cards.trials(findings.tried), TRIED),
@@ -67,8 +67,6 @@ def _floors(traces: Sequence[Trace], noise_floor: Float) -> dict[str, float]:
     """Channel → noise floor, NaN where none is known."""
     if not traces:
         return {}
-    if len(noise_floor) != len(traces[0].channels):
-        raise ValueError(f"{len(noise_floor)} noise floors for {len(traces[0].channels)} channels")
     floors = zip(traces[0].channels, noise_floor, strict=True)
     return {c: float(f) if np.isfinite(f) and f > 0 else float("nan") for c, f in floors}
 

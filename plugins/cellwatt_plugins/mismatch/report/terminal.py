@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.report.falls import NumberRow, number_rows
+from cellwatt_plugins.mismatch.report.wording import verdict
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Step
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")
@@ -18,7 +19,7 @@ def in_words(found: Explained, out: Path) -> str:
     """The findings as a person reads them at the terminal."""
     findings = found.findings
     with_curves = {curve.channel for curve in findings.curves}
-    lines = [_headline(findings), *_numbers(findings), *_cascade(findings)]
+    lines = [verdict(findings), *_numbers(findings), *_cascade(findings)]
     for finding in findings.findings:
         gain = finding.improvement
         lines.append(f"  • {finding.statement}")
@@ -65,17 +66,3 @@ def _fallen(before: Step, after: Step, units: Mapping[str, str]) -> str:
     """The channel of which a step takes the greatest share, with its error."""
     channel = min(after.channels, key=lambda c: after.channels[c] / max(before.channels[c], 1e-12))
     return f"{channel} {before.channels[channel]:.3g} → {after.channels[channel]:.3g} {units.get(channel, '')}"
-
-
-def _headline(findings: Findings) -> str:
-    if findings.verdict != "explained" and any(not left.looked_at for left in findings.unexplained):
-        named = "Partly explained" if findings.verdict == "partly_explained" else "Unexplained"
-        return f"{named}: the time was up before all joints were looked at."
-    if findings.verdict == "no_mismatch" and findings.retuned:
-        return "No physics is missing: numbers of the simulation are off, and these explain the difference."
-    return {
-        "no_mismatch": "No mismatch: recordings and simulation agree within noise and tolerances.",
-        "explained": "Explained: this is what the simulation leaves out.",
-        "partly_explained": "Partly explained: some of the difference is in no known effect.",
-        "unexplained": "Unexplained: the recordings differ, and no known effect fits.",
-    }[findings.verdict]

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.input.run import Bool, Float
+from cellwatt_plugins.mismatch.input.run import Float
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One recording of n joints beside the three predictions of it; N samples, C channels, NaN where unknown."""
+    """One recording of n joints beside the two predictions of it; N samples, C channels, NaN where unknown."""
 
     name: str
     """Of the recording, as in ``Span.recording``."""
@@ -30,20 +30,8 @@ class Trace:
     """(N, C)."""
     simulation: Float
     """(N, C), as given."""
-    refit: Float
-    """(N, C), the simulation with its own parameters retuned and nothing added."""
     model: Float
     """(N, C), with the findings."""
-    held_out: Bool | None = None
-    """(N,) true where the parameters were not fitted."""
-
-    def __post_init__(self) -> None:
-        shape = (len(self.time), len(self.channels))
-        for name in ("measured", "simulation", "refit", "model"):
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"{self.name}: {name} is {getattr(self, name).shape}, expected {shape}")
-        if self.position.shape != self.velocity.shape or len(self.position) != len(self.time):
-            raise ValueError(f"{self.name}: position and velocity must both be ({len(self.time)}, joints)")
 
     @property
     def step(self) -> float:

@@ -221,9 +221,6 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
         if differs(new[3], was[3]) and not hasattr(simulator.model, "actuator_delay"):
             done.refused.append(("time_delay", None, "delays of actuators need MuJoCo 3.5"))
             new = (*new[:3], was[3])
-        if differs(new[3], was[3]) and not hasattr(simulator.model, "actuator_delay"):
-            done.refused.append(("time_delay", None, "delays of actuators need MuJoCo 3.5"))
-            new = (*new[:3], was[3])
         if differs(new[3], was[3]):
             rows = int(np.ceil(new[3] / simulator.model.opt.timestep)) + 2
             one.markup.set(element, delay=number(new[3]), nsample=str(rows), interp="linear")

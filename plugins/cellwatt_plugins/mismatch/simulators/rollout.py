@@ -31,10 +31,10 @@ class RolledOut:
     """The same less the encoders', at most ``LOST``."""
 
 
-def rolled_out(path: Path, joints: Sequence[str], runs: Sequence[Run], window: float = WINDOW) -> list[RolledOut]:
-    """Each run in windows of ``window`` s (infinite: the whole run). Raises ``ConfigError`` where the file is wrong."""
+def rolled_out(path: Path, joints: Sequence[str], runs: Sequence[Run]) -> list[RolledOut]:
+    """Each run in windows of ``WINDOW`` s. Raises ``ConfigError`` where the file is wrong."""
     model = compiled(path)
-    return [_run(path, model, joints, run, window) for run in runs]
+    return [_run(path, model, joints, run) for run in runs]
 
 
 def rms_of(rolled: Sequence[RolledOut]) -> Float:
@@ -43,7 +43,7 @@ def rms_of(rolled: Sequence[RolledOut]) -> Float:
     return np.asarray(np.sqrt(np.nanmean(squares, axis=0)))
 
 
-def _run(path: Path, model: Any, joints: Sequence[str], run: Run, window: float) -> RolledOut:
+def _run(path: Path, model: Any, joints: Sequence[str], run: Run) -> RolledOut:
     assert run.drive is not None and run.command is not None
     mujoco = library(path)
     data = mujoco.MjData(model)
@@ -52,7 +52,7 @@ def _run(path: Path, model: Any, joints: Sequence[str], run: Run, window: float)
     drives = [actuator_of(model, j.id) for j in named]
     moved, step = run.drive.moved, model.opt.timestep
     out = np.full_like(run.position, np.nan)
-    for first, last in _windows(run, window):
+    for first, last in _windows(run):
         mujoco.mj_resetData(model, data)
         data.qpos[at], data.qvel[dof] = moved.position[first], moved.velocity[first]
         time = run.time[first]
@@ -63,20 +63,19 @@ def _run(path: Path, model: Any, joints: Sequence[str], run: Run, window: float)
             # What is left of the row is less than a step.
             out[row + 1] = data.qpos[at] + (run.time[row + 1] - time) * data.qvel[dof]
     off = np.nan_to_num(out - moved.position, nan=LOST, posinf=LOST, neginf=-LOST)
-    return RolledOut(out, np.where(np.isnan(out) & ~_rolled(run, window)[:, None], np.nan, np.clip(off, -LOST, LOST)))
+    return RolledOut(out, np.where(np.isnan(out) & ~_rolled(run)[:, None], np.nan, np.clip(off, -LOST, LOST)))
 
 
-def _windows(run: Run, window: float) -> Iterator[tuple[int, int]]:
+def _windows(run: Run) -> Iterator[tuple[int, int]]:
     """First and last row of each window without gaps."""
-    rows = len(run.time) - 1
-    per = rows if not np.isfinite(window) else max(2, round(window / run.step))
-    for first in range(0, rows - per + 1, per):
+    per = max(2, round(WINDOW / run.step))
+    for first in range(0, len(run.time) - per, per):
         if run.gaps is None or not run.gaps[first : first + per + 1].any():
             yield first, first + per
 
 
-def _rolled(run: Run, window: float) -> NDArray[np.bool_]:
+def _rolled(run: Run) -> NDArray[np.bool_]:
     out = np.zeros(len(run.time), np.bool_)
-    for first, last in _windows(run, window):
+    for first, last in _windows(run):
         out[first + 1 : last + 1] = True
     return out

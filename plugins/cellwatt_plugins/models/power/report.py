@@ -23,7 +23,7 @@ from cellwatt.report import (
     Tile,
     heading,
 )
-from cellwatt.report.drawing import curve, dots, line
+from cellwatt.report.drawing import curve, dots
 from cellwatt.report.numbers import fixed, measured, number
 from cellwatt.report.theme import GOOD, MEASURED, MODEL, SIMULATION
 from cellwatt_plugins.models.power.moves import Moves
@@ -39,7 +39,6 @@ ACROSS, SHOWN = 3, 3
 """Joints side by side; moves drawn over time."""
 CURRENTS = "Currents: root mean square error of each joint, in per cent of the current's spread."
 OVER_TIME = "Each move predicted by models that had not seen it: the slowest, a middling and the fastest move."
-ERRORS = "Energy error of each move held out, %; and the power, predicted over measured."
 
 
 def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -> Report:
@@ -67,7 +66,6 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
         tiles_remark="Mean energy error of a move held out." if known else "",
         sections=[
             Section("Measured beside predicted", _over_time(trained, moves), OVER_TIME),
-            Section("Errors of the moves", _errors(trained, moves), ERRORS),
             Section(
                 "Residual of each joint", _residuals(trained, moves), "Measured less predicted current over speed."
             ),
@@ -104,23 +102,6 @@ def _move(trained: Trained, moves: Moves, bounds: tuple[int, int], which: int) -
     rows = [[Panel(upper, Axis("s"), Axis("power, W"))], [Panel(lower, Axis("s"), Axis("measured −, W"))]]
     label = f"Power of move {which + 1} of {SHOWN}: measured and predicted, and what is left"
     return Figure(label, rows, (190, 110), "x", layout={"hovermode": "x unified"}, when=("move", which))
-
-
-def _errors(trained: Trained, moves: Moves) -> list[Block]:
-    """Energy error of each move by method, and predicted over measured power."""
-    if not np.isfinite(moves.power).any():
-        return []
-    numbers = np.arange(1, moves.count + 1)
-    errors = [
-        dots(name, numbers, [np.nan if e is None else e for e in score.energy], COLOURS[name], size=6, opacity=0.8)
-        for name, score in trained.scores.items()
-    ]
-    known = moves.power[np.isfinite(moves.power)]
-    ends = [float(known.min()), float(known.max())]
-    powers = [dots(name, moves.power, watts, COLOURS[name]) for name, (watts, _) in trained.predictions.items()]
-    left = Panel(errors, Axis("move"), Axis("energy error, %"))
-    right = Panel([*powers, line("", ends, ends, MEASURED, dash="dash")], Axis("measured, W"), Axis("predicted, W"))
-    return [Figure("Energy error of each move, and power predicted over measured", [[left, right]], (260,))]
 
 
 def _residuals(trained: Trained, moves: Moves) -> list[Block]:

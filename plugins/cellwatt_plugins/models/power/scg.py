@@ -7,7 +7,6 @@ Step size from a model of the curvature along the search direction, made positiv
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,26 +24,13 @@ LAMBDA_MOST: Final = 1e30
 """No direction leads down any more."""
 
 
-@dataclass(frozen=True)
-class Minimum:
-    """Minimum that a search ended in."""
-
-    x: Float
-    value: float
-    gradient: float
-    """Norm."""
-    iterations: int
-    converged: bool
-    """True if the gradient's norm came below the tolerance."""
-
-
 def minimise(
     function: Callable[[Float], tuple[float, Float]],
     start: Float,
     iterations: int = 1000,
     tolerance: float = 1e-8,
     watch: Callable[[int, Float], bool] | None = None,
-) -> Minimum:
+) -> Float:
     """Minimum of a function that gives its value and gradient.
 
     Ends where the gradient's norm is below ``tolerance``, after ``iterations``, or where ``watch`` (called with the
@@ -55,11 +41,9 @@ def minimise(
     r = -gradient
     p = r.copy()
     lam, lam_bar, success, delta = LAMBDA, 0.0, True, 0.0
-    done = 0
     for k in steps(range(1, iterations + 1), "epoch"):
         if np.linalg.norm(r) <= tolerance or lam > LAMBDA_MOST:
             break
-        done = k
         norm = float(p @ p)
         if success:  # 2: second-order information, eq. (6)
             sigma = SIGMA / np.sqrt(norm)
@@ -89,5 +73,4 @@ def minimise(
             lam_bar = lam
         if comparison < 0.25:  # 8
             lam += delta * (1 - comparison) / norm
-    size = float(np.linalg.norm(r))
-    return Minimum(w, value, size, done, size <= tolerance)
+    return w

@@ -7,7 +7,7 @@ import numpy as np
 from cellwatt.report import Axis, Bars, Figure, Notes, Panel, Provenance, Report, Section, Table, Tile
 from cellwatt.report.drawing import band, dots, line
 from cellwatt.report.numbers import measured, number
-from cellwatt.report.theme import GOOD, MEASURED, MODEL, NOISE, SIMULATION
+from cellwatt.report.theme import MEASURED, MODEL, NOISE
 from cellwatt_plugins.models.static.training import COVERAGE, Trained
 from cellwatt_plugins.models.static.wording import TITLES, rivals
 
@@ -44,7 +44,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
             Section(
                 "Residual of each joint", [_residuals(trained)], "Nm over the joint's position. Band: ± 2 × noise."
             ),
-            Section("Learning curve", [_learning(trained), curve.in_words()]),
+            Section("Learning curve", [curve.in_words()]),
             Section("Rivals", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
             Section("What the arm has and its CAD model lacks", [_figures(trained), Notes(told)], facts),
             Section("Notes", [Notes(trained.poses.notes)]),
@@ -86,22 +86,6 @@ def _residuals(trained: Trained) -> Figure:
     ]
     rows = [panels[i : i + ACROSS] for i in range(0, len(panels), ACROSS)]
     return Figure("Residual of each joint over its position", rows, [170] * len(rows), legend=False)
-
-
-def _learning(trained: Trained) -> Figure:
-    curve = trained.curve
-    poses = [p.poses for p in curve.points]
-    ends = [min([*poses, curve.poses]), curve.poses]
-    drawn = [
-        line("best and worst draw", poses, [p.highest for p in curve.points], NOISE, dash="dot"),
-        line("best and worst draw", poses, [p.lowest for p in curve.points], NOISE, dash="dot"),
-        line("poses held out", poses, [p.rmse for p in curve.points], MODEL, dots=True),
-        dots("all poses, each left out once", [curve.poses], [curve.reached], SIMULATION, size=9, opacity=1),
-        line("scatter of a pose", ends, [curve.floor] * 2, GOOD, dash="dash"),
-    ]
-    ticks = {float(count): str(count) for count in (*poses, curve.poses)}
-    rows = [[Panel(drawn, Axis("poses", log=True, ticks=ticks), Axis("RMSE, Nm"))]]
-    return Figure("Error over the number of poses that a model is made from", rows, (240,))
 
 
 def _figures(trained: Trained) -> Table:

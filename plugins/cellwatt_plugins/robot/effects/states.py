@@ -48,8 +48,6 @@ class States:
     """(N, n) Nm: motor torque as the model of the moment has it; the nominal law's before there is one."""
     carried: Float | None = None
     """(N, n) Nm that the links need beyond the nominal, as the model of the moment has it."""
-    supplied: Float | None = None
-    """(N,) W: supply power as the model of the moment has it."""
     drive: Drive | None = None
     """The servos, where their law stands for a measured torque."""
 

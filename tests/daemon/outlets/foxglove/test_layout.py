@@ -3,36 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
 from typing import Any
 
-import foxglove.layouts as documented
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cellwatt.config import load
-from cellwatt.frames import FrameChannel, Layout
 from cellwatt.outlets.foxglove import layout_for, layout_of
 from cellwatt.outlets.foxglove.arm import WORLD
 from cellwatt.outlets.foxglove.topics import LOG, SCENE
-from cellwatt.outlets.foxglove.translate import FrameMessages
 from tests.daemon.outlets.foxglove.cell import UNITS
 from tests.daemon.outlets.zenoh.processes import ROOT
 
 PACKAGED = ROOT / "daemon/cellwatt/outlets/foxglove/layout.json"
-PANELS = {
-    "Plot": documented.PlotConfig,
-    "3D": documented.ThreeDeeConfig,
-    "RosOut": documented.LogConfig,
-    "StateTransitions": documented.StateTransitionsConfig,
-    "Table": documented.TableConfig,
-    "RawMessages": documented.RawMessagesConfig,
-}
-NESTED = {
-    "cameraState": documented.ThreeDeeCameraState(),
-    "scene": documented.BaseRendererSceneSettings(),
-}
 TITLE = "foxglovePanelTitle"
 
 
@@ -51,27 +33,6 @@ def test_the_packaged_file_is_that_of_the_demo() -> None:
     assert packaged["configById"]["RosOut!log"]["topicToRender"] == LOG
     assert packaged["configById"]["3D!arms"]["followTf"] == WORLD
     assert packaged["configById"]["3D!arms"]["topics"] == {SCENE: {"visible": True}}
-
-
-def test_every_panel_is_shown_once() -> None:
-    layout = layout_for(UNITS, ["power"])
-    assert sorted(shown(layout["layout"])) == sorted(layout["configById"])
-
-
-@pytest.mark.parametrize("panel", layout_for(UNITS, ["power"])["configById"])
-def test_every_setting_is_one_that_the_library_documents(panel: str) -> None:
-    config = layout_for(UNITS, ["power"])["configById"][panel]
-    known = PANELS[panel.partition("!")[0]]()._to_dict()
-    assert config.keys() - {TITLE} <= known.keys()
-    series = {"Plot": documented.PlotSeries, "StateTransitions": documented.StateTransitionsSeries}
-    for path in config.get("paths", ()):
-        assert path.keys() <= series[panel.partition("!")[0]]()._to_dict().keys()
-        assert path["timestampMethod"] == "receiveTime"
-    for name, about in NESTED.items():
-        assert config.get(name, {}).keys() <= about._to_dict().keys()
-    for layer in config.get("layers", {}).values():
-        assert layer.keys() <= documented.BaseRendererGridLayerSettings()._to_dict().keys()
-    assert fields(PANELS[panel.partition("!")[0]])
 
 
 def test_measured_stands_beside_predicted_power() -> None:
@@ -114,24 +75,3 @@ def test_efforts_are_the_best_that_each_arm_tells(channels: list[str], panels: d
     plots = [config for name, config in layout["configById"].items() if name.startswith("Plot!")][2:]
     assert {plot[TITLE]: [path["label"] for path in plot["paths"]] for plot in plots} == panels
     assert sorted(shown(layout["layout"])) == sorted(layout["configById"])
-
-
-def test_states_are_told_of_each_arm() -> None:
-    layout = layout_for({"arm.joint_1.position": "rad", "positioner.joint_1.position": "rad"}, [])
-    values = [p["value"] for p in layout["configById"]["StateTransitions!states"]["paths"]]
-    assert values[0] == "/health.status.state"
-    assert values[3:] == ['/interval{source=="positioner"}.number', '/task{source=="positioner"}.name']
-
-
-NAMES = st.lists(
-    st.builds("{}.{}".format, st.sampled_from(["arm", "a-b", "a_b"]), st.sampled_from(["supply.power", "bus.power"])),
-    unique=True,
-)
-
-
-@given(NAMES)
-def test_paths_are_the_fields_of_the_frames_whatever_the_sources_are_called(names: list[str]) -> None:
-    layout = Layout(tuple(FrameChannel(name, "W", "continuous", "linear") for name in names), 50.0)
-    known = {f"/frame.{field}" for field in FrameMessages(layout).fields}
-    panel = layout_for(dict.fromkeys(names, "W"), [])["configById"]["Plot!power"]
-    assert {p["value"] for p in panel["paths"]} == known

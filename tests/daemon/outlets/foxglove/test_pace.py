@@ -8,7 +8,6 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.outlets.foxglove import serving as pacing
 from cellwatt.outlets.foxglove.serving import HURRY, LAG, Pace
 from cellwatt.outlets.foxglove.topics import Moment
 
@@ -51,11 +50,3 @@ def test_nothing_waits_for_long_and_the_order_is_kept(blocks: list[tuple[float, 
     assert out == sorted(out)
     assert len(out) == len(came)
     assert all(-1e-9 <= sent - arrived <= LAG + 240 * HURRY for sent, arrived in zip(out, came, strict=True))
-
-
-def test_the_oldest_of_too_many_are_dropped_and_counted() -> None:
-    pace = Pace()
-    for i in range(pacing.MOST + 3):
-        pace.add(Moment(i, ()), 0.0)
-    assert pace.dropped == 3
-    assert next(pace.due(math.inf)).time == 3

@@ -6,13 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cellwatt.outlets.foxglove.arm import Vector, joint_pose, joints_of, poses
-from tests.daemon.outlets.foxglove.moving import place_of, skeleton, tool
+from tests.daemon.outlets.foxglove.moving import skeleton
 
 ANGLE = st.floats(-10, 10)
 VECTOR = st.tuples(*[st.floats(-5, 5).map(lambda v: round(v, 6))] * 3)
@@ -37,14 +36,6 @@ def test_joints(xyz: Vector, rpy: Vector, axis: Vector, value: float) -> None:
         truth = fixed * move
         np.testing.assert_allclose(place, truth.translation, atol=1e-12)
         assert same(rotation, truth.rotation)
-
-
-def test_the_tool_of_the_packaged_arm_is_where_it_is() -> None:
-    angles = [0.3, -0.4, 0.9, -1.3, 0.7, 2.1]
-    values = {f"arm.joint_{i + 1}.position": angle for i, angle in enumerate(angles)}
-    found = {pose.frame: (pose.parent, pose.place, pose.rotation) for pose in poses(joints_of(skeleton()), values)}
-    assert place_of(found, "arm/joint_6", "arm/base") == pytest.approx(tool(angles), abs=1e-12)
-    assert np.linalg.norm(tool(angles)) > 0.3
 
 
 def test_a_joint_that_is_not_known_is_left_where_it_was() -> None:

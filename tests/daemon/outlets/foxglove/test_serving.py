@@ -5,14 +5,11 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
-import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import foxglove
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -20,13 +17,11 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from cellwatt import FrameChannel, Frames, Layout
 from cellwatt.blocks import cut
-from cellwatt.errors import ConfigError, OutletError
-from cellwatt.outlets.foxglove import companion, serve
-from cellwatt.outlets.foxglove.outlet import FoxgloveOutlet
-from cellwatt.outlets.foxglove.topics import Moment, Outgoing, Topic
+from cellwatt.errors import ConfigError
+from cellwatt.outlets.foxglove import serve
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.record import Header, Recorder, RecordSettings
-from tests.daemon.outlets.foxglove.cell import HEALTH, LAYOUT, LOGGED, TOLD, UNITS, URDF, frames
+from tests.daemon.outlets.foxglove.cell import HEALTH, LOGGED, TOLD, UNITS, URDF, frames
 from tests.daemon.outlets.foxglove.client import Client
 from tests.daemon.outlets.foxglove.moving import tool, tool_of
 from tests.daemon.outlets.foxglove.paths import found
@@ -135,18 +130,6 @@ def test_frames_arrive_as_they_were_published(seen: Seen) -> None:
     }
 
 
-def test_results_and_events_arrive_as_they_were_published(seen: Seen) -> None:
-    first = seen.first
-    assert [m["residual_W"] for m in (a["evidence"] for a in first.decoded("/alarm"))] == [12.5, 13.0, 12.5, 12.5, 12.5]
-    assert first.decoded("/interval")[0]["moving"] == [1, 4]
-    assert first.told["/interval"][0].time == EPOCH + 5 * LAYOUT.step
-    assert first.decoded("/task")[0]["name"] == "task_1"
-    assert first.decoded("/energy")[0]["groups"] == {"friction": 100.0}
-    assert first.decoded("/prediction")[0]["outputs"] == {"power": [301.5, 302.5]}
-    assert first.told["/prediction"][0].time == EPOCH + LAYOUT.step
-    assert [e["data"] for e in first.decoded("/event")] == [{"serial": "x1"}, {}]
-
-
 def test_the_log_tells_alarms_that_are_new_or_over_and_events(seen: Seen) -> None:
     lines = [(m.level, m.message, m.name) for m in seen.first.decoded("/log")]
     # In the order of their topic; an alarm that only has other figures is no new line.
@@ -239,30 +222,6 @@ def test_every_path_of_the_packaged_layout_leads_to_values_live_and_recorded(see
     assert panels("RosOut")["RosOut!log"]["topicToRender"] in live
 
 
-def test_a_companion_file_has_what_recordings_lack(recording: Path, tmp_path: Path) -> None:
-    out = tmp_path / "beside.mcap"
-    assert companion(recording, out) == {"/log": len(LOGGED), "/channels": 1}
-    told = [(c.topic, m.log_time, d) for _, c, m, d in read(out)]
-    lines = sorted((t, d.level, d.message, d.name) for topic, t, d in told if topic == "/log")
-    assert sorted(line[1:] for line in lines) == sorted(LOGGED)
-    assert lines[0][0] == EPOCH + 1001
-    with pytest.raises(OutletError, match=r"beside\.mcap cannot be written: "):
-        companion(recording, out)
-
-
-def subscribe_alone(stalled: socket.socket, port: int, channel: int) -> None:
-    """Connect, subscribe to a channel, and read no more."""
-    stalled.connect(("127.0.0.1", port))
-    stalled.sendall(
-        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n"
-        b"Sec-WebSocket-Key: c2l4dGVlbiBieXRlcyAxNg==\r\n\r\n"
-    )
-    assert b"101 Switching" in stalled.recv(64)
-    wanted = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channel}]}).encode()
-    stalled.sendall(bytes([0x81, 0x80 | len(wanted)]) + bytes(4) + wanted)
-
-
 async def test_the_arm_moves_as_the_published_frames_say() -> None:
     async with shown(frames, arms={"arm": URDF}) as cell:
         async with Client(cell.port) as client:
@@ -297,27 +256,6 @@ async def test_other_channels_start_the_server_anew_where_it_was() -> None:
         assert (await cell.end())[0] == 0
 
 
-def test_a_port_that_the_library_still_holds_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-
-    def start_server(*, port: int, **_: Any) -> Any:
-        asked.append(port)
-        if len(asked) in (2, 3):
-            raise RuntimeError("Failed to bind port: Address already in use (os error 98)")
-        return SimpleNamespace(port=4321, stop=lambda: None, broadcast_time=lambda _: None)
-
-    monkeypatch.setattr(foxglove, "start_server", start_server)
-    with FoxgloveOutlet("cell", "127.0.0.1", 0, [Topic("/first", "json", "First", b"{}")]) as outlet:
-        outlet.open()
-        outlet.send(Moment(1, (Outgoing(Topic("/second", "json", "Second", b"{}"), 1, b"{}"),)))
-        assert outlet.is_open
-    assert asked == [0, 4321, 4321, 4321]
-
-
-WIDE = 4000
-"""Frames at 1 kHz whose bytes fill every buffer on the way to a client that does not read."""
-
-
 def wide(first: int, count: int) -> Frames:
     names = [FrameChannel(f"arm.c_{i}", "W", "continuous", "linear") for i in range(200)]
     numbers = np.arange(first, first + count)
@@ -329,31 +267,6 @@ def wide(first: int, count: int) -> Frames:
         quality=np.zeros((count, 200), np.uint8),
         bound=np.zeros((count, 200), np.int64),
     )
-
-
-async def test_a_slow_client_holds_up_nobody_and_is_told_of() -> None:
-    async with shown(wide) as cell, Client(cell.port) as fast:
-        stalled = socket.socket()
-        stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        try:
-            await eventually(lambda: fast.told["/health"], "health")
-            await asyncio.to_thread(subscribe_alone, stalled, cell.port, fast.channels["/frame"]["id"])
-            last = cell.begun + WIDE
-            for first in range(cell.begun, last, 50):
-                cell.outlet.offer(wide(first, 50))
-                await asyncio.sleep(0.05)
-            end = int(wide(last - 1, 1).time[0])
-            await eventually(
-                lambda: fast.told["/frame"] and fast.told["/frame"][-1].time == end, "the last frame at the fast client"
-            )
-            times = [m.time for m in fast.told["/frame"]]
-            assert times == wide(0, last).time.tolist()[-len(times) :]
-            assert len(times) >= WIDE
-        finally:
-            stalled.close()
-        _, lines, errors = await cell.end()
-    assert "too slow, so that their oldest messages were dropped (how many is not known): 127.0.0.1:" in lines[-2]
-    assert "is too slow: its oldest messages are dropped" in errors
 
 
 def test_it_stays_on_this_pc() -> None:

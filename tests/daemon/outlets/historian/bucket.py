@@ -14,20 +14,16 @@ from tests.daemon.outlets.historian.loopback import Loopback
 
 @dataclass
 class Bucket(Loopback):
-    """Objects by key; ``log`` has each request; the next ``fails`` writes are refused."""
+    """Objects by key; ``log`` has each request."""
 
     objects: dict[str, bytes] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
-    fails: int = 0
 
     async def take(self, request: web.BaseRequest) -> web.Response:
         body = await request.read()
         key = unquote(request.path).removeprefix("/lake").lstrip("/")
         self.log.append(f"{request.method} {key or '?' + request.query_string}")
         if request.method == "PUT":
-            if self.fails:
-                self.fails -= 1
-                return web.Response(status=403, text="<Error><Code>AccessDenied</Code><Message>no</Message></Error>")
             self.objects[key] = _plain(body, request.headers.get("x-amz-content-sha256", ""))
             return web.Response(headers={"ETag": '"1"'})
         if not key:

@@ -1,29 +1,18 @@
-"""Servers that take line protocol: one that does what a test says, and Debian's InfluxDB as a process."""
+"""A server that takes line protocol, and does what a test says."""
 
 from __future__ import annotations
 
-import asyncio
 import gzip
-import json
-import shutil
 from collections import deque
-from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-import aiohttp
-import pytest
 from aiohttp import web
 
-from cellwatt.demo.cells import free_endpoint
 from tests.daemon.outlets.historian.loopback import Loopback
 from tests.daemon.outlets.historian.parsing import Point, parse
-from tests.patience import eventually
-
-INFLUXD = shutil.which("influxd") or shutil.which("/usr/bin/influxd")
-real = pytest.mark.skipif(INFLUXD is None, reason="influxd is not installed (apt-get install influxdb)")
 
 
 @dataclass
@@ -32,7 +21,6 @@ class Fake(Loopback):
 
     answers: deque[tuple[int, str, dict[str, str]]] = field(default_factory=deque)
     refuses: Callable[[str], bool] = lambda _line: False
-    down: bool = False
     requests: list[web.BaseRequest] = field(default_factory=list)
     batches: list[list[str]] = field(default_factory=list)
     points: dict[Any, Point] = field(default_factory=dict)
@@ -40,8 +28,6 @@ class Fake(Loopback):
     async def take(self, request: web.BaseRequest) -> web.Response:
         body = await request.read()
         self.requests.append(request)
-        if self.down:
-            return web.Response(status=503)
         if self.answers:
             status, text, headers = self.answers.popleft()
             return web.Response(status=status, text=text, headers=headers)
@@ -66,76 +52,3 @@ class Fake(Loopback):
 
 def fake() -> AbstractAsyncContextManager[Fake]:
     return Fake().open()
-
-
-class Influxd:
-    """An InfluxDB on loopback in a folder."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.at, self._rpc = free_endpoint(), free_endpoint()
-        self.url = f"http://{self.at}"
-        self._process: asyncio.subprocess.Process | None = None
-
-    async def start(self) -> None:
-        config = self.folder / "influxdb.conf"
-        await asyncio.to_thread(config.write_text, self._config())
-        log = await asyncio.to_thread((self.folder / "influxd.log").open, "ab")
-        self._process = await asyncio.create_subprocess_exec(
-            str(INFLUXD), "-config", str(config), stdout=log, stderr=log
-        )
-        log.close()
-        await eventually(self.answers, "InfluxDB")
-
-    async def stop(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            await self._process.wait()
-            self._process = None
-
-    def _config(self) -> str:
-        return f"""
-reporting-disabled = true
-bind-address = "{self._rpc}"
-[meta]
-dir = "{self.folder}/meta"
-[data]
-dir = "{self.folder}/data"
-wal-dir = "{self.folder}/wal"
-query-log-enabled = false
-[monitor]
-store-enabled = false
-[http]
-bind-address = "{self.at}"
-log-enabled = false
-"""
-
-    async def answers(self) -> bool:
-        try:
-            async with aiohttp.ClientSession() as session, session.get(f"{self.url}/ping") as answer:
-                return answer.status == 204
-        except aiohttp.ClientError:
-            return False
-
-    async def query(self, text: str) -> list[dict[str, Any]]:
-        """Rows that a query gives, times in ns."""
-        params = {"db": "plant", "epoch": "ns", "q": text}
-        async with aiohttp.ClientSession() as session, session.post(f"{self.url}/query", params=params) as answer:
-            result = json.loads(await answer.text())["results"][0]
-        assert "error" not in result, result
-        return [
-            dict(zip(series["columns"], row, strict=True)) | series.get("tags", {})
-            for series in result.get("series", ())
-            for row in series["values"]
-        ]
-
-
-@asynccontextmanager
-async def influxd(folder: Path) -> AsyncIterator[Influxd]:
-    found = await asyncio.to_thread(Influxd, folder)
-    await found.start()
-    try:
-        await found.query("CREATE DATABASE plant")
-        yield found
-    finally:
-        await found.stop()

@@ -17,7 +17,7 @@ from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
 from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of, place_of, reason_of, wait_of
 from cellwatt.outlets.historian.outlet import REFUSED, HistorianOutlet
 from tests.daemon.outlets.historian.made import CELL, SESSION, SITE, Recorded, S, alarm, energy, frames, row_truth, task
-from tests.daemon.outlets.historian.server import Fake, fake, influxd, real
+from tests.daemon.outlets.historian.server import Fake, fake
 from tests.daemon.outlets.zenoh.fake_cell import FakeView
 from tests.doing import doing
 from tests.patience import eventually
@@ -122,68 +122,15 @@ async def test_patterns_that_fit_no_channel_are_told(caplog: pytest.LogCaptureFi
     assert set(server.rows[0].fields) == {"arm.mode", "quality"}
 
 
-async def test_after_a_cut_what_is_new_goes_first_then_all_that_was_missed_in_order(record: Path, cell: Cell) -> None:
-    async with fake() as server:
-        outlet = outlet_of(server.url, record, queue=5, batch=7)
-        async with running(outlet):
-            await cell.seconds(5, outlet, results=False)
-            await settled(server, 5)
-            server.down = True
-            await cell.seconds(40, outlet, results=False)
-            await eventually(lambda: outlet.trouble(), "the trouble")
-            assert "503" in str(outlet.trouble())
-            await eventually(lambda: len(outlet._influx._pending) == 5, "the queue")  # type: ignore[union-attr]
-            seen = len(server.batches)
-            server.down = False
-            await settled(server, 45)
-            await cell.seconds(5, outlet, results=False)  # so that the newest of the gap is settled
-            await settled(server, 50)
-            assert outlet.trouble() is None
-    check(server, range(50))
-    after = [[(p.time - SESSION) // S for p in map(_parsed, lines)] for lines in server.batches[seen:]]
-    assert after[0] == [41, 42, 43, 44, 45]
-    filled = [second for times in after[1:] for second in times if second <= 40]
-    assert filled == sorted(filled)
-    assert set(range(6, 41)) <= set(filled)
-    assert outlet.account.missed.total() == 0
-
-
-def _parsed(line: str) -> Any:
-    from tests.daemon.outlets.historian.parsing import parse
-
-    return parse(line)
-
-
-async def test_a_new_daemon_fills_in_what_the_one_before_left(record: Path, cell: Cell) -> None:
-    async with fake() as server:
-        async with running(outlet_of(server.url, record)) as outlet:
-            await cell.seconds(10, outlet)
-            await settled(server, 10)
-        await cell.seconds(20)  # while no outlet runs
-        async with running(outlet_of(server.url, record)) as outlet:
-            # It sees the second half of a second first: what it makes of that alone is not the row.
-            await cell.seconds(1)
-            outlet.offer(frames(50 * 30 + 25, 25))
-            await cell.seconds(6, outlet)
-            await settled(server, 37)
-    check(server, range(37))
-    expected = sum(second % 5 == 2 for second in range(37))
-    assert sum(p.measurement == "cellwatt_task" for p in server.points.values()) == expected
-
-
-@pytest.mark.parametrize("runs", [True, False])
 async def test_items_that_come_too_fast_are_filled_in(
-    record: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch, runs: bool
+    record: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also those that come before the outlet runs, or has read how far the one before it came."""
+    """Here before the outlet runs, and has read how far the one before it came."""
     monkeypatch.setattr("cellwatt.outlets.forward.BLOCKS", 4)
     async with fake() as server:
         outlet = outlet_of(server.url, record)
-        if not runs:
-            await cell.seconds(20, outlet)
+        await cell.seconds(20, outlet)
         async with running(outlet):
-            if runs:
-                await cell.seconds(20, outlet)
             await settled(server, 1)
             await cell.seconds(4, outlet, results=False)
             await settled(server, 24)
@@ -256,16 +203,6 @@ async def test_a_server_that_asks_to_wait_is_waited_for(record: Path) -> None:
             await eventually(lambda: str(outlet.trouble()).endswith(told), "the trouble")
 
 
-async def test_nobody_answers(record: Path) -> None:
-    async with fake() as server:
-        url = server.url
-    outlet = outlet_of(url, None)
-    outlet.offer(frames(0, 50))
-    async with running(outlet):
-        await eventually(lambda: outlet.trouble(), "the trouble")
-        assert "nobody answers (connection refused)" in str(outlet.trouble())
-
-
 async def test_version_2(record: Path) -> None:
     async with fake() as server:
         v2 = {"database": None, "org": "my plant", "bucket": "cells", "token": "s3cret"}
@@ -276,61 +213,6 @@ async def test_version_2(record: Path) -> None:
     assert server.requests[0].path == "/api/v2/write"
     assert dict(server.requests[0].query) == {"org": "my plant", "bucket": "cells", "precision": "ns"}
     assert server.requests[0].headers["Authorization"] == "Token s3cret"
-
-
-@real
-async def test_debians_influxdb_has_what_was_recorded(record: Path, cell: Cell, tmp_path: Path) -> None:
-    """Cut off by kill -9 of the server, and the outlet begun anew."""
-    folder = tmp_path / "influx"
-    folder.mkdir()
-    async with influxd(folder) as server:
-        async with running(outlet_of(server.url, record, queue=20)) as outlet:
-            await cell.seconds(10, outlet)
-            await eventually(lambda: _count(server, 10), "10 rows")
-            await server.stop()
-            await cell.seconds(30, outlet)
-            await eventually(lambda: outlet.trouble(), "the trouble")
-            await server.start()
-            await cell.seconds(5, outlet)
-        async with running(outlet_of(server.url, record)) as outlet:
-            await cell.seconds(6, outlet)
-            await eventually(lambda: _count(server, 51), "51 rows")
-        found = await server.query("SELECT * FROM cellwatt")
-        tasks = await server.query("SELECT count(seconds) FROM cellwatt_task")
-    assert [row["time"] for row in found] == [row_truth(second)["time"] for second in range(51)]
-    for row, second in zip(found, range(51), strict=True):
-        truth = row_truth(second)
-        assert (row["arm.bus.power"], row["cell"], row["site"]) == (pytest.approx(truth["arm.bus.power"]), CELL, SITE)
-    assert tasks[0]["count"] == sum(second % 5 == 2 for second in range(51))
-
-
-async def _count(server: Any, count: int) -> bool:
-    found = await server.query('SELECT count("arm.mode") FROM cellwatt')
-    return bool(found) and found[0]["count"] >= count
-
-
-@real
-async def test_debians_influxdb_reads_our_escapes_and_refuses_what_it_must(tmp_path: Path) -> None:
-    from cellwatt.outlets.historian.client import Client, line
-    from cellwatt.outlets.historian.outlet import Lines
-
-    nasty = ["a b", "a,b=c", 'say "hi"', "tab\tü", "back\\slash", "trailing\\", "=", ", ,"]
-    lines = [line("odd, one", {"t g": tag}, {"a=b": n, 'c"d': tag}, 1000 + n) for n, tag in enumerate(nasty)]
-    conflict = [line("odd, one", {}, {"a=b": "text"}, 7), line("odd, one", {}, {"a=b": 99}, 8)]
-    async with influxd(tmp_path) as server:
-        settings = InfluxSettings(url=server.url, database="plant")
-        async with Client(settings) as client:
-            assert not await Lines(client, "m", {}, tmp_path).send(lines)
-            assert await Lines(client, "m", {}, tmp_path).send(conflict) == {"refused": 1}
-            missing = InfluxSettings(url=server.url, database="nowhere")
-            async with Client(missing) as lost:
-                outcome = await lost.write(lines)
-        found = await server.query('SELECT * FROM "odd, one"')
-    assert (outcome.kind, "database not found" in outcome.reason) == ("later", True)
-    tags = {row["a=b"]: (row["t g"], row['c"d']) for row in found}
-    assert tags.pop(99) == (None, None)
-    assert tags == {n: (tag.replace("\\", "/"), tag) for n, tag in enumerate(nasty)}
-    assert "field type conflict" in (tmp_path / REFUSED).read_text()
 
 
 NOW = datetime(2026, 11, 24, 12, 0, 0, tzinfo=UTC)
@@ -362,11 +244,6 @@ def test_retry_after(header: str | None, seconds: float | None) -> None:
 )  # fmt: skip
 def test_answers_mean(status: int, kind: str) -> None:
     assert outcome_of(status, "", {}).kind == kind
-
-
-def test_an_answer_without_words_is_told_by_its_number() -> None:
-    assert outcome_of(429, "", {}).reason == "429: Too Many Requests"
-    assert outcome_of(599, "", {}).reason == "599: no reason told"
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import json
-import random
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,10 +16,9 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.outlets.historian import exporting
-from cellwatt.outlets.historian.exporting import FILE, Export, Progress
+from cellwatt.outlets.historian.exporting import FILE, LOCK, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import FolderStore
-from cellwatt.outlets.historian.worker import LOCK
 from cellwatt.units import Units
 from tests.daemon.outlets.historian.made import ANOTHER, CELL, DAY, SESSION, SITE, START, Recorded, S, row_truth
 from tests.patience import PATIENCE
@@ -102,18 +99,6 @@ def test_results_tell_what_they_told(record: Path, lake: Path) -> None:
     assert json.loads(alarm["evidence"]) == {"residual_W": "NaN", "n": 2}  # as the record has it
     assert (task["task"], task["start"].value, task["speed"]) == ("task_1", at - 7 * S, 1.0)
     assert (energy["total"], dict(energy["groups"])) == (102.0, {"motion": 62.0, "rest": 40.0})
-
-
-def test_what_is_recorded_later_follows(record: Path, lake: Path) -> None:
-    growing = Recorded(record)
-    for n in range(1, 6):
-        growing.seconds(4)
-        export(record, lake)
-        check(lake, range(4 * n))
-        if n % 2:
-            growing.rotate()
-    growing.close()
-    check_results(lake, range(20))
 
 
 def test_a_run_ends_though_the_record_grows(record: Path, lake: Path) -> None:
@@ -313,7 +298,7 @@ def worker(record: Path, lake: Path, **settings: Any) -> Iterator[subprocess.Pop
     told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL}
     asked, said = record.parent / "asked", record.parent / "said"
     asked.write_text(json.dumps({**told, "settings": {"folder": str(lake), **settings}}))
-    command = [sys.executable, "-m", "cellwatt.outlets.historian.worker"]
+    command = [sys.executable, "-m", "cellwatt.outlets.historian.exporting"]
     with asked.open("rb") as into, said.open("wb") as out:
         process = subprocess.Popen(command, stdin=into, stderr=out)
     try:
@@ -321,30 +306,6 @@ def worker(record: Path, lake: Path, **settings: Any) -> Iterator[subprocess.Pop
     finally:
         process.kill()
         process.wait()
-
-
-@pytest.mark.slow
-def test_a_process_killed_again_and_again_loses_and_doubles_nothing(record: Path, lake: Path) -> None:
-    dice = random.Random(3)
-    growing = Recorded(record)
-    killed = 0
-    for round_ in range(4):
-        growing.seconds(200)
-        if round_ % 2:
-            growing.rotate()
-        with worker(record, lake) as process:
-            before = next_part(lake)
-            # Killed when a file appears that is not whole, or at some moment after the work began.
-            while process.poll() is None and next_part(lake) in ("", before) and dice.random() > 0.001:
-                time.sleep(0.001)
-            killed += process.poll() is None
-    growing.close()
-    with worker(record, lake) as process:
-        assert process.wait(PATIENCE) == 0
-    assert all(json.loads(line)["rows"] for line in (record.parent / "said").read_text().splitlines())
-    assert killed
-    check(lake, range(800))
-    check_results(lake, range(800))
 
 
 def test_two_processes_do_not_write_one_lake(record: Path, lake: Path) -> None:
@@ -358,15 +319,3 @@ def test_two_processes_do_not_write_one_lake(record: Path, lake: Path) -> None:
     with worker(record, lake) as process:
         assert process.wait(PATIENCE) == 0
     check(lake, range(2))
-
-
-def next_part(lake: Path) -> str:
-    return next((path.name for path in lake.rglob(".*.part")), "")
-
-
-def test_the_process_tells_what_is_wrong(record: Path, tmp_path: Path) -> None:
-    (tmp_path / "lake").write_text("no folder")
-    Recorded(record).seconds(2).close()
-    with worker(record, tmp_path / "lake") as process:
-        assert process.wait(PATIENCE) == 1
-    assert (tmp_path / "said").read_text().startswith("lake: ")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import io
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,10 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.outlets.historian import HistorianSettings
-from cellwatt.outlets.historian.exporting import FILE
+from cellwatt.outlets.historian.exporting import FILE, work
 from cellwatt.outlets.historian.outlet import MODULE, HistorianOutlet
-from cellwatt.outlets.historian.worker import work
 from tests.daemon.outlets.historian.bucket import Bucket, bucket
-from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S, row_truth
+from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S
 from tests.daemon.outlets.historian.test_influx import View, running
 from tests.daemon.outlets.historian.test_lake import check, check_results
 from tests.patience import eventually
@@ -69,29 +67,6 @@ async def test_a_process_that_is_killed_is_told_and_begun_again(record: Path, tm
     check(tmp_path / "lake", range(5))
 
 
-async def test_the_process_ends_with_a_daemon_that_is_killed(record: Path, tmp_path: Path) -> None:
-    told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL}
-    (tmp_path / "sleeper.py").write_text("import os, sys, time\nprint(os.getpid(), file=sys.stderr)\ntime.sleep(600)\n")
-    program = f"""
-import asyncio
-from cellwatt.account import Account
-from cellwatt.outlets.historian import outlet as lake
-from cellwatt.outlets.historian.settings import LakeSettings
-lake.MODULE = "sleeper"
-outlet = lake.Lake(LakeSettings(folder="lake"), {told!r}, Account())
-outlet._heard = lambda pid: print(pid, flush=True)
-asyncio.run(outlet.once())
-"""
-    parent = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE, cwd=tmp_path
-    )
-    assert parent.stdout is not None
-    child = psutil.Process(int(await parent.stdout.readline()))
-    parent.kill()
-    await parent.wait()
-    await eventually(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE, "its end")
-
-
 def children() -> list[psutil.Process]:
     return [child for child in psutil.Process().children() if MODULE in child.cmdline()]
 
@@ -102,25 +77,6 @@ async def test_without_a_record_there_is_no_lake(tmp_path: Path) -> None:
 
 
 KEYS = {"access_key": "AKID", "secret_key": "s3cret", "region": "eu-central-1"}
-
-
-@pytest.mark.slow
-async def test_a_lake_in_s3(record: Path) -> None:
-    growing = Recorded(record)
-    await asyncio.to_thread(growing.seconds, 10)
-    async with bucket() as store:
-        store.fails = 1
-        outlet = outlet_of(record, "s3://lake/plant", endpoint=store.url, **KEYS)
-        async with running(outlet):
-            await eventually(lambda: outlet.account.counters["lake: runs failed"], "the failure")
-            await eventually(lambda: outlet.account.received == 10 + 3 * 2, "the rows")
-    growing.close()
-    assert rows_in(store) == [row_truth(second)["time"] for second in range(10)]
-    first = next(key for key in store.objects if "frames" in key)
-    assert first.startswith("plant/frames/site=plant-1/cell=weld-3/day=2026-11-21/")
-    puts = [line for line in store.log if line.startswith("PUT")]
-    assert len(puts) - 1 == len(set(puts)) == len(store.objects)  # a file is one put
-    assert not [line for line in store.log if line.startswith(("POST", "DELETE"))]
 
 
 async def test_files_in_s3_are_found_by_their_names(record: Path) -> None:

@@ -93,7 +93,6 @@ async def test_many_readers_cost_one_text(monkeypatch: pytest.MonkeyPatch) -> No
         (None, "readyz", 503, "not known yet"),
         ({}, "startupz", 200, "started"),
         ({}, "readyz", 200, "green"),
-        ({"state": "amber", "reasons": ["x"]}, "readyz", 200, "amber"),
         ({"state": "red", "reasons": ["arm is\ndown", "no disk"]}, "readyz", 503, "red: arm is down; no disk"),
         ({"state": "red", "reasons": ["arm is down"]}, "healthz", 200, "alive"),
     ],
@@ -122,12 +121,8 @@ async def test_a_cell_nobody_looks_at_is_not_ready(monkeypatch: pytest.MonkeyPat
         ({"token": "t0p"}, {}, 401),
         ({"token": "t0p"}, {"Authorization": "Bearer t0p"}, 200),
         ({"token": "t0p"}, {"Authorization": "bearer wrong"}, 401),
-        ({"token": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 401),
         ({"token": "t0p"}, {"Authorization": "Bearer \u00e4\u20ac"}, 401),
-        ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 200),
-        ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp3"}, 401),
-        ({"user": "u", "password": "t0p"}, {"Authorization": "Basic §§"}, 401),
-        ({"user": "u", "password": "t0p"}, {"Authorization": "Bearer t0p"}, 401),
+        ({"token": "t0p"}, {"Authorization": "Basic t0p"}, 401),
     ],
 )
 async def test_who_may_read(settings: dict[str, str], auth: dict[str, str], code: int) -> None:
@@ -182,16 +177,11 @@ def test_strangers_are_let_in_only_on_purpose(settings: dict[str, Any], says: st
     ("settings", "says"),
     [
         ({"listen": "9480"}, "host:port"),
-        ({"listen": "127.0.0.1:99999"}, "host:port"),
         ({"labels": {"source": "x"}}, "have already"),
-        ({"labels": {"__x": "x"}}, "is not a label"),
         ({"labels": {"a-b": "x"}}, "is not a label"),
         ({"labels": {f"l{n}": "x" for n in range(17)}}, "at most 16"),
-        ({"user": "u"}, "together"),
         ({"token": ""}, "empty"),
-        ({"user": "a:b", "password": "p"}, "no ':'"),
         ({"certificate": "c"}, "together"),
-        ({"series": 0}, "greater than 0"),
         ({"port": 1}, "not permitted"),
     ],
 )
@@ -201,7 +191,6 @@ def test_mistakes_in_settings_are_told(settings: dict[str, Any], says: str) -> N
 
 
 def test_secrets_are_not_shown() -> None:
-    settings = MetricsSettings(token="t0p", user="u", password="pa55")
+    settings = MetricsSettings(token="t0p")
     assert "t0p" not in repr(settings)
-    assert "pa55" not in repr(settings)
-    assert [text.partition(":")[0] for text in settings.warnings()] == ["token", "password"], "they are short"
+    assert [text.partition(":")[0] for text in settings.warnings()] == ["token"], "it is short"

@@ -39,13 +39,6 @@ def test_no_total_falls_whatever_is_counted(steps: list[tuple[int, int, int]]) -
                     before[name, labels] = value
 
 
-def test_samples_that_were_late_after_all_are_not_taken_back() -> None:
-    meter = meter_of()
-    for missed in (10, 7, 12):
-        meter.health(health(sources={"arm": source(1000, {"timeout": missed})}))
-    assert told(meter, "samples_missed") == {("arm", "timeout"): 12.0}
-
-
 def test_a_source_begun_anew_adds_to_what_was_lost_before() -> None:
     meter = meter_of()
     meter.health(health(collect=1, sources={"arm": source(1000, {"gap": 5})}))

@@ -1,37 +1,30 @@
-"""Debian's Prometheus scrapes a cell; its promtool checks what we tell and ship."""
+"""Prometheus' promtool checks what we tell and ship."""
 
 from __future__ import annotations
 
-import asyncio
 import json
 import re
 import shutil
 import subprocess
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import aiohttp
 import pytest
 import yaml
 
-from cellwatt.demo.cells import free_endpoint
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
 from cellwatt.outlets.metrics.outlet import CellCollector, Meter, exposed
-from tests.daemon.outlets.metrics import cell
-from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, outlet_of, source
+from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, source
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH
-from tests.patience import eventually
 
-PROMETHEUS, PROMTOOL = shutil.which("prometheus"), shutil.which("promtool")
+PROMTOOL = shutil.which("promtool")
 SHIP = Path(str(files("cellwatt.outlets.metrics"))) / "ship"
 TOLD = {family.told for family in CATALOGUE.values()}
 ELSEWHERE = {"up"}
 """Metrics that Prometheus makes itself."""
 
-scrapes = pytest.mark.skipif(PROMETHEUS is None, reason="prometheus is not installed (apt-get install prometheus)")
 checks = pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed (apt-get install prometheus)")
 
 
@@ -40,69 +33,6 @@ def promtool(*arguments: str, text: bytes = b"") -> str:
     said = (done.stdout + done.stderr).decode()
     assert done.returncode == 0, said
     return said
-
-
-@asynccontextmanager
-async def prometheus(folder: Path, target: str, **scrape: Any) -> AsyncIterator[str]:
-    """The address of a Prometheus that scrapes ``target``."""
-    at = await asyncio.to_thread(free_endpoint)
-    job = {"job_name": "cellwatt", "scrape_interval": "200ms", "static_configs": [{"targets": [target]}], **scrape}
-    config = {"scrape_configs": [job], "rule_files": [str(SHIP / "alerts.yaml")]}
-    file = folder / "prometheus.yaml"
-    await asyncio.to_thread(file.write_text, json.dumps(config))
-    options = [f"--config.file={file}", f"--storage.tsdb.path={folder / 'data'}", f"--web.listen-address={at}"]
-    with (folder / "prometheus.log").open("wb") as log:
-        process = await asyncio.create_subprocess_exec(str(PROMETHEUS), *options, stdout=log, stderr=log)
-    try:
-        yield f"http://{at}"
-    finally:
-        process.terminate()
-        await process.wait()
-
-
-async def ask(session: aiohttp.ClientSession, url: str, query: str) -> list[Any]:
-    """Values that a query gives now; none while nobody answers."""
-    try:
-        async with session.get(f"{url}/api/v1/query", params={"query": query}) as answer:
-            body = await answer.json() if answer.status == 200 else {}
-    except aiohttp.ClientError:
-        return []
-    return [(found["metric"], float(found["value"][1])) for found in body.get("data", {}).get("result", [])]
-
-
-@scrapes
-async def test_prometheus_answers_with_what_the_cell_told(tmp_path: Path) -> None:
-    outlet = outlet_of(token="t0p")
-    outlet.health(health(sources={"arm": source(990, {"gap": 10})}))
-    outlet.offer(frames((0.1, 42.5, 300.25)))
-    outlet.offer(energy("task_1", 900.0, motion=600.0))
-    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session:
-        own = {"labels": {"site": "plant-1", "cell": "weld-3"}, "targets": [url.removeprefix("http://")]}
-        scrape: dict[str, Any] = {"authorization": {"credentials": "t0p"}, "static_configs": [own]}
-        async with prometheus(tmp_path, "", **scrape) as at:
-            await eventually(lambda: ask(session, at, "cellwatt_power_watts"), "a scrape")
-            ((about, power),) = await ask(session, at, 'cellwatt_power_watts{channel="mains.supply.power"}')
-            assert (about["site"], about["cell"], power) == ("plant-1", "weld-3", 300.25)
-            lost = "100 * cellwatt_samples_missed_total / ignoring(reason) cellwatt_samples_expected_total"
-            ((about, share),) = await ask(session, at, lost)
-            assert (about["source"], share) == ("arm", 1.0)
-            ((_, joules),) = await ask(session, at, "sum(cellwatt_energy_joules_total)")
-            assert joules == 600.0
-            outlet.offer(energy("task_1", 900.0, motion=150.0))
-            await eventually(lambda: _is(session, at, "sum(cellwatt_energy_joules_total)", 750.0), "the next task")
-            units = await _metadata(session, at)
-    assert units["cellwatt_power_watts"] == ("gauge", "watts")
-    assert units["cellwatt_energy_joules"] == ("counter", "joules")
-
-
-async def _is(session: aiohttp.ClientSession, at: str, query: str, expected: float) -> bool:
-    return [value for _, value in await ask(session, at, query)] == [expected]
-
-
-async def _metadata(session: aiohttp.ClientSession, at: str) -> dict[str, tuple[str, str]]:
-    async with session.get(f"{at}/api/v1/metadata") as answer:
-        found = (await answer.json())["data"]
-    return {name: (about[0]["type"], about[0]["unit"]) for name, about in found.items()}
 
 
 def full_text() -> bytes:
@@ -177,14 +107,6 @@ def test_queries_name_only_metrics_that_there_are() -> None:
         for name, labels in labels_in(query):
             family = next(f for f in CATALOGUE.values() if f.told == name)
             assert labels <= {*family.labels, "site", "cell", "job", "instance"}, query
-
-
-def test_names_in_queries_are_found() -> None:
-    """The test above can fail."""
-    assert metrics_in('sum by (cell) (rate(wrong_total{cell="a"}[5m])) / good > 0 or vector(0)') == {
-        "wrong_total",
-        "good",
-    }
 
 
 @checks

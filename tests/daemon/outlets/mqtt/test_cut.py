@@ -1,16 +1,11 @@
-"""What a cut does: nothing is lost where there is a record, nothing comes twice, and the order is kept."""
+"""What a cut does over MQTT beyond what holds for all outlets: topics of the past, results, births, other brokers."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import os
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,10 +14,9 @@ from cellwatt.errors import OutletError
 from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, free_port, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import ROOT, STEP, Cell, alarm, outlet_of, serving
 from tests.daemon.outlets.mqtt.wire import command
-from tests.patience import eventually, wait_until
+from tests.patience import eventually
 
 pytestmark = needs_mosquitto
-BIRTH_DEATH = ("NBIRTH", "NDEATH")
 BIRTH = "spBv1.0/plant-1/NBIRTH/weld-3"
 LIVE, PAST = f"{ROOT}/frame", f"{ROOT}/backfill/frame"
 
@@ -69,65 +63,6 @@ async def test_a_broker_that_was_away_gets_what_it_missed_once_and_in_order(brok
     cell.close()
 
 
-async def test_a_cut_in_the_middle_loses_nothing_and_repeats_only_what_was_on_its_way(
-    broker: Broker, tmp_path: Path
-) -> None:
-    cell = Cell(tmp_path)
-    outlet = outlet_of(cell, broker.url, backfill="1 kHz")
-    async with serving(outlet, cell) as ends:
-        await eventually(lambda: outlet._outbox.serving, "connected")
-        for i in range(60):
-            outlet.offer(cell.frames(5))
-            await asyncio.sleep(0)
-            if i == 40:
-                cell.may_connect.clear()
-        broker.kill()
-        await eventually(lambda: ends, "the cut is noticed")
-        sure = outlet.account.counters["rows sent"]
-        await broker.again()
-        async with ears(broker, f"{ROOT}/#") as heard:
-            cell.may_connect.set()
-            await heard.until(f"{ROOT}/availability")
-            outlet.offer(cell.frames(150))
-            await eventually(lambda: not outlet._cursor.owed and outlet._cursor.reached, "all is filled")
-            await eventually(lambda: outlet._cursor.reached == cell.start + 449 * STEP, "all is sent")
-            await heard.until(LIVE, 150)
-            await heard.until(PAST, 300 - sure)
-            after = [(topic, n) for topic in (LIVE, PAST) for n in numbers(heard, cell, topic)]
-    past = [n for topic, n in after if topic == PAST]
-    assert past == list(range(past[0], 300)), "in order and without a hole"
-    assert past[0] == sure, "nothing that the broker confirmed comes again, and nothing after it is left out"
-    assert [n for topic, n in after if topic == LIVE] == list(range(300, 450))
-    cell.close()
-
-
-async def test_a_restart_sends_nothing_twice_and_what_it_missed(broker: Broker, tmp_path: Path) -> None:
-    cell = Cell(tmp_path)
-    async with ears(broker, f"{ROOT}/#") as heard:
-        for run in range(3):
-            outlet = outlet_of(cell, broker.url, backfill="1 kHz")
-            async with serving(outlet, cell):
-                await heard.until(f"{ROOT}/availability", 2 * run + 1)
-                outlet.offer(cell.frames(10))
-                await heard.until(LIVE, 10 * run + 10)
-            cell.frames(5)  # recorded by a daemon whose outlet did not run
-        outlet = outlet_of(cell, broker.url, backfill="1 kHz")
-        async with serving(outlet, cell):
-            await heard.until(f"{ROOT}/availability", 7)
-            outlet.offer(cell.frames(150))
-            await heard.until(PAST, 15)
-            await heard.until(LIVE, 180)
-            await eventually(lambda: not outlet._cursor.owed, "all is filled")
-        assert sorted(numbers(heard, cell, LIVE) + numbers(heard, cell, PAST)) == list(range(195))
-        past = numbers(heard, cell, PAST)
-        assert past == sorted(past)
-    file = tmp_path / "weld-3.mqtt.json"
-    kept = json.loads(await asyncio.to_thread(file.read_text))
-    assert (kept["reached"], kept["gaps"], kept["lost"]) == (cell.start + 194 * STEP, [], 0)
-    assert outlet.account.residue == outlet.account.owed == 0
-    cell.close()
-
-
 async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Broker, tmp_path: Path) -> None:
     cell = Cell(tmp_path)
     async with ears(broker, f"{ROOT}/#") as heard:
@@ -165,25 +100,6 @@ async def test_live_rows_go_before_those_of_the_past(broker: Broker, tmp_path: P
         assert len(heard.of(PAST)) < 100, "the past is held back to 50 rows a second"
         assert numbers(heard, cell, LIVE) == list(range(200, 350))
     cell.close()
-
-
-async def test_without_a_record_rows_wait_in_memory(broker: Broker) -> None:
-    cell = Cell()
-    outlet = outlet_of(cell, broker.url, queue=100)
-    broker.kill()
-    async with serving(outlet, cell) as ends:
-        await eventually(lambda: ends, "nobody there")
-        cell.may_connect.clear()
-        outlet.offer(cell.frames(60))
-        await broker.again()
-        async with ears(broker, f"{ROOT}/#") as heard:
-            cell.may_connect.set()
-            await heard.until(f"{ROOT}/availability")
-            await heard.until(PAST, 60)
-            outlet.offer(cell.frames(1))
-            await heard.until(LIVE)
-        assert numbers(heard, cell, PAST) == list(range(60)) and numbers(heard, cell, LIVE) == [60]
-    assert "refused" in ends[0].lower()
 
 
 async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> None:
@@ -230,7 +146,8 @@ async def test_results_and_rows_on_their_way_come_again_where_there_is_no_record
     cell = Cell()
     outlet = outlet_of(cell, broker.url)
     async with serving(outlet, cell) as ends:
-        await eventually(lambda: outlet._outbox.serving, "connected")
+        await eventually(lambda: outlet._session is not None and outlet._outbox.serving, "connected")
+        await eventually(lambda: outlet._session is None or not outlet._session._tasks, "the birth is confirmed")
         broker.hang()
         for number in range(5):
             outlet.offer(alarm(number, active=False))
@@ -301,19 +218,13 @@ async def test_a_outlet_with_new_settings_goes_on_where_the_one_before_ended(bro
         await heard.until(f"{ROOT}/alarm/#")
 
 
-@pytest.mark.parametrize("when", ["before", "during"])
-async def test_a_broker_that_takes_connections_and_never_answers_holds_up_nothing(
-    broker: Broker, when: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_broker_that_stops_answering_holds_up_nothing(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cellwatt.outlets.mqtt.link.ANSWER", 0.3)
     cell = Cell()
     outlet = outlet_of(cell, broker.url, queue=50)
-    if when == "before":
-        broker.hang()
     async with serving(outlet, cell) as ends:
-        if when == "during":
-            await eventually(lambda: outlet._outbox.serving, "connected")
-            broker.hang()
+        await eventually(lambda: outlet._outbox.serving, "connected")
+        broker.hang()
         for _ in range(100):
             outlet.offer(cell.frames(5))  # what would hold up the loop fails the test
             await asyncio.sleep(0.005)
@@ -370,64 +281,13 @@ async def test_a_port_where_no_broker_is_and_a_name_that_nobody_knows_are_told(t
         await outlet.run()
 
 
-@pytest.mark.parametrize("format_", ["json", "sparkplug"])
-def test_the_will_is_published_when_the_process_is_killed(broker: Broker, format_: str) -> None:
-    """A whole process with the outlet, killed: the broker says it for us."""
-    process = _process(broker, format_)
-    topics = (
-        (f"{ROOT}/availability",) if format_ == "json" else tuple(f"spBv1.0/plant-1/{v}/weld-3" for v in BIRTH_DEATH)
-    )
-
-    async def hear() -> list[Any]:
-        async with ears(broker, *topics) as heard:
-            await heard.until("#", 1)
-            process.kill()
-            await heard.until("#", 2)
-            return heard.heard
-
-    try:
-        heard = asyncio.run(hear())
-    finally:
-        process.kill()
-        process.wait()
-    if format_ == "json":
-        assert [(m.payload, m.retain) for m in heard] == [(b"online", True), (b"offline", True)]
-    else:
-        assert [m.topic.split("/")[2] for m in heard] == list(BIRTH_DEATH)
-
-
-def test_after_a_kill_nothing_is_lost_and_only_what_was_not_noted_comes_again(broker: Broker, tmp_path: Path) -> None:
-    process = _process(broker, "json", str(tmp_path))
-    file = next(iter(wait_until(lambda: list(tmp_path.glob("*.mqtt.json")), "positions")))
-    wait_until(lambda: json.loads(file.read_text())["reached"], "rows")
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    reached = json.loads(file.read_text())["reached"]
-
-    async def go_on() -> tuple[list[int], list[int]]:
-        cell = Cell(tmp_path)  # a later session, whose frames begin later
-        outlet = outlet_of(cell, broker.url, backfill="1 kHz")
-        async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
-            await eventually(lambda: outlet._outbox.serving, "connected")
-            outlet.offer(cell.frames(150))
-            await heard.until(LIVE, 150)
-            await eventually(lambda: not outlet._cursor.owed, "all is filled")
-            cell.close()
-            return ([json.loads(p)["time"] for p in heard.of(topic)] for topic in (PAST, LIVE))  # type: ignore[return-value]
-
-    past, live = asyncio.run(go_on())
-    assert past == sorted(set(past)) and all(reached < t < live[0] for t in past)
-    recorded = _rows(tmp_path)
-    assert past == [t for t in recorded if reached < t < live[0]]
-
-
-def _rows(folder: Path) -> list[int]:
-    """Times of all frames in a folder of recordings."""
-    from cellwatt.record import Recording
-
-    return [int(t) for frames in Recording.open(folder).frames() for t in frames.time]
-
-
-def _process(broker: Broker, format_: str, record: str = "") -> subprocess.Popen[bytes]:
-    arguments = ["-m", "tests.daemon.outlets.mqtt.cell_process", broker.url, format_, record]
-    return subprocess.Popen([sys.executable, *arguments], cwd=Path(__file__).parents[4])
+async def test_the_broker_tells_of_a_connection_that_broke(broker: Broker) -> None:
+    cell = Cell()
+    outlet = outlet_of(cell, broker.url)
+    async with ears(broker, f"{ROOT}/availability") as heard, serving(outlet, cell):
+        await heard.until(f"{ROOT}/availability")
+        cell.may_connect.clear()
+        assert outlet._session is not None
+        await outlet._session._link.abort()
+        await heard.until(f"{ROOT}/availability", 2)
+    assert [(m.payload, m.retain) for m in heard.heard] == [(b"online", True), (b"offline", True)]

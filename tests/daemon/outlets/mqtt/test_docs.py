@@ -11,7 +11,6 @@ import yaml
 
 from cellwatt import AlarmBook, Energy, Event, Interval, Task
 from cellwatt.config import load
-from cellwatt.outlets.mqtt.message import Labels
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.selection import Row
@@ -35,7 +34,7 @@ def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:
     for frame in ("row", "channels"):
         format_ = PlainFormat(MqttSettings(frame=frame), "SITE", "CELL", AlarmBook())
         row = Row(1, 2, {"CHANNEL": 1.0}, {"CHANNEL": 0})
-        told = [format_.connect(), *format_.birth(0), *format_.label(Labels({"CHANNEL": "W"}, {"CHANNEL": "x"}), 0)]
+        told = [format_.connect(), *format_.birth(0), *format_.label({"CHANNEL": "W"}, 0)]
         told += [*format_.row(row, False, 0), *format_.row(row, True, 0), *format_.predicted("MODEL", {}, row, 0)]
         task, energy = (
             Task("a", "t", "s", "v", 1.0, 1, 2, (), 1),
@@ -49,7 +48,7 @@ def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:
             kept[message.topic.removeprefix("cellwatt/SITE/CELL/")] = message.retain
     kept["alarm/SEVERITY/KIND/ID"] = kept.pop("alarm/error/joint_fault/faults.arm.1")
     kept.pop("backfill/frame/CHANNEL")
-    section = TEXT[TEXT.index("## Topics") : TEXT.index("## Into Home Assistant")]
+    section = TEXT[TEXT.index("## Topics") : TEXT.index("## Into Ignition")]
     rows = re.findall(r"^\| (`.*?) \| .* \| (.*?) \|$", section, re.MULTILINE)
     said = {
         topic: "yes" in keeps or "until" in keeps for names, keeps in rows for topic in re.findall(r"`(.*?)`", names)

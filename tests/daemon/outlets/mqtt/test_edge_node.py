@@ -14,7 +14,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from cellwatt import Alarm, AlarmBook, Energy, Event, Task
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
-from cellwatt.outlets.mqtt.message import Labels, Message, Order
+from cellwatt.outlets.mqtt.message import Message, Order
 from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
 from cellwatt.outlets.mqtt.settings import SparkplugSettings
 from cellwatt.outlets.selection import Row
@@ -25,8 +25,8 @@ MS = 10**6
 CHANNELS = {"arm.joint_1.position": "rad", "arm.supply.power": "W", "meter.energy": "J", "meter.count": "1"}
 
 
-def labels(names) -> Labels:
-    return Labels({n: CHANNELS[n] for n in names}, dict.fromkeys(names, "continuous"))
+def units(names) -> dict[str, str]:
+    return {n: CHANNELS[n] for n in names}
 
 
 def row(time, values) -> Row:
@@ -173,7 +173,7 @@ class Sessions(RuleBasedStateMachine):
     @precondition(lambda self: self.born)
     @rule(names=st.sets(st.sampled_from(list(CHANNELS)), min_size=1))
     def has_other_channels(self, names) -> None:
-        self.host.hear(self.node.label(labels(names), self.now))
+        self.host.hear(self.node.label(units(names), self.now))
 
     @precondition(lambda self: self.born)
     @rule(values=ROWS)
@@ -242,9 +242,9 @@ def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled
     node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
     host.connected(node.connect())
     host.hear(node.birth(T))
-    node.label(labels(CHANNELS), T)
+    node.label(units(CHANNELS), T)
     host.hear(node.row(row(1, {"arm.supply.power": 5.0, "arm.joint_1.position": 1.0}), False, T))
-    node.label(labels(["meter.count"]), T)
+    node.label(units(["meter.count"]), T)
     (data,) = node.row(row(0, {"arm.supply.power": None}), True, T)
     assert "/DDATA/" in data.topic, "it is the metric that was born"
     host.hear([data])

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any
-
-import pytest
 
 from cellwatt import Alarm, Event, Interval, Prediction, Task
 from tests.daemon.outlets.mqtt.broker import Broker, Heard, ears, needs_mosquitto
@@ -129,40 +126,6 @@ async def test_alarms_of_a_daemon_before_go_and_those_that_are_up_come(broker: B
         "cellwatt/plant-1/other/alarm/error/joint_fault/x",
         f"{ROOT}/alarm/warning/source_down/a%2Fb",
     ]
-
-
-async def test_home_assistant_is_told_of_every_channel(broker: Broker) -> None:
-    cell = Cell()
-    outlet = outlet_of(cell, broker.url, discovery="homeassistant", units={"energy": "kWh", "angle": "deg"})
-    async with ears(broker, "homeassistant/#") as heard, serving(outlet, cell):
-        outlet.offer(cell.frames(1))
-        (told,) = await heard.until("homeassistant/device/cellwatt_plant-1_weld-3/config")
-    assert heard.heard[0].retain
-    body: dict[str, Any] = json.loads(told)
-    assert body["availability_topic"] == f"{ROOT}/availability"
-    assert body["device"]["identifiers"] == ["cellwatt_plant-1_weld-3"] and body["origin"]["name"] == "cellwatt"
-    sensors = {c["name"]: c for c in body["components"].values()}
-    assert len({c["unique_id"] for c in sensors.values()}) == len(sensors) == 6
-    power, energy = sensors["arm.supply.power"], sensors["meter.energy"]
-    assert (power["device_class"], power["unit_of_measurement"], power["state_class"]) == ("power", "W", "measurement")
-    assert (energy["device_class"], energy["unit_of_measurement"]) == ("energy", "kWh")
-    assert energy["state_class"] == "total_increasing"
-    assert sensors["arm.joint_1.position"]["unit_of_measurement"] == "°"
-    assert "device_class" not in sensors["arm.joint_1.position"]
-    assert sensors["Problem"]["platform"] == "binary_sensor"
-
-
-def test_the_templates_for_home_assistant_give_the_values() -> None:
-    jinja = pytest.importorskip("jinja2")
-    from cellwatt.outlets.mqtt import plain as discovery
-    from cellwatt.outlets.mqtt.message import Labels
-
-    labels = Labels({"arm.it's": "W"}, {"arm.it's": "continuous"})
-    (sensor, *_) = discovery.device("cellwatt/a/b", "a", "b", labels, False)["components"].values()
-    template = jinja.Environment(autoescape=False).from_string(sensor["value_template"])
-    row = {"time": 1, "values": {"arm.it's": 2.5}}
-    assert template.render(value_json=row, this={"state": "old"}) == "2.5"
-    assert template.render(value_json={"values": {}}, this={"state": "old"}) == "old"
 
 
 async def test_queues_are_bounded_and_what_they_drop_is_counted(broker: Broker) -> None:

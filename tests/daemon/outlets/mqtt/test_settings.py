@@ -44,10 +44,8 @@ def test_a_broker_has_host_and_port(broker: str, host: str, port: int, encrypted
         ({"broker": "mqtts://h", "certificate": "c.pem"}, "certificate and key are needed together"),
         ({"ca": "ca.pem"}, "mqtts://"),
         ({"keep_alive": "0.5 s"}, "expected 1 s to 65535 s"),
-        ({"format": "sparkplug", "discovery": "homeassistant"}, "discovery is for format: json"),
         ({"sparkplug": {"group": "a/b"}}, "is no Sparkplug ID"),
         ({"qos": {"frame": 3}}, "less than or equal to 2"),
-        ({"discovery_prefix": "a/#"}, "pattern"),
         ({"unknown": 1}, "not permitted"),
     ],
 )

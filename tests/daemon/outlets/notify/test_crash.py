@@ -15,7 +15,7 @@ from tests.daemon.outlets.notify.servers import Web, web_server
 from tests.docs.pages import ROOT
 from tests.patience import eventually
 
-ALARMS, KILLS = 200, 4
+ALARMS, KILLS = 100, 2
 MODULE = "tests.daemon.outlets.notify.outlet_process"
 
 

@@ -13,8 +13,8 @@ from cellwatt.files import put_aside
 from cellwatt.outlets.notify import ledger as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.ledger import Ledger
+from cellwatt.outlets.notify.rules import Item, Message, Recipient
 from cellwatt.outlets.notify.texts import undelivered
-from cellwatt.outlets.notify.told import Item, Message, Told
 from tests.daemon.outlets.notify.cell import ABOUT, EPOCH, alarm
 
 ITEM = Item("raised", alarm(1))
@@ -41,7 +41,7 @@ async def test_what_is_read_is_what_was_known(tmp_path: Path) -> None:
     path = tmp_path / "notify.jsonl"
     made = await write(path)
     assert read(path).told == made.told
-    for change in (Told.arrived, lambda told: told.see(alarm(1), EPOCH + 1), lambda told: told.drop(alarm(2).id)):
+    for change in (Recipient.arrived, lambda told: told.see(alarm(1), EPOCH + 1), lambda told: told.drop(alarm(2).id)):
         change(made.of("shift"))
         await made.flush()
         assert read(path).told == made.told

@@ -49,16 +49,6 @@ async def test_starttls_login_and_the_mail_itself(tmp_path: Path, pki: Certifica
         assert made.trouble() is None
 
 
-async def test_tls_from_the_start(tmp_path: Path, pki: Certificates) -> None:
-    async with mail_server(tls=pki.context) as box:
-        made = outlet(View(tmp_path), to(box, ca=str(pki.ca), tls="tls"))
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: box.mails)
-            await eventually(lambda: made.account.counters["shift: sent"])
-        assert box.encrypted == [True]
-
-
 async def test_a_server_without_starttls_gets_nothing(tmp_path: Path) -> None:
     async with mail_server() as box:
         made = outlet(View(tmp_path), to(box))
@@ -97,19 +87,6 @@ async def test_a_wrong_password_is_tried_again_and_not_told(tmp_path: Path, pki:
         async with running(after):
             await eventually(lambda: box.mails)
             await eventually(lambda: after.account.counters["shift: sent"])
-
-
-async def test_greylisting(tmp_path: Path) -> None:
-    async with mail_server() as box:
-        box.rcpt = {"shift@plant.example": ["451 4.7.1 come back later"] * 2}
-        box.data = ["452 4.3.1 too busy"]
-        made = outlet(View(tmp_path), to(box, tls="none"))
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["shift: sent"])
-        assert len(box.mails) == 1
-        assert made.account.counters["shift: retried"] == 3
-        assert not (tmp_path / UNDELIVERED).exists()
 
 
 async def test_each_address_gets_it_once(tmp_path: Path) -> None:

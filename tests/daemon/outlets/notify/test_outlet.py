@@ -72,28 +72,6 @@ async def test_alarms_of_a_moment_go_as_one(tmp_path: Path) -> None:
         assert made.account.counters["desk: grouped"] == 3
 
 
-async def test_severities_kinds_and_the_end_by_recipient(tmp_path: Path) -> None:
-    async with web_server() as server:
-        to = {
-            "all": hook(server, "all"),
-            "grave": hook(server, "grave", severity="error", resolved=False),
-            "arms": hook(server, "arms", kinds=["joint_*"]),
-        }
-        made = outlet(View(tmp_path), to)
-        async with running(made):
-            for one in (
-                alarm(1, severity="info"),
-                alarm(2, kind="source_down"),
-                alarm(2, kind="source_down", active=False),
-            ):
-                made.offer(one)
-                await eventually(lambda: not made._inbox)
-                await eventually(lambda: not any(t.due or t.flight for t in made._ledger.told.values()))
-        assert told(server, "/all") == [("raised", 1), ("raised", 2), ("cleared", 2)]
-        assert told(server, "/grave") == [("raised", 2)]
-        assert told(server, "/arms") == [("raised", 1)]
-
-
 async def test_repeats_until_acknowledged_and_not_on_the_shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LOOK", 0.01)
     async with web_server() as server:
@@ -132,21 +110,6 @@ async def test_what_is_shelved_before_it_is_told(tmp_path: Path) -> None:
             made.offer(event("shelved", alarm(1).id))
             await eventually(lambda: server.calls)
         assert told(server) == [("raised", 2)]
-
-
-async def test_quiet_times_hold_back(tmp_path: Path) -> None:
-    async with web_server() as server:
-        made = outlet(View(tmp_path), {"desk": hook(server, quiet=[{}])})
-        async with running(made):
-            made.offer(alarm(1, severity="warning"))
-            made.offer(alarm(2))
-            await eventually(lambda: server.calls)
-        assert told(server) == [("raised", 2)]
-        assert made.account.counters["desk: held in quiet time"] == 1
-        loud = outlet(View(tmp_path), {"desk": hook(server)})
-        async with running(loud):
-            await eventually(lambda: loud.account.counters["desk: sent"])
-        assert "after the quiet time, 1 alarm active" in server.calls[-1].json["subject"]
 
 
 @pytest.mark.parametrize("record", [True, False])
@@ -230,30 +193,6 @@ async def test_an_attempt_that_does_not_end_is_sent_again_as_the_same(
         never.set()
         assert len(server.calls) == 2
         assert len({(call.headers["webhook-id"], call.body) for call in server.calls}) == 1
-
-
-async def test_a_daemon_that_began_anew_withdraws_what_it_does_not_see(tmp_path: Path) -> None:
-    async with web_server() as server:
-        made = outlet(View(tmp_path), {"desk": hook(server)})
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["desk: sent"])
-        after = outlet(View(tmp_path, session=1), {"desk": hook(server)})
-        async with running(after):
-            await eventually(lambda: ("cleared", 1) in told(server))
-        assert "Not seen again since the daemon began anew" in server.calls[-1].json["subject"]
-
-
-async def test_what_finds_no_room_is_counted(tmp_path: Path) -> None:
-    async with web_server() as server:
-        made = outlet(View(tmp_path), {"desk": hook(server, group=0.3)}, queue=10)
-        async with running(made):
-            for number in range(25):
-                made.offer(alarm(number))
-            await eventually(lambda: server.calls)
-        assert len(told(server)) == 10
-        assert server.calls[0].json["more"] == 15
-        assert made.account.counters["desk: without room"] == 15
 
 
 async def test_a_ledger_that_cannot_be_written_is_told_and_alarms_go_out(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import Alarm
-from cellwatt.outlets.notify.told import AGAIN, Item, Message, Rules, Told, message_of, ready, silence
+from cellwatt.outlets.notify.rules import AGAIN, Item, Message, Recipient, Rules, message_of, ready, silence
 from tests.daemon.outlets.notify.cell import EPOCH, SECOND, alarm
 
 NEXT = EPOCH + 3600 * SECOND
@@ -23,7 +22,7 @@ class Machine:
 
     def __init__(self, rules: Rules | None = None, **more: Any) -> None:
         self.rules = rules or Rules(**{"severity": "info", "group": 0.0, **more})
-        self.told = Told()
+        self.told = Recipient()
         self.line = json.dumps(self.told.kept())
         self.sent: list[Item] = []
         self.passing = 0
@@ -52,7 +51,7 @@ class Machine:
     def again(self, session: int = EPOCH) -> None:
         """Begin again from what is on disk."""
         self.keep()
-        self.told, self.session = Told.read(json.loads(self.line)), session
+        self.told, self.session = Recipient.read(json.loads(self.line)), session
 
     @property
     def said(self) -> list[tuple[str, int | None]]:
@@ -73,13 +72,6 @@ def test_what_becomes_graver_is_told_again_and_what_becomes_less_grave_is_not() 
         machine.take(alarm(1, severity=severity))
         machine.send()
     assert machine.said == [("raised", 1), ("graver", 1)]
-
-
-def test_the_newest_figures_are_told() -> None:
-    machine = Machine()
-    machine.take(alarm(1), alarm(1, statement="newer", time=EPOCH + 9))
-    machine.send()
-    assert [item.alarm.statement for item in machine.sent] == ["newer"]
 
 
 def test_a_clear_is_not_told_where_it_is_not_wanted_or_the_raise_was_not() -> None:
@@ -107,7 +99,6 @@ def test_a_quiet_time_holds_back_and_tells_what_is_still_active() -> None:
     sent = machine.send()
     assert sent is not None
     assert {(item.what, item.alarm.joint) for item in sent.items} == {("raised", 2), ("cleared", 9)}
-    assert all(item.held for item in sent.items)
 
 
 def test_what_is_shelved_while_it_waits_is_silent_until_the_shelf_ends() -> None:
@@ -128,19 +119,9 @@ def test_repeats_what_was_told_and_is_up() -> None:
     machine.take(alarm(1), alarm(2))
     machine.send()
     machine.take(alarm(2, active=False), alarm(3))
-    machine.rules.again(machine.told, [alarm(n).id for n in (1, 2, 3, 4)], EPOCH, 0)
+    machine.rules.again(machine.told, [alarm(n).id for n in (1, 2, 3, 4)], EPOCH)
     machine.send()
     assert machine.said[2:] == [("cleared", 2), ("raised", 3), ("repeated", 1)]
-
-
-def test_an_alarm_that_is_over_is_not_repeated_even_if_that_waits() -> None:
-    machine = Machine()
-    machine.take(alarm(1))
-    machine.send()
-    machine.rules.again(machine.told, [alarm(1).id], EPOCH, 0)
-    machine.take(alarm(1, active=False))
-    machine.send()
-    assert machine.said == [("raised", 1), ("cleared", 1)]
 
 
 def test_given_again_in_the_same_session_nothing_is_told_twice() -> None:
@@ -186,21 +167,6 @@ def test_without_room_the_least_grave_is_only_counted() -> None:
     machine.take(alarm(3, severity="info", time=EPOCH + 50))  # counted before, and not new
     machine.send()
     assert machine.said[3:] == [("cleared", 1)]
-
-
-def test_a_message_has_its_id_whatever_was_settled_of_it() -> None:
-    made = message_of("a", [Item("raised", alarm(1))], 0, EPOCH)
-    assert made.id == message_of("a", [Item("raised", alarm(1))], 0, EPOCH).id
-    others = [
-        message_of("b", [Item("raised", alarm(1))], 0, EPOCH),
-        message_of("a", [Item("cleared", alarm(1))], 0, EPOCH),
-        message_of("a", [Item("raised", alarm(2))], 0, EPOCH),
-        message_of("a", [Item("raised", alarm(1))], 0, EPOCH + 1),
-    ]
-    assert len({made.id, *(other.id for other in others)}) == 5
-    told = Told(flight=made)
-    told.settle(("a@b.example",))
-    assert told.flight == replace(made, settled=("a@b.example",))
 
 
 STEPS = st.one_of(
@@ -266,19 +232,3 @@ def test_in_the_end_everybody_knows_what_is_up_and_nothing_is_said_twice(steps: 
         said = [what for what, joint in machine.said if joint == number and what != "graver"]
         assert said == ["raised", "cleared"] * (len(said) // 2) + ["raised"] * (len(said) % 2)
         assert active == (len(said) % 2 == 1)
-
-
-@settings(max_examples=100)
-@given(st.lists(st.tuples(st.integers(1, 6), st.sampled_from(["info", "warning", "error"]))), st.integers(1, 4))
-def test_every_alarm_is_told_or_counted(raised: list[tuple[int, Any]], queue: int) -> None:
-    machine = Machine(queue=queue)
-    first: dict[int, str] = {}
-    for number, severity in raised:
-        if number not in first:
-            first[number] = severity
-            machine.take(alarm(number, severity=severity))
-    sent = machine.send()
-    if sent is not None:
-        assert len(sent.items) + sent.more == len(first)
-        gravest = sorted(("info", "warning", "error").index(s) for s in first.values())[-queue:]
-        assert sorted(("info", "warning", "error").index(i.alarm.severity) for i in sent.items) == gravest

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.outlets.notify import texts
+from cellwatt.outlets.notify.rules import Item, Message
 from cellwatt.outlets.notify.texts import About, body, evidence, payload, subject
-from cellwatt.outlets.notify.told import Item, Message
 from tests.daemon.outlets.notify.cell import ABOUT, CELL, EPOCH, SECOND, SITE, alarm
 
 BERLIN = About(SITE, CELL, "https://weld-3.plant.example:8480/", ZoneInfo("Europe/Berlin"))
@@ -63,11 +63,6 @@ def test_several_begin_with_the_gravest() -> None:
     assert lines[6] == "and 7 more"
     assert texts.severity(told) == "error"
     assert texts.severity(of(items[0])) is None
-
-
-def test_after_a_quiet_time() -> None:
-    held = [Item("raised", alarm(n, severity="warning"), held=True) for n in (1, 2)]
-    assert subject(ABOUT, of(*held)).startswith("[plant-1/weld-3] after the quiet time, 2 alarms active: warning: Jo")
 
 
 def test_a_long_list_is_cut_for_a_telephone_and_says_by_how_much() -> None:

@@ -86,24 +86,6 @@ async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
         assert len(server.calls) == 1
 
 
-async def test_a_server_that_gives_no_answer(tmp_path: Path) -> None:
-    over = asyncio.Event()
-
-    async def silent(_: web.BaseRequest) -> web.StreamResponse:
-        await over.wait()
-        return web.Response()
-
-    async with web_server() as server:
-        server.answers = [silent]
-        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": server.url}}}, timeout=0.2)
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["desk: retried"])
-            await eventually(lambda: made.account.counters["desk: sent"])
-        over.set()
-        assert len({call.headers["webhook-id"] for call in server.calls}) == 1
-
-
 @pytest.mark.parametrize("status", [400, 404, 410, 413, 422])
 async def test_refused_for_good(tmp_path: Path, status: int) -> None:
     async with web_server() as server:
@@ -151,22 +133,18 @@ async def test_ntfy(tmp_path: Path) -> None:
 
 async def test_home_assistant(tmp_path: Path) -> None:
     async with web_server() as server:
-        to = {
-            "app": {"home_assistant": {"url": server.url, "service": "mobile_app_shift", "token": "geheim-1"}},
-            "automation": {"home_assistant": {"url": f"{server.url}/", "webhook": "geheim-2"}},
-        }
-        made = outlet(View(tmp_path), to)
+        app = {"home_assistant": {"url": f"{server.url}/", "service": "mobile_app_shift", "token": "geheim-1"}}
+        made = outlet(View(tmp_path), {"app": app})
         async with running(made):
             made.offer(alarm(1))
-            await eventually(lambda: len(server.calls) == 2)
-            await eventually(lambda: made.account.counters.total() == 2)
-        calls = {call.path: call for call in server.calls}
-        app, automation = calls["/api/services/notify/mobile_app_shift"], calls["/api/webhook/geheim-2"]
-        assert app.headers["Authorization"] == "Bearer geheim-1"
-        assert app.json["title"].startswith("[plant-1/weld-3] error")
-        assert set(app.json) == {"title", "message", "data"}
-        assert automation.json["alarms"][0]["joint"] == 1
-        assert "Authorization" not in automation.headers
+            await eventually(lambda: made.account.counters["app: sent"])
+        (call,) = server.calls
+        assert (call.path, call.headers["Authorization"]) == (
+            "/api/services/notify/mobile_app_shift",
+            "Bearer geheim-1",
+        )
+        assert call.json["title"].startswith("[plant-1/weld-3] error")
+        assert set(call.json) == {"title", "message", "data"}
 
 
 async def test_https_by_an_authority_of_the_plant(tmp_path: Path) -> None:

@@ -384,15 +384,6 @@ def test_what_is_left_open_on_purpose_is_warned_of():
     assert "s3cret" not in repr(settings)
 
 
-async def test_a_port_in_use_is_told():
-    server = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    async with server:
-        with pytest.raises(OutletError, match="cannot listen"):
-            async with serving(listen=f"127.0.0.1:{port}"):
-                pass
-
-
 async def a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet: OpcUaOutlet) -> None:
     running = next(t for t in asyncio.all_tasks() if t.get_coro().__name__ == "run")
     for child in psutil.Process().children():

@@ -6,7 +6,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,11 @@ import numpy as np
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
 from cellwatt.outlets.page.access import Gate, proof_of
 from cellwatt.outlets.page.app import Assets, Page
+from cellwatt.outlets.page.archive import Archive, Desk
+from cellwatt.outlets.page.cells import Cell, OneCell, prefix
 from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.rooms import OneRoom, Room, prefix
 from cellwatt.outlets.page.sessions import Sessions, hash_of
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.results import Energy, Interval, Prediction, Task
@@ -113,40 +114,6 @@ class View(FakeView):
 
 
 @dataclass
-class FakeArchive:
-    """What a record of nothing tells."""
-
-    folder: Path | None = None
-    asked: list[Any] = field(default_factory=list)
-    files: dict[str, Path] = field(default_factory=dict)
-
-    async def curves(self, live: Any, channels: Any, start: float, end: float, points: int) -> dict[str, Any]:
-        self.asked.append((tuple(channels), start, end, points))
-        return {
-            "t": [],
-            "v": {},
-            "step_ms": 20.0,
-            "intervals": [],
-            "alarms": [],
-            "from_record": False,
-            "complete": True,
-        }
-
-    async def alarms(self, live: Any, start: float, end: float, limit: int) -> dict[str, Any]:
-        self.asked.append((start, end, limit))
-        return {"alarms": [{"id": "alarm-1", "evidence_page": "evidence/a b.html"}], "complete": True}
-
-    async def reports(self) -> dict[str, Any]:
-        return {"reports": [{"path": "a b/x.html", "kind": "explain", "href": "elsewhere"}], "broken": []}
-
-    async def report(self, path: str) -> Path | None:
-        return self.files.get(path)
-
-    async def mismatch(self) -> dict[str, Any]:
-        return {"finding": None}
-
-
-@dataclass
 class Served:
     """A page and what belongs to it."""
 
@@ -154,7 +121,6 @@ class Served:
     page: Page
     feed: Feed
     gate: Gate
-    archive: FakeArchive
     browsers: Browsers
     orders: list[Mapping[str, Any]]
 
@@ -193,7 +159,7 @@ async def served(
 ) -> AsyncIterator[Served]:
     """A page of one cell without a daemon."""
     made = PageSettings(**{"listen": "127.0.0.1:0", **settings})
-    browsers, archive, orders = Browsers(made.browsers), archive or FakeArchive(), []
+    browsers, desk, orders = Browsers(made.browsers), Desk(), []
     feed = Feed(SITE, CELL, Hub(browsers), f"{prefix(SITE, CELL)}/reports")
 
     async def order(what: Mapping[str, Any]) -> None:
@@ -202,13 +168,14 @@ async def served(
         orders.append(what)
 
     gate = Gate(made, Sessions(None, lambda name: proof_of(made, name)))
-    rooms = OneRoom(Room(feed, archive, order if acts else None))
-    page = Page(made, gate, rooms, await asyncio.to_thread(built, folder), browsers, drops)
+    cells = OneCell(Cell(feed, archive or Archive(None, CELL, made.reports, desk), order if acts else None))
+    page = Page(made, gate, cells, await asyncio.to_thread(built, folder), browsers, drops)
     url = (await page.start(context)).rstrip("/")
     try:
-        yield Served(url, page, feed, gate, archive, browsers, orders)
+        yield Served(url, page, feed, gate, browsers, orders)
     finally:
         await page.stop()
+        await asyncio.to_thread(desk.close)
 
 
 def client() -> aiohttp.ClientSession:

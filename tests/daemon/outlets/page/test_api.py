@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 from dataclasses import asdict
 from pathlib import Path
@@ -26,7 +25,6 @@ from tests.daemon.outlets.page.cell import (
     Served,
     Stream,
     alarm,
-    client,
     csrf,
     frames,
     interval,
@@ -38,12 +36,6 @@ from tests.daemon.outlets.page.cell import (
 @pytest.fixture
 async def page(tmp_path: Path) -> AsyncIterator[Served]:
     async with served(tmp_path) as found:
-        yield found
-
-
-@pytest.fixture
-async def browser() -> AsyncIterator[aiohttp.ClientSession]:
-    async with client() as found:
         yield found
 
 
@@ -76,16 +68,14 @@ async def test_the_site_says_what_is_here_and_who_asks(browser: aiohttp.ClientSe
     }
 
 
-@pytest.mark.parametrize(
-    "path", ["/", "/plant", "/login", f"/cell/{SITE}/{CELL}", f"/cell/{SITE}/{CELL}/alarms", "/recordings/2"]
-)
-async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession, page: Served, path: str) -> None:
-    async with browser.get(page.url + path) as response:
-        assert (response.status, response.content_type) == (200, "text/html")
-        assert await response.read() == STATIC["index.html"]
-        assert response.headers["Cache-Control"] == "no-cache"
-        tag = response.headers["ETag"]
-    async with browser.get(page.url + path, headers={"If-None-Match": tag}) as response:
+async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession, page: Served) -> None:
+    for path in ("/", "/login", f"/cell/{SITE}/{CELL}/alarms", "/recordings/2"):
+        async with browser.get(page.url + path) as response:
+            assert (response.status, response.content_type) == (200, "text/html")
+            assert await response.read() == STATIC["index.html"]
+            assert response.headers["Cache-Control"] == "no-cache"
+            tag = response.headers["ETag"]
+    async with browser.get(page.url, headers={"If-None-Match": tag}) as response:
         assert (response.status, await response.read()) == (304, b"")
 
 
@@ -100,25 +90,6 @@ async def test_built_files_are_packed_and_kept_for_ever(page: Served) -> None:
             assert await response.read() == STATIC["assets/main-1a2b.js"]
         async with browser.get(page.url + "/favicon.svg") as response:
             assert response.content_type == "image/svg+xml"
-
-
-async def test_the_state_before_anything_is_heard(browser: aiohttp.ClientSession, page: Served) -> None:
-    assert await get(browser, page, f"{API}/state") == {
-        "time": None,
-        "session": None,
-        "status": {},
-        "heard_age_s": None,
-        "channels": [],
-        "alarms": [],
-        "shelved": [],
-        "intervals": [],
-        "task": None,
-        "energies": {},
-        "predictions": [],
-        "arms": [],
-        "may_act": True,
-        "record": False,
-    }
 
 
 async def test_the_state_has_all_that_the_cell_told_in_ms(browser: aiohttp.ClientSession, page: Served) -> None:
@@ -215,14 +186,6 @@ async def test_a_stream_has_frames_and_all_events(browser: aiohttp.ClientSession
         assert await stream.until("gap") == {"text": "3 of frame were lost: too late"}
 
 
-async def test_a_stream_always_has_the_joints_of_the_arms(browser: aiohttp.ClientSession, page: Served) -> None:
-    page.feed.arms = [{"source": "arm", "joints": [{"channel": "arm.joint_1.position"}, {"channel": None}]}]
-    async with browser.get(f"{page.url}{API}/stream?rate=25") as response:
-        page.feed.take_frames(frames(0, 2))
-        got = await Stream(response).until("frames")
-        assert got["v"] == {"arm.joint_1.position": [0.0, 0.3333333]}
-
-
 async def test_other_channels_end_the_stream_so_that_the_browser_asks_anew(
     browser: aiohttp.ClientSession, page: Served
 ) -> None:
@@ -233,87 +196,30 @@ async def test_other_channels_end_the_stream_so_that_the_browser_asks_anew(
             await Stream(response).until("never")
 
 
-async def test_curves_alarms_and_reports_come_from_the_record(
-    browser: aiohttp.ClientSession, page: Served, tmp_path: Path
-) -> None:
-    asked = f"{API}/curves?channels=a,b,a&from={MS}&to={MS + 1000}&points=50"
-    assert (await get(browser, page, asked))["complete"] is True
-    (told,) = (await get(browser, page, f"{API}/alarms?from={MS}&to={MS + 1000}&limit=5"))["alarms"]
-    assert told == {"id": "alarm-1", "evidence_page": f"{API}/reports/evidence/a%20b.html"}
-    assert page.archive.asked == [(("a", "b"), MS, MS + 1000, 50), (MS, MS + 1000, 5)]
-    (report,) = (await get(browser, page, f"{API}/reports"))["reports"]
-    assert report["href"] == f"{API}/reports/a%20b/x.html"
-    page.archive.files["a b/x.html"] = tmp_path / "x.html"
-    await asyncio.to_thread((tmp_path / "x.html").write_text, "<!doctype html><script>1</script>")
-    async with browser.get(page.url + report["href"]) as response:
-        assert (response.status, response.content_type) == (200, "text/html")
-        assert response.headers["Content-Security-Policy"].startswith("sandbox allow-scripts; default-src 'none';")
-        assert await response.text() == "<!doctype html><script>1</script>"
-    assert await get(browser, page, f"{API}/reports/../secret", 404)
-    assert await get(browser, page, f"{API}/mismatch") == {"finding": None}
-
-
 async def test_one_cell_is_a_plant_of_one(browser: aiohttp.ClientSession, page: Served) -> None:
     page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], power_W=123.5))
     (cell,) = (await get(browser, page, "/api/plant"))["cells"]
-    assert 0 <= cell.pop("age_s") < 60
-    assert cell == {
-        "site": SITE,
-        "cell": CELL,
-        "state": "green",
-        "time": MS + 10_000,
-        "sources": 1,
-        "sources_ok": 1,
-        "received": 70,
-        "lost": 3,
-        "alarms": [
-            {
-                "id": "alarm-1",
-                "severity": "error",
-                "since": MS,
-                "statement": "Joint 1 needs more power than it should.",
-                "acknowledged": False,
-            }
-        ],
-        "shelved": 0,
-        "power_W": 123.5,
-        "energy_today_J": None,
-        "task": None,
-        "page": None,
-    }
+    told = [cell[name] for name in ("state", "time", "sources_ok", "received", "lost", "power_W", "page")]
+    assert told == ["green", MS + 10_000, 1, 70, 3, 123.5, None]
+    assert [(alarm["id"], alarm["acknowledged"]) for alarm in cell["alarms"]] == [("alarm-1", False)]
     await get(browser, page, "/api/plant/stream", 404)
 
 
-@pytest.mark.parametrize(
-    ("path", "code"),
-    [
-        ("/nothing", 404),
-        ("/api/cells/plant-1/weld-9/state", 404),
-        ("/api/cells/other/weld-3/state", 404),
-        ("/assets/../app.py", 404),
-        ("/assets/%2e%2e/app.py", 404),
-        ("/assets/..%2f..%2fapp.py", 404),
-        ("/assets/%2fetc%2fpasswd", 404),
-        (f"{API}/stream?rate=fast", 400),
-        (f"{API}/stream?rate=nan", 400),
-        (f"{API}/curves?from=5&to=1", 400),
-        (f"{API}/curves?from=1e400", 400),
-        (f"{API}/curves?channels={','.join(map(str, range(101)))}", 400),
-        (f"{API}/alarms?limit=x", 400),
-        ("/api/login", 405),
-    ],
-)
-async def test_what_cannot_be_answered_is_one_line(
-    browser: aiohttp.ClientSession, page: Served, path: str, code: int
-) -> None:
+async def test_what_cannot_be_answered_is_one_line(browser: aiohttp.ClientSession, page: Served) -> None:
     from yarl import URL
 
-    async with browser.get(URL(page.url + path, encoded=True)) as response:
-        assert response.status == code
-        told = await response.json()
-        assert list(told) == ["error"]
-        assert told["error"]
-        assert "\n" not in told["error"]
+    missing = ("/nothing", "/api/cells/plant-1/weld-9/state", "/assets/../app.py", "/assets/..%2f..%2fapp.py")
+    wrong = (
+        f"{API}/stream?rate=nan",
+        f"{API}/curves?from=5&to=1",
+        f"{API}/curves?from=1e400",
+        f"{API}/curves?channels={','.join(map(str, range(101)))}",
+    )
+    for path, code in {**dict.fromkeys(missing, 404), **dict.fromkeys(wrong, 400), "/api/login": 405}.items():
+        async with browser.get(URL(page.url + path, encoded=True)) as response:
+            assert response.status == code, path
+            told = await response.json()
+            assert list(told) == ["error"] and told["error"] and "\n" not in told["error"]
 
 
 async def test_what_people_say_reaches_the_daemon(browser: aiohttp.ClientSession, page: Served) -> None:
@@ -329,30 +235,24 @@ async def test_what_people_say_reaches_the_daemon(browser: aiohttp.ClientSession
     assert third == {"what": "unshelve", "alarm": "alarm-2", "name": "Ada", "note": ""}
 
 
-@pytest.mark.parametrize(
-    ("what", "body", "code", "error"),
-    [
-        ("acknowledge", {"id": "alarm-9", "name": "Ada", "note": ""}, 409, "alarm 'alarm-9' is not active"),
-        ("unshelve", {"id": "alarm-1", "name": "Ada"}, 409, "alarm 'alarm-1' is not on the shelf"),
-        ("acknowledge", {"id": "alarm-13", "name": "Ada", "note": ""}, 409, "no alarm 'alarm-13' is active: it may"),
-        ("acknowledge", {"id": "alarm-1", "note": ""}, 400, "name: expected a text"),
-        ("acknowledge", {"id": "alarm-1", "name": " \x00", "note": ""}, 400, "name: expected a text that is not empty"),
-        ("acknowledge", {"id": 5, "name": "Ada"}, 400, "id: expected a text"),
-        ("acknowledge", {"id": "alarm-1", "name": "Ada", "note": "x" * 1001}, 400, "note: expected a text of at most"),
-        ("shelve", {"id": "alarm-1", "name": "Ada"}, 400, "minutes: expected a number"),
-        ("shelve", {"id": "alarm-1", "name": "Ada", "minutes": True}, 400, "minutes: expected a number"),
-        ("shelve", {"id": "alarm-1", "name": "Ada", "minutes": 1e9}, 400, "minutes: expected a number"),
-        ("acknowledge", [1], 400, "expected a JSON object"),
-        ("acknowledge", {"id": "x" * 20000}, 413, ""),
-    ],
-)
-async def test_what_people_say_wrongly_does_nothing(
-    browser: aiohttp.ClientSession, page: Served, what: str, body: Any, code: int, error: str
-) -> None:
+async def test_what_people_say_wrongly_does_nothing(browser: aiohttp.ClientSession, page: Served) -> None:
     page.feed.take_item("alarm", asdict(alarm(1)))
     page.feed.take_item("alarm", asdict(alarm(13)))
-    told = await post(browser, page, f"{API}/{what}", body, code)
-    assert error in told["error"]
+    one, ada = {"id": "alarm-1"}, {"name": "Ada", "note": ""}
+    for what, body, code, error in (
+        ("acknowledge", {"id": "alarm-9", **ada}, 409, "alarm 'alarm-9' is not active"),
+        ("unshelve", {**one, **ada}, 409, "alarm 'alarm-1' is not on the shelf"),
+        ("acknowledge", {"id": "alarm-13", **ada}, 409, "no alarm 'alarm-13' is active: it may"),
+        ("acknowledge", {**one, "name": " \x00"}, 400, "name: expected a text that is not empty"),
+        ("acknowledge", {**ada, "id": 5}, 400, "id: expected a text"),
+        ("acknowledge", {**one, **ada, "note": "x" * 1001}, 400, "note: expected a text of at most"),
+        ("shelve", {**one, **ada}, 400, "minutes: expected a number"),
+        ("shelve", {**one, **ada, "minutes": True}, 400, "minutes: expected a number"),
+        ("shelve", {**one, **ada, "minutes": 1e9}, 400, "minutes: expected a number"),
+        ("acknowledge", [1], 400, "expected a JSON object"),
+        ("acknowledge", {"id": "x" * 20000}, 413, ""),
+    ):
+        assert error in (await post(browser, page, f"{API}/{what}", body, code))["error"]
     assert page.orders == []
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -183,34 +182,21 @@ async def _may_drop(session: aiohttp.ClientSession, page: Served) -> bool:
 
 
 def test_what_files_are(tmp_path: Path) -> None:
-    files = {
-        "runs/real_1.csv": b"t\n",
-        "runs/sim_1.csv": b"t\n",
-        "bag/metadata.yaml": b"rosbag2_bagfile_information:\n",
-        "bag/bag_0.mcap": b"",
-        "set/meta/info.json": json.dumps({}).encode(),
-        "set/data/part.parquet": b"",
-        "arm.xml": b"<?xml version='1.0'?>\n<mujoco model='a'>",
-        "part.xml": b"<mujocoinclude>",
-        "arm.urdf": b"<robot>",
-        "robot.yaml": b"",
-        "mesh.stl": b"",
-        "weld_3.mcap.zst": b"",
-    }
-    for path, content in files.items():
+    simulated, beside = {"arm.urdf": b"<robot>", "arm.xml": b"<mujoco model='a'>"}, {"robot.yaml": b"", "mesh.stl": b""}
+    recorded = {"runs/real_1.csv": b"t\n", "runs/sim_1.csv": b"t\n", "weld_3.mcap.zst": b""}
+    bag = {"bag/metadata.yaml": b"rosbag2_bagfile_information:\n", "bag/bag_0.mcap": b""}
+    lerobot = {"set/meta/info.json": b"{}", "set/data/part.parquet": b""}
+    for path, content in {**simulated, **beside, **recorded, **bag, **lerobot, "part.xml": b"<mujocoinclude>"}.items():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_bytes(content)
-    assert {str(path.relative_to(tmp_path)): kind_of(path) for path in items(tmp_path)} == {
-        "arm.urdf": "simulation",
-        "arm.xml": "simulation",
-        "bag": "recording",
-        "mesh.stl": "other",
-        "part.xml": "other",
-        "robot.yaml": "robot",
-        "runs/real_1.csv": "recording",
-        "runs/sim_1.csv": "simulation",
-        "set": "recording",
-        "weld_3.mcap.zst": "recording",
+    found: dict[str, list[str]] = {}
+    for path in items(tmp_path):
+        found.setdefault(kind_of(path), []).append(str(path.relative_to(tmp_path)))
+    assert found == {
+        "simulation": ["arm.urdf", "arm.xml", "runs/sim_1.csv"],
+        "recording": ["bag", "runs/real_1.csv", "set", "weld_3.mcap.zst"],
+        "other": ["mesh.stl", "part.xml"],
+        "robot": ["robot.yaml"],
     }
 
 

@@ -13,18 +13,15 @@ import pytest
 from cellwatt.alarms import LOST
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page import archive, shapes
+from cellwatt.outlets.page.cells import page_of, plant_cell
 from cellwatt.outlets.page.feed import Feed
-from cellwatt.outlets.page.levels import Curves
-from cellwatt.outlets.page.rooms import page_of, plant_cell
+from cellwatt.outlets.page.levels.curves import Curves
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.outlets.page.cell import (
     CELL,
-    ENERGY,
     EPOCH,
-    LAYOUT,
     MS,
     PREDICTION,
     SITE,
@@ -69,16 +66,6 @@ def feed(hub: Heard) -> Feed:
 
 def up(number: int, acknowledged: Any = None) -> dict[str, Any]:
     return {**asdict(alarm(number)), "acknowledged": acknowledged}
-
-
-def test_an_alarm_that_only_health_tells_of_is_up(feed: Feed, hub: Heard) -> None:
-    feed.take_health(status())
-    feed.take_health(status([up(1)]))
-    ((kind, told),) = hub.take()
-    assert (kind, told["id"], told["active"]) == ("alarm", "alarm-1", True)
-    assert feed.is_up("alarm-1")
-    feed.take_health(status([up(1)]))
-    assert hub.take() == []
 
 
 def test_an_alarm_that_health_does_not_know_is_over(feed: Feed, hub: Heard) -> None:
@@ -193,7 +180,7 @@ def test_intervals_and_alarms_are_told_once() -> None:
     live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000)))
     live.add("alarm", asdict(alarm(2)))
     recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS + 1, "cleared": None}
-    told = {"intervals": [shapes.interval(asdict(interval(1)))], "alarms": [recorded]}
+    told = {"intervals": [shapes.span("interval", asdict(interval(1)))], "alarms": [recorded]}
     got = archive.marks(told, live, MS, MS + 2000)
     assert len(got["intervals"]) == 1
     assert {(a["id"], a["cleared"]) for a in got["alarms"]} == {("alarm-1", MS + 500), ("alarm-2", None)}
@@ -229,29 +216,6 @@ def test_continuous_values_are_rounded_and_no_others() -> None:
     assert told["v"] == {"arm.joint_1.position": [0.3333333], "arm.mode": [4000000001.0]}
 
 
-async def test_the_wire_gives_back_what_it_was_given() -> None:
-    import asyncio
-
-    reader = asyncio.StreamReader()
-    sent = frames(7, 11)
-    reader.feed_data(wire.layout(LAYOUT) + wire.frames(sent) + wire.item(ENERGY))
-    reader.feed_eof()
-    kind, body = await wire.receive(reader) or (None, b"")
-    assert kind is Kind.LAYOUT
-    columns = wire.read_layout(body)
-    assert columns == LAYOUT
-    _, body = await wire.receive(reader) or (None, b"")
-    got = wire.read_frames(body, columns)
-    assert got.sequence == 7
-    assert np.array_equal(got.time, sent.time)
-    assert np.array_equal(got.values, sent.values, equal_nan=True)
-    assert np.array_equal(got.quality, sent.quality)
-    kind, body = await wire.receive(reader) or (None, b"")
-    assert kind is Kind.ITEM
-    assert b'"kind":"energy"' in body
-    assert await wire.receive(reader) is None
-
-
 @pytest.mark.parametrize("data", [b"\x63\x00\x00\x00\x01x", b"\x03\xff\xff\xff\xff"])
 async def test_nonsense_on_the_wire_is_an_error(data: bytes) -> None:
     import asyncio
@@ -262,14 +226,6 @@ async def test_nonsense_on_the_wire_is_an_error(data: bytes) -> None:
     reader.feed_data(data)
     with pytest.raises(ProtocolError):
         await wire.receive(reader)
-
-
-@pytest.mark.parametrize("body", [b"", b"x" * 11, wire.frames(frames(0, 2))[5:-1], b"\x00" * 8 + b"\xff" * 4])
-def test_frames_of_another_size_are_an_error(body: bytes) -> None:
-    from cellwatt import ProtocolError
-
-    with pytest.raises(ProtocolError):
-        wire.read_frames(body, LAYOUT)
 
 
 def test_only_addresses_of_the_web_are_followed() -> None:

@@ -16,10 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.levels import Curves, curves, level_file, store, telling
-from cellwatt.outlets.page.levels.buckets import STEPS, Grid, chosen, of_samples
-from cellwatt.outlets.page.levels.curves import Keeper
+from cellwatt.outlets.page.levels import curves, episodes, level_file, store
+from cellwatt.outlets.page.levels.buckets import STEPS, chosen
+from cellwatt.outlets.page.levels.curves import Curves
 from cellwatt.outlets.page.levels.following import gather
 from cellwatt.record import Recorder, RecordSettings, recover
 from cellwatt.record.header import FileName
@@ -67,10 +66,6 @@ def in_chunks(time: np.ndarray, values: np.ndarray, size: int, **more) -> list:
     return [[frames(time[i : i + size], values[i : i + size], **more)] for i in range(0, len(time), size)]
 
 
-def bytes_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
 # extremes -------------------------------------------------------------------------------------------
 
 GAPS = st.lists(st.integers(1, 400), min_size=1, max_size=5)
@@ -110,11 +105,10 @@ def test_every_step_has_the_true_extremes(seed, gaps, spikes, chunk, files, begi
     if "max" in given_:
         low, high = extremes(time, values, found["t"], found["step_ms"])
         assert same(given_["min"], low) and same(given_["max"], high)
-        assert found["t"][0] <= start and found["t"][-1] + found["step_ms"] >= end
+        assert found["t"][0] <= start and found["t"][-1] + found["step_ms"] >= min(end, time[-1] / MS)
     else:
-        inside = (time / MS >= start) & (time / MS < end)
         shown = {round(t * MS): v for t, v in zip(found["t"], given_["min"], strict=True) if v is not None}
-        kept = inside & np.isfinite(values)
+        kept = (time / MS >= found["t"][0]) & (time / MS < end) & np.isfinite(values)
         assert dict(zip(time[kept].tolist(), values[kept].tolist(), strict=True)) == pytest.approx(shown)
     assert found["t"] == sorted(set(found["t"]))
     assert json.loads(json.dumps(found, allow_nan=False)) == found
@@ -130,24 +124,6 @@ def test_levels_read_are_few_for_each_point(start, length, points):
         assert grid.count * grid.step / STEPS[level] <= 31 * max(points, 4) or level == len(STEPS) - 1
     if level:
         assert grid.step >= 3 * STEPS[level]
-
-
-@given(st.lists(st.tuples(st.integers(0, 10**11), st.floats(-1e6, 1e6)), max_size=200))
-def test_samples_may_come_in_any_order(samples):
-    time = np.array([t for t, _ in samples], np.int64)
-    values = np.array([v for _, v in samples]).reshape(-1, 1)
-    found = of_samples(time, values, S)
-    true: dict[int, list[float]] = {}
-    for t, v in samples:
-        true.setdefault(t // S, []).append(v)
-    assert found.index.tolist() == sorted(true)
-    assert found.low[0].tolist() == [float(np.float32(min(true[i]))) for i in sorted(true)]
-    assert found.high[0].tolist() == [float(np.float32(max(true[i]))) for i in sorted(true)]
-
-
-def test_a_grid_has_whole_steps():
-    assert Grid.over(19, 41, 10) == Grid(10, 1, 4)
-    assert Grid.over(20, 40, 10) == Grid(10, 2, 2)
 
 
 # spans ----------------------------------------------------------------------------------------------
@@ -169,22 +145,11 @@ def test_gaps_stay_gaps(tmp_path):
     recording(tmp_path, in_chunks(time, np.ones(200), 10))
     reader = Curves(tmp_path, CELL)
     short = reader.curves(["arm.power"], START, START + 6000, 1000)
-    assert len(short["t"]) == 201
-    assert short["v"]["arm.power"]["min"] == [1.0] * 100 + [None] + [1.0] * 100
-    assert short["t"][100] == START + 2000
+    assert short["v"]["arm.power"] == {"min": [1.0] * 100 + [None] * 100 + [1.0] * 100}
+    assert short["t"] == [START + 20 * n for n in range(300)]
     long = reader.curves(["arm.power"], START, START + 6000, 30)
     assert long["step_ms"] == 200.0
     assert long["v"]["arm.power"]["max"] == [1.0] * 10 + [None] * 10 + [1.0] * 10
-
-
-def test_channels_that_were_not_recorded_are_empty(tmp_path):
-    hours(tmp_path, 1)
-    for span in (30_000, 3_600_000):
-        found = Curves(tmp_path, CELL).curves(["gone.power", "arm.power"], START, START + span, 100)
-        assert set(found["v"]["gone.power"]["min"]) == {None}
-        assert any(v is not None for v in found["v"]["arm.power"]["min"])
-    nothing = Curves(tmp_path / "nowhere", CELL).curves(["arm.power"], START, START + 1000, 100)
-    assert nothing["complete"] and set(nothing["v"]["arm.power"]["min"]) <= {None}
 
 
 def test_channels_may_change_from_file_to_file(tmp_path):
@@ -196,6 +161,8 @@ def test_channels_may_change_from_file_to_file(tmp_path):
     assert found["step_ms"] == 10_000.0
     assert found["v"]["arm.power"]["max"][:11] == [*range(9, 100, 10), 27.0]
     assert found["v"]["mains.power"]["min"] == [None] * 10 + [*range(0, 200, 20)]
+    nothing = Curves(tmp_path / "nowhere", CELL).curves(["arm.power"], START, START + 1000, 100)
+    assert nothing["complete"] and set(nothing["v"]["arm.power"]["min"]) == {None}
 
 
 def test_predictions_are_channels(tmp_path):
@@ -213,12 +180,6 @@ def test_predictions_are_channels(tmp_path):
     assert same(long["v"][name]["min"], low) and same(long["v"][name]["max"], high)
 
 
-@pytest.mark.parametrize(("start", "end"), [(10, 10), (20, 10), (math.nan, 10), (0, math.inf), (-5, 10), (0, 1e300)])
-def test_a_span_that_is_none_is_refused(tmp_path, start, end):
-    with pytest.raises(CellwattError, match="it must end after it begins"):
-        Curves(tmp_path, CELL).curves([], start, end, 100)
-
-
 def test_cells_that_share_a_folder_do_not_mix(tmp_path):
     time = SESSION + np.arange(100) * S
     recording(tmp_path, [[frames(time, np.ones(100), rate=1.0)]])
@@ -227,47 +188,11 @@ def test_cells_that_share_a_folder_do_not_mix(tmp_path):
         reader = Curves(tmp_path, cell)
         found = reader.curves(["arm.power"], START, START + 100_000, 10)
         assert set(found["v"]["arm.power"]["max"]) == {value}
-        reader.store.tidy()
+        reader.store.look(int)
     assert len(list((tmp_path / "levels").iterdir())) == 2
 
 
 # open recordings ------------------------------------------------------------------------------------
-
-
-def test_an_open_recording_is_read_as_it_grows(tmp_path):
-    time = SESSION + np.arange(1000) * STEP
-    written, reader = Written(tmp_path), Curves(tmp_path, CELL)
-    for count in (1, 200, 999, 1000):
-        done = reader_count(reader)
-        for i in range(done, count):
-            written.chunk(frames(time[i : i + 1], [float(i)]))
-        for points, step in ((2000, 20.0), (50, 400.0)):
-            found = reader.curves(["arm.power"], START, START + 20_000, points)
-            assert found["step_ms"] == (step if count > 1 or points == 50 else 20.0)
-            assert max(v for v in found["v"]["arm.power"]["min" if step == 20 else "max"] if v is not None) == count - 1
-    written.close()
-    assert reader.curves(["arm.power"], START, START + 20_000, 50)["v"] == found["v"]
-
-
-def reader_count(reader: Curves) -> int:
-    """Frames of the open recording that were read so far."""
-    growing = list(reader.store._growing.values())
-    finest = growing[0].gathered.finest() if growing else {}
-    return round(float(np.nanmax(next(iter(finest.values())).high))) + 1 if finest else 0
-
-
-def test_a_torn_recording_is_read_as_far_as_it_goes(tmp_path):
-    time = SESSION + np.arange(100) * STEP
-    written = Written(tmp_path)
-    for i in range(0, 100, 10):
-        written.chunk(frames(time[i : i + 10], np.arange(i, i + 10)))
-    part = written.crash()
-    os.truncate(part, part.stat().st_size - 30)
-    found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 2000, 200)
-    assert found["v"]["arm.power"]["min"] == [*range(100)]  # the index of the last chunk alone is torn
-    os.truncate(part, part.stat().st_size - 200)
-    found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 2000, 200)
-    assert found["v"]["arm.power"]["min"] == [*range(90)]
 
 
 def test_a_recording_that_was_followed_and_repaired_is_whole(tmp_path):
@@ -279,11 +204,10 @@ def test_a_recording_that_was_followed_and_repaired_is_whole(tmp_path):
     part = written.crash()
     os.truncate(part, part.stat().st_size - 400)
     torn = reader.curves(*span)
-    assert max(v for v in torn["v"]["arm.power"]["max"] if v is not None) == 899
     repaired = recover(part)
     assert repaired is not None and repaired.result is not None
     low, high = extremes(time, np.arange(1000), torn["t"], 400.0)  # the index of the last chunk alone was torn
-    Keeper(reader.store).look()
+    reader.store.look(int)
     assert level_file.path_of(repaired.result).exists()
     for each in (reader, Curves(tmp_path, CELL)):
         assert each.curves(*span)["v"] == {"arm.power": {"min": low, "max": high}}
@@ -309,7 +233,7 @@ def test_a_damaged_chunk_leaves_a_gap(tmp_path):
 
 def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path, monkeypatch):
     """The product's own recorder, in files of some 200 frames, of which retention keeps the last few."""
-    monkeypatch.setattr("cellwatt.outlets.page.levels.curves.PERIOD", 0.02)
+    monkeypatch.setattr("cellwatt.outlets.page.levels.store.PERIOD", 0.02)
     random = np.random.default_rng(7)
     count = 4000
     time = SESSION + np.arange(count) * STEP
@@ -318,7 +242,7 @@ def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path,
     settings_ = RecordSettings(folder=tmp_path, keep="200 kB", file_size="40 kB", flush="10 ms")
     recorder, reader = Recorder(settings_, HEADER), Curves(tmp_path, CELL)
     recorder.start()
-    reader.start()
+    reader.keeper.start()
     try:
         for i in range(0, count, 50):
             assert recorder.put(frames(time[i : i + 50], values[i : i + 50], names))
@@ -334,12 +258,11 @@ def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path,
             assert all(kept[first:])
             assert same(given_["min"][first:], low[first:])
             assert same(given_.get("max", given_["min"])[first:], high[first:])
-        wait_until(lambda: reader.stats()["made"] and reader.stats()["removed"])
     finally:
         asyncio.run(recorder.close())
         wait_until(lambda: levels_of(tmp_path) == {p.stem for p in tmp_path.glob("*.mcap")})
-        reader.close()
-    assert reader.stats()["damaged"] == 0
+        reader.keeper.close()
+    assert reader.store.counts["damaged"] == 0
     first_file = FileName.parse(min(tmp_path.glob("*.mcap")).name)
     assert first_file is not None and first_file.number > 1, "retention removed some"
 
@@ -349,42 +272,6 @@ def levels_of(folder: Path) -> set[str]:
 
 
 # level files ----------------------------------------------------------------------------------------
-
-
-def test_levels_are_read_in_place_of_recordings(tmp_path, monkeypatch):
-    hours(tmp_path)
-    before = bytes_of(tmp_path)
-    first = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 3 * 3_600_000, 500)
-    assert bytes_of(tmp_path) == before, "recordings are only read"
-
-    def no_reading(*_):
-        raise AssertionError("read again")
-
-    monkeypatch.setattr(store, "gather", no_reading)
-    assert Curves(tmp_path, CELL).curves(["arm.power"], START, START + 3 * 3_600_000, 500) == first
-
-
-def damaged_files(folder: Path) -> list[Path]:
-    """The level files of a folder, each damaged in another way."""
-    paths = sorted((folder / "levels").iterdir())
-    body = bytearray(paths[0].read_bytes())
-    body[len(body) // 2] ^= 0xFF
-    paths[0].write_bytes(body)
-    os.truncate(paths[1], 40)
-    paths[2].write_bytes(b"")
-    return paths
-
-
-def test_damaged_level_files_are_made_anew(tmp_path, caplog):
-    hours(tmp_path)
-    names, span = ["arm.power"], (START, START + 3 * 3_600_000, 2000)
-    true = Curves(tmp_path, CELL).curves(names, *span)
-    paths = damaged_files(tmp_path)
-    reader = Curves(tmp_path, CELL)
-    reader.curves(names, *span)
-    assert reader.curves(names, *span) == true
-    assert reader.stats()["damaged"] == len(paths)
-    assert "it is made anew" in caplog.text
 
 
 @settings(max_examples=80, deadline=None)
@@ -424,11 +311,9 @@ def test_levels_go_with_their_recording(tmp_path):
     reader = Curves(tmp_path, CELL)
     span = (["arm.power"], START, START + 3 * 3_600_000, 100)
     reader.curves(*span)
-    foreign = tmp_path / "levels" / "notes.txt"
-    foreign.write_text("mine")
-    oldest = min(tmp_path.glob("*.mcap"))
-    oldest.unlink()
-    reader.store.tidy()
+    (tmp_path / "levels" / "notes.txt").write_text("mine")
+    min(tmp_path.glob("*.mcap")).unlink()
+    reader.store.look(int)
     left = {path.name for path in (tmp_path / "levels").iterdir()}
     assert left == {"notes.txt", *(p.stem + ".levels" for p in tmp_path.glob("*.mcap"))} and len(left) == 3
     assert reader.curves(*span)["v"]["arm.power"]["max"][0] is None
@@ -439,80 +324,41 @@ def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
     span = (["arm.power"], START, START + 3 * 3_600_000, 100)
     true = Curves(tmp_path, CELL).curves(*span)
     files = sorted((tmp_path / "levels").iterdir())
-    most = sum(file.stat().st_size for file in files[1:])
     read = []
     monkeypatch.setattr(store, "gather", lambda path, *more: read.append(path.stem) or gather(path, *more))
-    reader = Curves(tmp_path, CELL, most)
+    reader = Curves(tmp_path, CELL, sum(file.stat().st_size for file in files[1:]))
     for _ in range(2):
-        Keeper(reader.store).look()
+        reader.store.look(int)
     assert sorted((tmp_path / "levels").iterdir()) == files[1:]
-    assert reader.stats()["over budget"] == 1 and read == []
-    assert reader.curves(*span) == true and read == [files[0].stem]
-    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
-    again = Curves(tmp_path, CELL, most)
-    for _ in range(2):
-        Keeper(again.store).look()
-    assert read == [files[0].stem] * 2, "made once to see that it is too much, not at each look"
-    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
+    assert reader.store.counts["over budget"] == 1 and read == [], "it is not made anew at each look"
+    assert reader.curves(*span) == true and set(read) == {files[0].stem}
+    time = SESSION + 3 * 3600 * S + np.arange(3600) * S
+    newest = recording(tmp_path, [[frames(time, np.arange(3600.0), rate=1.0)]], number=4)
+    reader.store.look(int)
+    assert sorted((tmp_path / "levels").iterdir()) == [files[2], level_file.path_of(newest)]
 
 
-def test_a_new_recording_takes_the_place_of_the_oldest(tmp_path):
-    hours(tmp_path, 2)
-    Curves(tmp_path, CELL).curves(["arm.power"], START, START + 2 * 3_600_000, 100)
-    oldest, newer = sorted((tmp_path / "levels").iterdir())
-    reader = Curves(tmp_path, CELL, oldest.stat().st_size + newer.stat().st_size)
-    Keeper(reader.store).look()
-    time = SESSION + 2 * 3600 * S + np.arange(3600) * S
-    recording(tmp_path, [[frames(time, np.arange(3600.0), rate=1.0)]], number=3)
-    Keeper(reader.store).look()
-    left = {path.name for path in (tmp_path / "levels").iterdir()}
-    assert oldest.name not in left and left == {newer.name, level_file.path_of(max(tmp_path.glob("*.mcap"))).name}
-
-
-def test_a_level_file_is_a_small_part_of_the_memory_its_frames_take(tmp_path):
-    names = tuple(f"arm.c{i}" for i in range(60))
-    time = SESSION + np.arange(3000) * STEP
-    values = np.random.default_rng(2).standard_normal((3000, 60))
-    path = recording(tmp_path, in_chunks(time, values, 100, names=names))
-    Curves(tmp_path, CELL).curves(["arm.c1"], START, START + 60_000, 10)
-    assert level_file.path_of(path).stat().st_size < 0.2 * path.stat().st_size
-
-
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
-def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch, number):
+@pytest.mark.parametrize("full", [True, False])
+def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch, caplog, full):
     hours(tmp_path)
     span = (["arm.power"], START, START + 3 * 3_600_000, 100)
 
     def refuse(*_):
-        raise OSError(number, os.strerror(number))
+        raise OSError(errno.EROFS, "Read-only file system")
 
     with monkeypatch.context() as patch:
-        patch.setattr(level_file, "write", refuse)
+        if full:
+            patch.setattr(store, "RESERVE", 1e18)
+        else:
+            patch.setattr(level_file, "write", refuse)
         reader = Curves(tmp_path, CELL)
         refused = reader.curves(*span)
-        assert reader.curves(*span) == refused
-        stats = reader.stats()
-    assert stats["unwritten"] == 3 and os.strerror(number) in stats["problem"]
+        assert refused["complete"] and reader.store.counts["unwritten"] == 3
+        reader.store.look(int)
+        assert reader.store.counts["unwritten"] == 3, "not tried again at each look"
+    assert ("no room for level files" if full else "Read-only file system") in caplog.text
     assert not (tmp_path / "levels").exists()
     assert Curves(tmp_path, CELL).curves(*span) == refused
-
-
-def test_the_last_of_the_disk_belongs_to_the_record(tmp_path, monkeypatch):
-    hours(tmp_path)
-    monkeypatch.setattr(store, "RESERVE", 1e18)
-    reader = Curves(tmp_path, CELL)
-    assert reader.curves(["arm.power"], START, START + 3 * 3_600_000, 100)["complete"]
-    assert reader.stats()["unwritten"] == 3 and "no room" in reader.stats()["problem"]
-    assert not (tmp_path / "levels").exists()
-
-
-def test_without_room_memory_stays_bounded(tmp_path, monkeypatch):
-    hours(tmp_path)
-    monkeypatch.setattr(store, "RESERVE", 1e18)
-    monkeypatch.setattr(store, "HELD", 1.0)
-    reader = Curves(tmp_path, CELL)
-    reader.curves(["arm.power"], START, START + 3 * 3_600_000, 100)
-    assert len(reader.store._held) == 1
 
 
 def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
@@ -531,7 +377,7 @@ def test_a_recording_that_holds_nothing_is_told_and_not_read_again_and_again(tmp
     found = reader.curves(*span)
     assert reader.curves(*span) == found
     assert any(v is not None for v in found["v"]["arm.power"]["max"])
-    assert reader.stats()["unreadable"] == 1
+    assert reader.store.counts["unreadable"] == 1
     assert bad.name in caplog.text
 
 
@@ -571,7 +417,7 @@ def test_intervals_and_alarms_come_with_the_curves(tmp_path):
 
 
 def test_too_many_intervals_are_cut_to_the_longest(tmp_path, monkeypatch):
-    monkeypatch.setattr(telling, "MOST", 5)
+    monkeypatch.setattr(episodes, "MOST", 5)
     spans = [interval(i, SESSION + i * S, SESSION + i * S + (i + 1) * 10 * MS) for i in range(20)]
     recording(tmp_path, [spans])
     found = Curves(tmp_path, CELL).curves([], START, START + 100_000, 50)

@@ -68,13 +68,26 @@ def serving_process() -> psutil.Process:
     return child
 
 
-async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
+class Journal:
+    """What an earlier process told."""
+
+    def put(self, item: Any) -> int:
+        return 0
+
+    def past(self) -> Any:
+        return [(0, alarm(2)), (1, replace(alarm(3), active=False)), (2, PREDICTION)]
+
+
+async def test_what_the_cell_tells_reaches_a_browser(view: View, caplog: pytest.LogCaptureFixture) -> None:
+    view.journal = Journal()  # type: ignore[assignment]
     outlet = outlet_of(view)
-    async with serving(outlet) as url, client() as browser:
-        outlet.health(status())
-        outlet.offer(frames(0, 5))
-        await eventually(lambda: outlet.account.received == 5, "the frames")
-        async with browser.get(f"{url}{API}/stream?channels=arm.mode&rate=25") as response:
+    async with client() as browser:
+        async with serving(outlet) as url:
+            outlet.health(status([asdict(alarm(2))]))
+            outlet.offer(replace(frames(0, 3), time=["now"]))  # one that cannot be encoded costs only itself
+            outlet.offer(frames(0, 5))
+            await eventually(lambda: outlet.account.received == 5, "the frames")
+            response = await browser.get(f"{url}{API}/stream?channels=arm.mode&rate=25")
             stream = Stream(response)
             await stream.until("health")
             outlet.offer(frames(5, 5))
@@ -82,15 +95,19 @@ async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
             outlet.offer(batch(0, 5))
             outlet.offer(Event(EPOCH, "arm", "connected", "UR10e"))
             got = dict([await stream.next() for _ in range(3)])
-        assert got["frames"]["v"]["arm.mode"] == [4e9 + n for n in range(5, 10)]
-        assert got["alarm"]["id"] == "alarm-1"
-        assert got["event"]["text"] == "UR10e"
-        async with browser.get(f"{url}{API}/state") as response:
-            told = await response.json()
-        assert (told["session"], told["record"], len(told["channels"])) == (EPOCH / 1e6, False, 3)
-    assert outlet.account.received == 12
-    assert outlet.account.residue == 0
-    assert outlet.url is None
+            assert got["frames"]["v"]["arm.mode"] == [4e9 + n for n in range(5, 10)]
+            assert got["alarm"]["id"] == "alarm-1"
+            assert got["event"]["text"] == "UR10e"
+            async with browser.get(f"{url}{API}/state") as asked:
+                told = await asked.json()
+            assert (told["session"], told["record"], len(told["channels"])) == (EPOCH / 1e6, False, 3)
+            assert [a["id"] for a in told["alarms"]] == ["alarm-2", "alarm-1"]
+        with pytest.raises((EOFError, aiohttp.ClientError)):
+            await stream.until("never")
+        response.close()
+    assert (outlet.account.received, outlet.account.residue, outlet.url) == (12, 0, None)
+    assert outlet.account.dropped == {"not encodable": 1}
+    assert "an item cannot be told: page" in caplog.text
 
 
 async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:
@@ -132,24 +149,16 @@ def on_shelf() -> dict[str, Any]:
     return {**asdict(alarm(2)), "shelf": shelf}
 
 
-async def test_secrets_are_on_no_command_line_and_in_no_environment(view: View) -> None:
-    async with serving(outlet_of(view, users=USERS)) as url, client() as browser:
-        child = await asyncio.to_thread(serving_process)
-        command = await asyncio.to_thread(child.cmdline)
-        environment = await asyncio.to_thread(child.environ)
-        assert HASH not in " ".join(command)
-        assert HASH not in " ".join(environment.values())
-        assert await asyncio.to_thread(child.nice) == max(10, os.nice(0))
-        assert await log_in(browser, url, "ada") == 200
-
-
-async def test_logins_survive_a_restart(view: View, tmp_path: Path) -> None:
+async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view: View, tmp_path: Path) -> None:
     view.record_folder = record = tmp_path / "rec"
     record.mkdir()
-    port = free()
-    outlet = outlet_of(view, users=USERS, listen=f"127.0.0.1:{port}")
+    outlet = outlet_of(view, users=USERS, listen=f"127.0.0.1:{free()}")
     async with client() as browser:
         async with serving(outlet) as url:
+            child = await asyncio.to_thread(serving_process)
+            command, environment = child.cmdline(), await asyncio.to_thread(child.environ)
+            assert HASH not in " ".join([*command, *environment.values()])
+            assert await asyncio.to_thread(child.nice) == max(10, os.nice(0))
             assert await log_in(browser, url, "ada") == 200
         assert (record / FILE).stat().st_mode & 0o777 == 0o600
         async with serving(outlet) as url, browser.get(f"{url}{API}/state") as response:
@@ -166,13 +175,6 @@ async def test_a_port_that_is_taken_is_named(view: View) -> None:
         listen = f"127.0.0.1:{other.getsockname()[1]}"
         with pytest.raises(OutletError, match=f"^{listen} is taken by another program: choose another port"):
             await outlet_of(view, listen=listen).run()
-
-
-async def test_a_certificate_that_is_none_is_named(view: View, tmp_path: Path) -> None:
-    await asyncio.to_thread((tmp_path / "x.pem").write_text, "nonsense")
-    outlet = outlet_of(view, certificate=tmp_path / "x.pem", key=tmp_path / "x.pem")
-    with pytest.raises(OutletError, match=r"^certificate: .*x\.pem with key .*x\.pem cannot be used: "):
-        await outlet.run()
 
 
 async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,42 +218,6 @@ async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monk
     assert outlet.account.dropped.total() > 0
 
 
-async def test_a_stop_while_it_starts_is_a_stop(view: View) -> None:
-    running = asyncio.create_task(outlet_of(view).run())
-    await asyncio.sleep(0.01)
-    running.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await running
-
-
-async def test_who_follows_hears_of_what_an_earlier_process_told(view: View) -> None:
-    class Kept:
-        def put(self, item: Any) -> int:
-            return 0
-
-        def past(self) -> Any:
-            return [(0, alarm(1)), (1, replace(alarm(2), active=False)), (2, PREDICTION)]
-
-    view.journal = Kept()  # type: ignore[assignment]
-    async with serving(outlet_of(view)) as url, client() as browser:
-
-        async def alarms() -> Any:
-            async with browser.get(f"{url}{API}/state") as response:
-                return (await response.json())["alarms"]
-
-        assert [a["id"] for a in await eventually(alarms, "the alarm")] == ["alarm-1"]
-
-
-async def test_an_item_that_cannot_be_encoded_costs_only_itself(view: View, caplog: pytest.LogCaptureFixture) -> None:
-    outlet = outlet_of(view)
-    async with serving(outlet):
-        outlet.offer(replace(frames(0, 3), time=["now"]))
-        outlet.offer(frames(0, 5))
-        await eventually(lambda: outlet.account.received == 5, "the others")
-    assert outlet.account.dropped == {"not encodable": 3 - 2}
-    assert "an item cannot be told: page" in caplog.text
-
-
 @pytest.mark.parametrize(("kind", "told"), [(Kind.ORDER, []), (Kind.ALIVE, {"counts": ["a"]}), (Kind.ORDER, {})])
 async def test_a_process_that_speaks_nonsense_is_told(view: View, kind: Kind, told: Any) -> None:
     reader = asyncio.StreamReader()
@@ -259,12 +225,3 @@ async def test_a_process_that_speaks_nonsense_is_told(view: View, kind: Kind, to
     reader.feed_eof()
     with pytest.raises(OutletError, match="speaks nonsense"):
         await outlet_of(view)._listen(reader, None)  # type: ignore[arg-type]
-
-
-async def test_streams_end_with_the_page(view: View) -> None:
-    async with client() as browser:
-        async with serving(outlet_of(view)) as url:
-            response = await browser.get(f"{url}{API}/stream")
-        with pytest.raises((EOFError, aiohttp.ClientError)):
-            await Stream(response).until("never")
-        response.close()

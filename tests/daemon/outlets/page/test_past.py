@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.levels import Curves
-from cellwatt.outlets.page.levels import telling as past
-from cellwatt.outlets.page.levels.telling import RESTARTED, alarm_history
+from cellwatt.outlets.page.levels import episodes as past
+from cellwatt.outlets.page.levels.curves import Curves
+from cellwatt.outlets.page.levels.episodes import RESTARTED, alarm_history, episodes, read
+from cellwatt.outlets.page.levels.store import Store
 from cellwatt.record import packs
 from tests.daemon.outlets.page.recorded import CELL, MS, SESSION, S, Written, alarm, event, interval, recording
 
@@ -29,8 +30,8 @@ def ms(second: float) -> float:
     return at(second) / MS
 
 
-def history(folder: Path, start: float = 0, end: float = 86_400, limit: int = 100, **more) -> dict:
-    return alarm_history(folder, CELL, ms(start), ms(end), limit, **more)
+def history(folder: Path, start: float = 0, end: float = 86_400, limit: int = 100) -> dict:
+    return alarm_history(Store(folder, CELL), ms(start), ms(end), limit)
 
 
 def brief(found: dict) -> list[tuple]:
@@ -91,23 +92,14 @@ def test_the_alarms_of_a_daemon_end_with_the_next(tmp_path):
     written.crash()
 
 
-def test_only_alarms_of_the_span_are_told(tmp_path):
-    items = [
-        m
-        for i in range(10)
-        for m in (alarm(f"a{i}", at(10 * i), at(10 * i)), alarm(f"a{i}", at(10 * i), at(10 * i + 5), False))
-    ]
-    recording(tmp_path, [items])
-    assert [a["id"] for a in history(tmp_path, 12, 33)["alarms"]] == ["a3", "a2", "a1"]
-    assert history(tmp_path, 16, 19)["alarms"] == []
-    assert [a["id"] for a in history(tmp_path, 93, 200)["alarms"]] == ["a9"]
-
-
-def test_the_newest_come_first_and_the_rest_is_told_to_be_missing(tmp_path):
+def test_the_newest_of_the_span_come_first_and_the_rest_is_told_to_be_missing(tmp_path):
     recording(tmp_path, [[alarm(f"a{i}", at(i), at(i)) for i in range(10)]])
     found = history(tmp_path, limit=3)
     assert [a["id"] for a in found["alarms"]] == ["a9", "a8", "a7"] and not found["complete"]
     assert history(tmp_path, limit=10)["complete"]
+    assert [a["id"] for a in history(tmp_path, 0, 2.5)["alarms"]] == ["a2", "a1", "a0"]
+    with pytest.raises(CellwattError, match="it must end after it begins"):
+        history(tmp_path, 10, 10)
 
 
 def test_an_alarm_whose_raise_is_gone_is_told_by_its_clear(tmp_path):
@@ -145,33 +137,15 @@ def test_an_alarm_of_two_packs_has_its_own_each_time(tmp_path):
     ]
     recording(tmp_path, [items])
     reader = Curves(tmp_path, CELL)
-    from cellwatt.outlets.page.levels.telling import joined, read
-
     recordings = reader.store.recordings()
-    sources, _ = read(reader.store, recordings, 0, at(1000), 1e18)
-    assert [(e.raised, e.pack) for e in joined(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
-
-
-def test_a_cell_without_a_record_has_no_alarms(tmp_path):
-    assert history(tmp_path / "nowhere") == {"alarms": [], "complete": True}
-
-
-def test_a_span_that_is_none_is_refused(tmp_path):
-    with pytest.raises(CellwattError, match="it must end after it begins"):
-        history(tmp_path, 10, 10)
+    sources, _ = read(reader.store, recordings, 0, at(1000), int)
+    assert [(e.raised, e.pack) for e in episodes(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
 
 
 def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
     recording(tmp_path, [[alarm("a", at(1), at(2))]])
     monkeypatch.setattr(past, "PATIENCE", -1.0)
     assert history(tmp_path) == {"alarms": [], "complete": False}
-
-
-def test_nothing_is_written_into_the_record(tmp_path):
-    path = recording(tmp_path, [[alarm("a", at(1), at(2))]])
-    before = path.read_bytes()
-    history(tmp_path)
-    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
 
 
 OPERATIONS = st.lists(
@@ -218,13 +192,10 @@ def test_any_history_is_told_as_it_was(operations, levels):
         for session, number, items in files:
             chunk = [interval(number, session, session + 1), *items]
             recording(folder, [chunk], number, session)
-        more = {}
         if levels:
-            reader = Curves(folder, CELL)
-            reader.curves([], START, START + 1e6, 10)
-            more["store"] = reader.store
+            Curves(folder, CELL).curves([], START, START + 1e6, 10)
             assert list((folder / "levels").iterdir())
-        found = history(folder, **more)
+        found = history(folder)
     plain = [{k: a[k] for k in ("id", "since", "cleared")} | {"people": len(a["people"])} for a in found["alarms"]]
     assert sorted(plain, key=lambda a: (a["since"], a["id"])) == sorted(true, key=lambda a: (a["since"], a["id"]))
     assert found["complete"]

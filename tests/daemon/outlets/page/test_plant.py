@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -14,11 +14,8 @@ import pyarrow  # noqa: F401  # so that no loop waits for its import
 import pytest
 
 from cellwatt.outlets.page import plant as plant_module
-from cellwatt.outlets.page.archive import Desk
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.plant import Plant
-from cellwatt.outlets.page.streams import Browsers
-from cellwatt.outlets.page.viewing import view
+from cellwatt.outlets.page.serving import view
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, alarm, client, csrf, status
@@ -26,7 +23,7 @@ from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.doing import doing
-from tests.patience import eventually, wait_until
+from tests.patience import eventually
 
 SITE = "plant-1"
 
@@ -127,7 +124,7 @@ async def test_a_cell_comes_and_goes_in_the_stream(router: str) -> None:
 
 
 async def test_a_cell_that_is_looked_at_is_followed_and_then_left(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.outlets.page.followed.KEPT", 0.2)
+    monkeypatch.setattr("cellwatt.outlets.page.plant.KEPT", 0.2)
     told = status([asdict(alarm(1))])
     async with speaking("weld-1", router, told) as cell, viewing(router) as url, client() as browser:
         await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
@@ -174,14 +171,26 @@ async def in_plant(browser: aiohttp.ClientSession, url: str, name: str) -> bool:
     return name in await cells(browser, url)
 
 
-async def test_there_is_a_limit_of_cells_that_are_followed(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.outlets.page.followed.MOST_OPEN", 1)
+async def test_a_few_cells_are_followed_at_a_time_and_one_by_itself(
+    router: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cellwatt.outlets.page.plant.MOST_OPEN", 1)
     async with (
-        speaking("weld-1", router, status()),
+        speaking("weld-1", router, status([asdict(alarm(1))])),
         speaking("weld-2", router, status()),
         viewing(router) as url,
+        viewing(router, "weld-1") as own,
         client() as browser,
     ):
+
+        async def alarms() -> Any:
+            async with browser.get(f"{own}/api/cells/{SITE}/weld-1/state") as response:
+                return (await response.json())["alarms"]
+
+        assert (await eventually(alarms, "the alarm"))[0]["id"] == "alarm-1"
+        async with browser.get(f"{own}/api/site") as response:
+            told = await response.json()
+        assert (told["mode"], told["cells"]) == ("cell", [{"site": SITE, "cell": "weld-1"}])
         await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
         await eventually(lambda: in_plant(browser, url, "weld-2"), "the other")
         async with browser.get(f"{url}/api/cells/{SITE}/weld-1/state") as response:
@@ -192,23 +201,6 @@ async def test_there_is_a_limit_of_cells_that_are_followed(router: str, monkeypa
         for where in (f"{SITE}/weld-9", "plant-2/weld-1"):
             async with browser.get(f"{url}/api/cells/{where}/state") as response:
                 assert response.status == 404
-
-
-async def test_a_cell_that_is_looked_at_before_the_link_is_open_is_left_at_the_end(
-    router: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def opening(plant: Plant, stopped: Callable[[], bool]) -> None:
-        plant._loop.call_soon_threadsafe(plant._of, "weld-1")
-        wait_until(stopped, "the end")
-
-    monkeypatch.setattr(Plant, "_open", opening)
-    desk = Desk()
-    plant = Plant(LinkSettings(mode="client", connect=(router,)), SITE, Browsers(1), desk)
-    async with doing(plant.run()):
-        await eventually(lambda: plant.cells, "the cell")
-        await plant.room(SITE, "weld-1")
-    assert not [task for task in asyncio.all_tasks() if "watch" in repr(task.get_coro())]
-    await asyncio.to_thread(desk.close)
 
 
 async def test_nonsense_in_a_cells_name_costs_only_that_cell(router: str, tmp_path: Path) -> None:
@@ -228,20 +220,3 @@ async def test_nonsense_in_a_cells_name_costs_only_that_cell(router: str, tmp_pa
             await eventually(nonsense, "both cells")
     finally:
         await asyncio.to_thread(stranger.close)
-
-
-async def test_one_cell_by_itself_is_looked_at_over_the_bus(router: str) -> None:
-    async with (
-        speaking("weld-1", router, status([asdict(alarm(1))])),
-        viewing(router, "weld-1") as url,
-        client() as browser,
-    ):
-        async with browser.get(f"{url}/api/site") as response:
-            told = await response.json()
-        assert (told["mode"], told["cells"]) == ("cell", [{"site": SITE, "cell": "weld-1"}])
-
-        async def alarms() -> Any:
-            async with browser.get(f"{url}/api/cells/{SITE}/weld-1/state") as response:
-                return (await response.json())["alarms"]
-
-        assert (await eventually(alarms, "the alarm"))[0]["id"] == "alarm-1"

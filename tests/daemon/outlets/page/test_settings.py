@@ -22,7 +22,7 @@ __all__ = ["certificates"]
 TLS = {"certificate": "page.pem", "key": "page.key"}
 
 
-@pytest.mark.parametrize("listen", ["127.0.0.1:8480", "localhost:80", "[::1]:8480", "127.3.2.1:0"])
+@pytest.mark.parametrize("listen", ["127.0.0.1:8480", "localhost:80", "[::1]:8480"])
 def test_this_pc_alone_needs_nothing(listen: str) -> None:
     settings = PageSettings(listen=listen)
     assert settings.warnings() == ()
@@ -34,10 +34,8 @@ def test_this_pc_alone_needs_nothing(listen: str) -> None:
     ("settings", "lacks"),
     [
         ({"listen": "0.0.0.0:8480"}, "TLS and users: whoever reaches it sees the cell"),
-        ({"listen": "[::]:8480"}, "TLS and users"),
         ({"listen": "weld-3:8480", "users": USERS}, "TLS: passwords and data pass in the clear"),
         ({"listen": "192.0.2.1:8480", **TLS}, "users: whoever reaches it sees the cell"),
-        ({"listen": "localhost.example.com:80"}, "TLS and users"),
     ],
 )
 def test_strangers_are_let_in_only_on_purpose(settings: dict[str, Any], lacks: str) -> None:
@@ -68,17 +66,12 @@ def test_files_that_are_missing_are_warned_of(tmp_path: Path) -> None:
     ("settings", "text"),
     [
         ({"listen": "8480"}, "'8480' is not an address; expected host:port, like 127.0.0.1:8480"),
-        ({"listen": "127.0.0.1:70000"}, "is not an address"),
-        ({"listen": "::1:8480"}, "is not an address"),
-        ({"listen": "http://127.0.0.1:80"}, "is not an address"),
         ({"names": ["a b"]}, "expected a host name"),
         ({"certificate": "a.pem"}, "certificate and key are needed together"),
         ({"users": {"ada": {"password": PASSWORD}}}, "expected the hash of a password, as 'cellwatt view"),
         ({"users": {"ada": {"password": HASH, "may": "do"}}}, "'look' or 'act'"),
         ({"users": {"a\nb": {"password": HASH}}}, "printable characters"),
         ({"users": {"": {"password": HASH}}}, "1 to 100"),
-        ({"browsers": 0}, "greater than 0"),
-        ({"lissen": 1}, "Extra inputs"),
     ],
 )
 def test_mistakes_are_named(settings: dict[str, Any], text: str) -> None:
@@ -115,33 +108,20 @@ def test_a_hash_is_what_every_scrypt_gives() -> None:
     assert parse(f"scrypt$16384$8$1${salt}${value}").fits("pleaseletmein")
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "secret",
+def test_what_is_no_hash_is_refused() -> None:
+    costs = (HASH.replace("16384", cost) for cost in ("16383", "ten", str(2**24)))
+    for text in (
         "scrypt$16384$8$1$AAAA",
-        HASH + "$",
         HASH.replace("scrypt", "bcrypt"),
-        HASH.replace("16384", "16383"),
-        HASH.replace("16384", "1024"),
-        HASH.replace("16384", str(2**24)),
-        HASH.replace("$8$1$", "$8$1000$"),
-        HASH.replace("$8$1$", "$8$0$"),
         HASH[:-4],
-        HASH.replace("16384", "ten"),
-    ],
-    ids=[f"wrong {n}" for n in range(12)],  # a hash has other salt in each process, and so would the names of the tests
-)
-def test_what_is_no_hash_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="hash"):
-        parse(text)
-
-
-@pytest.mark.parametrize("password", ["", "x" * 1025])
-def test_no_password_is_no_password(password: str) -> None:
-    with pytest.raises(ValueError, match="1 to 1024 characters"):
-        hash_of(password)
+        HASH.replace("$8$1$", "$8$1000$"),
+        *costs,
+    ):
+        with pytest.raises(ValueError, match="hash"):
+            parse(text)
+    for password in ("", "x" * 1025):
+        with pytest.raises(ValueError, match="1 to 1024 characters"):
+            hash_of(password)
 
 
 def test_who_comes_through_a_proxy_without_a_login_may_look() -> None:

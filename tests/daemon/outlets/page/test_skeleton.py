@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt.emulation import ArmSignals
 from cellwatt.errors import ConfigError
 from cellwatt.outlets.page.skeleton import skeleton
 
@@ -89,7 +88,7 @@ TYPES = st.sampled_from(["revolute", "continuous", "prismatic", "fixed"])
 TREES = st.lists(st.tuples(TYPES, VECTORS, VECTORS, AXES, st.integers(0, 10), NUMBERS), min_size=1, max_size=8)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(TREES, st.randoms())
 def test_any_tree_stands_as_pinocchio_has_it(tree, random):
     links, joints = ["base"], []
@@ -141,14 +140,8 @@ def test_moving_joints_are_counted_from_the_base(tmp_path):
         ("j4", "left.joint_3.position"),
         ("j5", None),
     ]
-    assert [joint["type"] for joint in found["joints"]] == [
-        "fixed",
-        "revolute",
-        "fixed",
-        "prismatic",
-        "revolute",
-        "fixed",
-    ]
+    kinds = ["fixed", "revolute", "fixed", "prismatic", "revolute", "fixed"]
+    assert [joint["type"] for joint in found["joints"]] == kinds
     assert [joint["parent"] for joint in found["joints"]] == [-1, 0, 1, 2, 3, 4]
     assert found["joints"][1]["axis"] == [0.0, 0.0, 1.0], "of length 1"
 
@@ -177,32 +170,6 @@ def test_a_joint_that_follows_has_the_channel_of_the_other(tmp_path):
     agree(stands, true_frames(path.read_text(), {"j0": 0.3, "f": -0.1, "j1": 0.7}), ["j0", "f", "j1"])
 
 
-# the arm of the demo --------------------------------------------------------------------------------
-
-
-def test_the_demo_arm_is_what_pinocchio_reads_with_masses_that_exist():
-    text = DEMO.read_text()
-    model = pin.buildModelFromXML(text)
-    assert list(model.names)[1:] == [f"joint_{i}" for i in range(1, 7)]
-    np.testing.assert_allclose(model.upperPositionLimit, 2 * math.pi, atol=1e-8)
-    np.testing.assert_allclose(model.lowerPositionLimit, -2 * math.pi, atol=1e-8)
-    for inertia in list(model.inertias)[1:]:
-        low, middle, high = sorted(np.linalg.eigvalsh(inertia.inertia))
-        assert inertia.mass > 0 and low > 0 and low + middle > high
-    random = np.random.default_rng(5).uniform(-3, 3, 6)
-    found = placed(skeleton("arm", DEMO, SIX), dict(zip(SIX, random, strict=True)))
-    agree(found, true_frames(text, {f"joint_{i + 1}": q for i, q in enumerate(random)}), list(model.names)[1:])
-
-
-def test_the_demo_arm_stays_above_its_table():
-    arm = ArmSignals(noise=0.0)
-    signals = arm.at(np.linspace(0, arm.period, 200))
-    found = skeleton("arm", DEMO, SIX)
-    for i in range(200):
-        positions = {f"arm.joint_{j}.position": float(signals[f"joint_{j}.position"][i]) for j in range(1, 7)}
-        assert min(place[2] for _, place in placed(found, positions).values()) > 0.1
-
-
 # what cannot be used --------------------------------------------------------------------------------
 
 LAUGHS = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
@@ -216,26 +183,20 @@ def one(type_: str, more: str) -> str:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("", "no element found"),
         ("no xml", "syntax error"),
         ("<robot name='x'/>", "no joint in <robot>"),
-        (f"<mujoco>{J}</mujoco>", "no joint in <robot>"),
         (f"<!DOCTYPE r [<!ENTITY a0 'ha'>{LAUGHS}]><robot>&a9;{J}</robot>", "DOCTYPE"),
         ("<!DOCTYPE r SYSTEM 'file:///etc/passwd'><robot/>", "DOCTYPE"),
         ('<?xml version="1.0" encoding="no-such"?><robot/>', "encoding"),
         (f"<robot>{J}{J}</robot>", "same name"),
         (f"<robot>{J}{joint_xml('k', 'revolute', 'c', 'b')}</robot>", "hold the same link"),
         (f"<robot>{J}{joint_xml('k', 'revolute', 'c', 'd')}</robot>", "2 links hang on nothing"),
-        (f"<robot>{J}{joint_xml('k', 'revolute', 'b', 'a')}</robot>", "0 links hang on nothing"),
         (f"<robot>{J}{joint_xml('k', 'fixed', 'x', 'y')}{joint_xml('m', 'fixed', 'y', 'x')}</robot>", "ring"),
         ("<robot><joint name='j' type='revolute'/></robot>", "lacks its type"),
-        (f"<robot>{joint_xml('j', 'wobbly', 'a', 'b')}</robot>", "lacks its type"),
         (one("fixed", '<origin xyz="1 2"/>'), "not three numbers"),
         (one("fixed", '<origin xyz="1 2 ${x}"/>'), "xacro"),
-        (one("fixed", '<origin rpy="1 2 inf"/>'), "no finite number"),
         (one("revolute", '<axis xyz="0 0 0"/>'), "no direction"),
         (one("revolute", '<mimic joint="k"/>'), "follows 'k'"),
-        (one("revolute", '<mimic joint="j"/>'), "follows 'j'"),
         ("<robot>" + "".join(joint_xml(f"j{i}", "fixed", f"{i}", f"{i + 1}") for i in range(501)) + "</robot>", "501"),
     ],
 )
@@ -248,20 +209,18 @@ def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, why):
     assert why in told and told.startswith(f"{path}: ") and "\n" not in told
 
 
-@pytest.mark.parametrize("number", range(40))
-def test_random_bytes_are_refused_or_read(tmp_path, number):
-    random = np.random.default_rng(number)
-    body = bytearray(DEMO.read_bytes())
-    for place in random.integers(0, len(body), random.integers(1, 40)):
-        body[place] = random.integers(0, 256)
+def test_random_bytes_are_refused_or_read(tmp_path):
     path = tmp_path / "r.urdf"
-    path.write_bytes(bytes(body))
-    try:
-        found = skeleton("arm", path, SIX)
-    except ConfigError as error:
-        assert "\n" not in str(error)
-    else:
-        json.dumps(found, allow_nan=False)
+    for number in range(20):
+        random = np.random.default_rng(number)
+        body = bytearray(DEMO.read_bytes())
+        for place in random.integers(0, len(body), random.integers(1, 40)):
+            body[place] = random.integers(0, 256)
+        path.write_bytes(bytes(body))
+        try:
+            json.dumps(skeleton("arm", path, SIX), allow_nan=False)
+        except ConfigError as error:
+            assert "\n" not in str(error)
 
 
 def test_what_is_not_there_is_told(tmp_path):
@@ -269,16 +228,9 @@ def test_what_is_not_there_is_told(tmp_path):
         skeleton("arm", tmp_path / "r.urdf", SIX)
     with pytest.raises(ConfigError, match=r"robot\.yaml"):
         skeleton("arm", tmp_path, SIX)
-    (tmp_path / "robot.yaml").write_text("urdf: gone.urdf\njoints: [{name: a}]\n")
-    with pytest.raises(ConfigError, match=r"gone\.urdf.*No such file"):
-        skeleton("arm", tmp_path, SIX)
-    (tmp_path / "robot.yaml").write_text("joints: [{name: a}]\n")
-    with pytest.raises(ConfigError, match="urdf"):
-        skeleton("arm", tmp_path, SIX)
-
-
-def test_a_description_that_names_other_joints_is_refused(tmp_path):
-    chain(tmp_path, "revolute", "fixed")
     (tmp_path / "robot.yaml").write_text("urdf: r.urdf\njoints: [{name: j0}, {name: j1}, {name: elbow}]\n")
+    with pytest.raises(ConfigError, match=r"r\.urdf.*No such file"):
+        skeleton("arm", tmp_path, SIX)
+    chain(tmp_path, "revolute", "fixed")
     with pytest.raises(ConfigError, match="no moving joint j1, elbow; there are j0"):
         skeleton("arm", tmp_path, SIX)

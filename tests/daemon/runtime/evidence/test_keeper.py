@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cellwatt import Alarm, Event, RecordingError
+from cellwatt import Alarm, Event
 from cellwatt.record import Recording, RecordSettings, packs
 from cellwatt.record.settings import EvidenceSettings
 from cellwatt.runtime.evidence import keeper as keeping
@@ -134,17 +134,6 @@ async def test_a_daemon_that_stops_early_makes_the_pack_with_what_there_is(cell:
     assert not cell.due and keeper.stats()["made"] == 1
 
 
-async def test_a_stop_that_has_no_time_leaves_the_pack_to_the_next_start(cell: Cell, monkeypatch) -> None:
-    monkeypatch.setattr(keeping, "CLOSE", 0.0)
-    async with cell.keeper() as keeper:
-        keeper.alarm(alarm())
-    await keeper.close()
-    assert not cell.packs and len(cell.due) == 1
-    cell.time = 100.0
-    async with cell.keeper():
-        await eventually(lambda: cell.packs, "the pack")
-
-
 async def test_what_is_gone_from_the_record_is_given_up_and_said(cell: Cell) -> None:
     async with cell.keeper() as keeper:
         keeper.alarm(alarm(at=50.0))
@@ -161,13 +150,6 @@ async def test_a_disk_that_takes_no_note_gives_the_pack_up(cell: Cell) -> None:
         await eventually(lambda: cell.events, "the event")
         assert keeper.stats()["given_up"] == 1 and keeper.stats()["waiting"] == 0
     assert "cannot be written" in cell.events[0].text
-
-
-async def test_the_record_goes_before_a_pack_on_a_disk_with_little_room(cell: Cell) -> None:
-    due = packs.Due.of(CELL, alarm(), EVIDENCE)
-    with pytest.raises(RecordingError, match="No space left"):
-        await asyncio.to_thread(make, cell.folder, due, 1e18)
-    assert not list(cell.folder.iterdir())
 
 
 @pytest.mark.timeout(120)

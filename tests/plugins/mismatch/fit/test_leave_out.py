@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.leave_out import BLOCK, FOLDS, LeaveOut, compared, folds_of, rms
+from cellwatt_plugins.mismatch.fit.leave_out import FOLDS, LeaveOut, compared, folds_of, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
@@ -27,21 +27,6 @@ def problem(tmp_path_factory) -> Problem:
 @pytest.fixture(scope="module")
 def held(problem) -> LeaveOut:
     return LeaveOut(problem, FACTOR)
-
-
-def test_each_fold_is_as_much_of_the_time(problem, held):
-    assert len(held.fold) == len(problem.design.target)
-    shares = np.bincount(held.fold, minlength=FOLDS) / len(held.fold)
-    assert shares.min() > 0.05
-    assert shares.max() < 0.2
-
-
-def test_blocks_are_seconds_long_so_that_neighbours_tell_nothing(problem, held):
-    lengths = []
-    for part in problem.split(held.fold):
-        edges = np.flatnonzero(np.diff(part)) + 1
-        lengths += list(np.diff([0, *edges, len(part)]) * problem.rows[0].step)
-    assert min(lengths) > 0.5 * BLOCK
 
 
 def test_runs_of_one_motion_share_their_folds(problem):
@@ -117,20 +102,3 @@ def test_errors_are_compared_fold_by_fold_in_units_of_each_channels_own():
     assert found.again
     both = compared(before, after)
     assert both.share == pytest.approx(0.3 - 0.02)
-
-
-def test_what_one_fold_alone_gains_is_told_from_what_comes_again():
-    before = np.full((5, 1), 10.0)
-    once = np.array([[2.0], [10.0], [10.5], [10.0], [10.5]])
-    found = compared(before, once)
-    assert found.share == pytest.approx(0.14)
-    assert not found.again
-    assert found.sure < 1.5
-    assert compared(before, np.array([[2.0], [2.0], [10.5], [10.0], [10.5]])).again
-
-
-def test_a_channel_of_which_nothing_was_measured_neither_falls_nor_rises():
-    before = np.array([[10.0, 1e-9], [10.0, 2e-9]])
-    found = compared(before, np.array([[5.0, 1e-6], [5.0, 1e-6]]))
-    assert found.share == pytest.approx(0.5)
-    assert found.rise < 1e-3

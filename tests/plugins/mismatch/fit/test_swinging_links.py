@@ -46,13 +46,6 @@ def swing(problem):
     return problem.block(SWINGS).columns[:, 1, 0]
 
 
-def test_without_such_a_term_nothing_is_shaken(problem):
-    offset = Term(BY_NAME["torque_offset"], 0, ())
-    quiet = solved(problem, np.zeros_like(problem.design.target), [offset])
-    assert not swinging_torque(quiet).any()
-    assert swinging_channels(quiet) == set()
-
-
 def test_a_swinging_link_shakes_its_joint_and_those_that_carry_it(problem):
     found = solved(problem, np.zeros_like(problem.design.target))
     np.testing.assert_allclose(swinging_torque(found), problem.block(SWINGS).columns.sum(axis=2))

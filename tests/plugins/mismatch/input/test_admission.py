@@ -6,12 +6,10 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission import examine
-from cellwatt_plugins.mismatch.input.admission.remarks import LEVELS, remarks
 from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
 from tests.plugins.mismatch.recorded_arm import (
-    CONSTANT,
     EFFECTS,
     JOINTS,
     NOISE,
@@ -134,44 +132,33 @@ ELBOW_TEXT = "q_1 holds joint 3, q_3 holds joint 1"
 
 WRONG = {
     "positions in degrees": (times(DEGREES, "position"), "57.3 times the simulated ones (degrees against radians)"),
-    "motion in degrees": (times(DEGREES, *MOTION), "joints 1, 2, 3, 4, 5, 6 are 57.3 times the simulated ones"),
     "simulation in degrees": (
         simulated(DEGREES, "position", "velocity", "acceleration"),
         "simulated positions of joints 1, 2, 3, 4, 5, 6 are 57.3 times the recorded ones (degrees against radians)",
     ),
     "positions of motors": (times(100.0, "position"), "100 times the simulated ones (the motor's angle"),
     "velocity in degrees/s": (times(DEGREES, "velocity"), "velocity of joint 1 is 57.3 times the derivative"),
-    "velocity in rpm": (times(30 / np.pi, "velocity"), "it seems to be in rpm"),
-    "velocity of motors": (times(100.0, "velocity"), "it seems to be that of the motor;"),
     "velocity of motors in rpm": (times(3000 / np.pi, "velocity"), "it seems to be that of the motor, in rpm"),
-    "velocity of one joint in degrees/s": (joint(4, DEGREES, "velocity"), "velocity of joint 4 is 57.3 times"),
     "torque in mNm": (
         times(1e3, "torque"),
         "torque is 1000 times what motion and description ask for: it seems to be in mNm",
     ),
-    "torque in kNm": (times(1e-3, "torque"), "torque is 0.001 times what motion and description ask for: it seems"),
     "torque of motors": (times(0.01, "torque"), "it seems to be that of the motors, before the gears"),
     "torque of one joint in mNm": (joint(4, 1e3, "torque"), "torque of joint 4 is some thousand times too large"),
-    "torque of one joint in kNm": (joint(2, 1e-3, "torque"), "torque of joint 2 is some thousand times too small"),
     "simulated torque in mNm": (simulated(1e3, "torque"), "its simulation's torque is 1000 times what"),
     "power in kW": (times(1e-3, "power"), "is it in kW? It must be in W"),
-    "power in mW": (times(1e3, "power"), "is it in mW? It must be in W"),
     "simulated power in kW": (simulated(1e-3, "power"), "in its simulation: power is"),
     "joints in another order": (ordered(ELBOW_FIRST, *ALL), f"another order than the simulation's: {ELBOW_TEXT}"),
-    "joints in reverse order": (ordered([5, 4, 3, 2, 1, 0], *ALL), "q_1 holds joint 6, q_2 holds joint 5, q_3 holds"),
     "joints moved on by one": (ordered([5, 0, 1, 2, 3, 4], *ALL), "q_1 holds joint 6, q_2 holds joint 1, q_3 holds"),
     "positions in another order": (ordered(ELBOW_FIRST, *MOTION), ELBOW_TEXT),
     "torques in another order": (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3, tau_3 holds joint 1"),
     "velocities in another order": (ordered(ELBOW_FIRST, "velocity"), "qd_1 holds joint 3, qd_3 holds joint 1"),
     "joint turned round": (joint(2, -1, *ALL), "positions of joint 2 have opposite signs"),
     "torque turned round": (joint(2, -1, "torque"), "torque of joint 2 has the opposite sign"),
-    "torques turned round": (times(-1, "torque"), "torque of joints 1, 2, 3, 4, 5, 6 has the opposite sign"),
     "velocity turned round": (joint(3, -1, "velocity"), "velocity of joint 3 has the opposite sign"),
     "position stuck": (stuck("position", 3), "q_3 stays at one value in every sample"),
-    "velocity stuck": (stuck("velocity", 3), "qd_3 stays at one value in every sample"),
     "power stuck": (stuck("power"), "in every sample although the arm moves"),
     "simulation late": (shifted(1.5), "1.50 s later than the recording: take 1.50 s off the simulation's times"),
-    "simulation early": (shifted(-0.8), "0.80 s earlier than the recording: add 0.80 s to the simulation's times"),
     "another zero": (
         lambda run: replace(run, position=run.position + np.array([0, np.pi / 2, 0, 0, 0, 0])),
         "positions of joint 2 are 1.57 rad off the simulated ones throughout",
@@ -187,22 +174,11 @@ def test_a_wrong_input_is_said_in_one_line(case, runs, arm):
     assert message in refusal([change(run)], arm)
 
 
-@pytest.mark.parametrize("case", [case for case in WRONG if case not in {"another zero"} and "simul" not in case])
-def test_it_is_seen_without_a_simulation_too(case, runs, arm):
-    change, message = WRONG[case]
-    run = runs[(list(WRONG).index(case) + 1) % len(runs)]
-    found = refusal([without_plan(change(run))], arm)
-    if "simulated" not in message and "simulation" not in message and "opposite signs" not in message:
-        assert message in found
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (times(DEGREES, *MOTION), "are they in degrees?"),
-        (times(DEGREES, "position"), "are they in degrees?"),
         (ordered(ELBOW_FIRST, *ALL), f"the joints are in another order than in the robot's description: {ELBOW_TEXT}"),
-        (ordered([1, 2, 3, 4, 5, 0], *ALL), "q_1 holds joint 2, q_2 holds joint 3, q_3 holds joint 4"),
         (ordered([0, 2, 1, 3, 4, 5], *MOTION), "the positions are in another order than in the robot's description"),
         (joint(2, -1, *ALL), "position and torque count the other way round at joint 2"),
     ],
@@ -218,12 +194,6 @@ def test_small_motions_in_degrees_are_told_by_the_torques(described, arm):
     assert "the positions are in degrees: taken so, the torques agree" in refusal([run], arm)
 
 
-def test_both_in_degrees(run, arm):
-    change = both(times(DEGREES, *MOTION), simulated(DEGREES, "position", "velocity", "acceleration"))
-    assert "are they in degrees?" in refusal([change(run)], arm)
-
-
-@pytest.mark.parametrize("noise", [0.05, 0.5])
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -231,48 +201,17 @@ def test_both_in_degrees(run, arm):
             ordered([2, 1, 0, 3, 4, 5], *ALL),
             f"the joints are in another order than in the robot's description: {ELBOW_TEXT}",
         ),
-        (ordered([5, 4, 3, 2, 1, 0], *ALL), "q_1 holds joint 6, q_2 holds joint 5, q_3 holds joint 4"),
         (ordered([0, 2, 1, 3, 4, 5], *ALL), "q_2 holds joint 3, q_3 holds joint 2"),
         (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3, tau_3 holds joint 1"),
         (joint(3, -1, *ALL), "position and torque count the other way round at joint 3"),
         (joint(2, -1, "torque"), "torque of joint 2 has the opposite sign"),
     ],
 )
-def test_joints_are_told_though_wrists_carry_next_to_nothing(noise, change, message, frictionless, bare):
+def test_joints_are_told_though_wrists_carry_next_to_nothing(change, message, frictionless, bare):
     random = np.random.default_rng(8)
-    run = replace(frictionless, torque=frictionless.torque + noise * random.standard_normal(frictionless.torque.shape))
+    run = replace(frictionless, torque=frictionless.torque + 0.5 * random.standard_normal(frictionless.torque.shape))
     assert examine([run], bare)[1] == ["no power recorded: nothing can be said of the supply"]
     assert message in refusal([change(run)], bare)
-
-
-def test_an_unread_torque_speaks_for_no_order(frictionless, bare):
-    torque = frictionless.torque.copy()
-    torque[:, [3, 5]] = np.nan
-    run = replace(frictionless, torque=torque)
-    assert sum("no torque of joints 4, 6" in note for note in examine([run], bare)[1]) == 1
-    assert f"another order than in the robot's description: {ELBOW_TEXT}" in refusal(
-        [ordered(ELBOW_FIRST, *ALL)(run)], bare
-    )
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (joint(4, 1e3, "torque"), "torque of joint 4 is some thousand times too large"),
-        (times(1e3, "torque"), "it seems to be in mNm"),
-        (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3"),
-        (joint(6, -1, "torque"), "torque of joint 6 has the opposite sign"),
-    ],
-)
-def test_a_description_without_friction_suffices(change, message, run, bare):
-    assert message in refusal([change(run)], bare)
-
-
-def test_currents_in_milliampere(run, arm):
-    wrong = replace(run, torque=run.torque * 1e3, torque_from="current")
-    assert "torque from current is 1000 times what motion and description ask for: it seems to be in mA" in refusal(
-        [wrong], arm
-    )
 
 
 def test_a_simulation_of_another_run(described, arm):
@@ -282,13 +221,6 @@ def test_a_simulation_of_another_run(described, arm):
     alone = refusal(crossed[:1], arm)
     assert "run_01: the recording does not follow its simulation (joint " in alone
     assert "is it the simulation of this run?" in alone
-
-
-def test_one_joint_of_another_program(run, arm):
-    plan = run.plan.position.copy()
-    plan[:, 4] = 0.5 * np.sin(3.3 * run.time + 1)
-    other = replace(run, plan=replace(run.plan, position=plan))
-    assert "does not follow its simulation (joint 5 is" in refusal([other], arm)
 
 
 def test_too_short(described, arm):
@@ -312,10 +244,6 @@ def test_nothing_moves(described, arm):
 
 def test_a_run_at_rest_among_others_is_a_note(described, arm):
     assert examine([at_rest(described), recorded(described, excitation(1))], arm)[1] == ["rest: the arm stands still"]
-
-
-def test_no_recording(arm):
-    assert refusal([], arm) == "no recording given"
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -395,34 +323,6 @@ def test_cut_off_and_coarse_torques_are_notes(described, arm):
     assert note == f"run_01: the torque of joint 3 comes in steps of {steps:.3g} Nm: smaller effects cannot be seen"
 
 
-def test_a_run_of_few_samples_has_few_values_and_no_steps(described, arm):
-    run = recorded(described, excitation(1))
-    few = slice(0, LEVELS - 10)
-    parts = {name: getattr(run, name)[::20][few] for name in ("time", "position", "torque")}
-    short = replace(run, **parts, velocity=None, plan=None)
-    assert not [note for note in remarks([short], arm.description) if "steps" in note]
-
-
-def test_notes_of_reading_and_missing_power(described, arm):
-    run = recorded(described, excitation(1))
-    gaps = np.arange(len(run.time)) % 100 == 0
-    notes = examine([replace(run, power=None, gaps=gaps, notes=("as read",))], arm)[1]
-    assert notes == [
-        "as read",
-        "no power recorded: nothing can be said of the supply",
-        "run_01: 1 % of the samples were filled in and do not count",
-    ]
-
-
-def test_filled_samples_do_not_count(described, arm):
-    run = recorded(described, excitation(1))
-    gaps = (run.time > 5) & (run.time < 7)
-    torque = np.where(gaps[:, None], 1e6, run.torque)
-    power = np.where(gaps, 0.0, run.power)
-    (note,) = examine([replace(run, torque=torque, power=power, gaps=gaps)], arm)[1]
-    assert "10 % of the samples" in note
-
-
 def concealed():
     """Every tenth case by default, all of them among the slow tests."""
     cases = sorted(CASES.iterdir()) if CASES.is_dir() else []
@@ -439,24 +339,12 @@ def test_concealed_cases_are_admitted_without_a_word(case):
     assert examine([without_plan(run) for run in runs], arm)[1] == []
 
 
-def test_the_constants_of_the_arm_are_the_descriptions(arm):
-    np.testing.assert_array_equal([joint.torque_constant for joint in arm.description.joints], CONSTANT)
-
-
 def test_a_torque_that_was_not_read_for_a_while_is_a_note(described, arm):
     run = recorded(described, excitation(1))
     torque = run.torque.copy()
     torque[400:700, 2] = torque[400, 2]
     (note,) = examine([replace(run, torque=torque)], arm)[1]
     assert f"the torque of joint 3 stays at {torque[400, 2]:.4g} Nm from 4.00 to 6.99 s while the joint moves" in note
-
-
-def test_motion_that_was_only_filled_in_is_none(described, arm):
-    run = at_rest(described)
-    ramp = np.interp(run.time, [8, 9], [0, 0.5])[:, None]
-    gaps = (run.time > 8) & (run.time < 9)
-    filled = replace(run, position=run.position + ramp * gaps[:, None], plan=None, velocity=None, gaps=gaps)
-    assert "nothing moves" in refusal([filled], arm)
 
 
 def test_a_wrist_that_carries_nothing_is_in_no_other_unit(described, arm):

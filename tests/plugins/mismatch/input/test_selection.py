@@ -48,14 +48,6 @@ def test_few_recordings_are_all_looked_at(
     assert select(files, robot).close == tuple(files)
 
 
-def test_many_short_ones_are_all_looked_at(
-    robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looked_at(monkeypatch, 0.5 * 10 * SECONDS)  # each second sample of ten recordings
-    files = recorded(tmp_path, *range(10))
-    assert select(files, robot).close == tuple(files)
-
-
 def test_of_many_those_that_differ_are_looked_at_in_their_order(
     robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -71,23 +63,6 @@ def test_of_many_those_that_differ_are_looked_at_in_their_order(
     assert {f"run_{i:02d}" for i in different} < set(names)
     assert names == sorted(names)
     assert sorted((*chosen.close, *chosen.others), key=lambda file: file.name) == files
-
-
-@pytest.mark.parametrize(("fit", "looked"), [(0.1, 2), (1.0, 2), (2.0, 5), (4.0, FEW)])
-def test_of_long_ones_as_many_are_looked_at_as_leave_enough_samples_of_each(
-    robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fit: float, looked: int
-) -> None:
-    """``fit`` of them could be looked at with all samples, 2.5 times as many with enough."""
-    looked_at(monkeypatch, (fit + 0.01) * SECONDS)
-    assert len(select(recorded(tmp_path, *np.linspace(0.1, 2.0, 20)), robot).close) == looked
-
-
-def test_more_are_looked_at_where_they_are_short(
-    robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looked_at(monkeypatch, 8.5 * SECONDS)
-    files = recorded(tmp_path, *np.linspace(0.1, 2.0, 30))
-    assert len(select(files, robot).close) == 8
 
 
 def test_each_next_one_is_furthest_from_all_before() -> None:

@@ -13,11 +13,7 @@ from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.results import Alarm, Prediction
 from cellwatt_plugins.mismatch.command import explain
-from cellwatt_plugins.mismatch.live import explanation
 from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot
-from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.plugins.mismatch.emulated_arm import cut
-from tests.plugins.mismatch.live.test_explanation import children_done
 from tests.plugins.mismatch.servos import PLANTS, ROW, Plant, integrated, mjcf, moves
 from tests.plugins.mismatch.test_stage import made, run
 
@@ -94,21 +90,6 @@ def test_what_it_keeps_is_explained_and_the_model_agrees_with_the_arm(folder, lo
     found = json.loads((tmp_path / "findings.json").read_text())["findings"]
     assert [(f["effect"], f["joint"]) for f in found] == [("drive_gain", 2)]
     assert alarms(watched(folder, logs["gain"], simulation=str(tmp_path / "model.yaml"))[1]) == set()
-
-
-@pytest.mark.slow
-def test_a_soft_loop_is_named(folder, logs, tmp_path, monkeypatch):
-    monkeypatch.setattr(explanation, "NICENESS", 0)
-    whole, found = frames(logs["gain"]), []
-    stage = made(folder, whole.layout, robot="arm.xml", explain={"after": 3, "folder": tmp_path})
-    segment = SegmentStage("segment", SegmentSettings(), whole.layout, stage.cell)
-    for first in range(0, len(whole), 50):
-        block = cut(whole, first, first + 50)
-        found += stage.process(block, segment.process(block, ()))
-        children_done()
-    stage.close()
-    (alarm,) = (r for r in found if isinstance(r, Alarm) and r.kind == "mismatch")
-    assert [(f["effect"], f["joint"]) for f in alarm.evidence["findings"]] == [("drive_gain", 2)]
 
 
 def test_an_arm_without_torque_needs_what_its_servos_are_told_and_their_law(folder, logs):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.results import Alarm, Prediction
-from cellwatt_plugins.mismatch.live.recording import write_recording, write_simulation
 from tests.plugins.mismatch.emulated_arm import JOINTS, START, frames, layout, recorded
 from tests.plugins.mismatch.recorded_arm import write_robot
 from tests.plugins.mismatch.test_stage import made, run
@@ -50,32 +48,7 @@ def test_what_the_twin_leaves_out_raises_the_alarm(robot):
     assert [(a.joint, a.active) for a in alarms if a.joint is not None] == [(2, True)]
 
 
-def test_predictions_are_what_was_streamed(robot):
-    arm = recorded(10, 50)
-    block = beside(arm, recorded(10, 50, seed=5))
-    predictions = [r for r in told(robot, block) if isinstance(r, Prediction)]
-    sequence = np.concatenate([p.sequence + np.arange(len(p.time)) for p in predictions])
-    said = np.concatenate([p.outputs["arm.joint_2.torque"] for p in predictions])
-    column = block.layout.names.index("twin.joint_2.torque")
-    assert np.array_equal(said, block.values[sequence, column])
-
-
 def test_a_twin_without_a_torque_is_refused(robot):
     block = beside(recorded(4, 50), recorded(4, 50), without=("twin.joint_3.torque",))
     with pytest.raises(ConfigError, match=r"twin is to stream the simulation and gives no twin\.joint_3\.torque"):
         told(robot, block)
-
-
-def test_an_explanation_is_given_what_was_streamed(robot, tmp_path):
-    block = beside(recorded(10, 50), recorded(10, 50, seed=5))
-    stage = made(robot, block.layout, simulation="twin", arm="arm", power="meter.supply.power")
-    run(stage, block)
-    time, rows = stage._history.between(0, 2**62)
-    write_recording(tmp_path / "recording.parquet", stage._intake, time, rows)
-    write_simulation(tmp_path / "simulation.parquet", stage._intake, time, rows)
-    seen, said = (pq.read_table(tmp_path / f"{name}.parquet") for name in ("recording", "simulation"))
-    assert np.array_equal(seen["t"], said["t"])
-    first = np.searchsorted(block.time, time[0])
-    column = block.layout.names.index("twin.joint_2.torque")
-    assert np.array_equal(said["tau_2"], block.values[first : first + len(time), column])
-    assert np.array_equal(said["power"], block.values[first : first + len(time), -1])

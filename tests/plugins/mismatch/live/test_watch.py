@@ -8,7 +8,7 @@ import pytest
 from cellwatt.results import Interval
 from cellwatt_plugins.mismatch.live.band import Band, Reading
 from cellwatt_plugins.mismatch.live.intake import Judged
-from cellwatt_plugins.mismatch.live.motions import MOST, Motions
+from cellwatt_plugins.mismatch.live.motions import Motions
 from cellwatt_plugins.mismatch.live.settings import BandSettings
 from cellwatt_plugins.mismatch.live.watch import STALE, ChannelWatch
 
@@ -49,19 +49,6 @@ def test_one_motion_of_a_cycle_that_is_outside_each_time():
     assert changes[0][2].evidence["intervals"] == 3
 
 
-def test_motions_outside_one_after_the_other():
-    changes = Watching().see([0, 1, 2], lambda motion: True)
-    assert [(sign, n) for sign, n, _ in changes] == [("+", 3)]
-
-
-def test_a_motion_that_is_inside_again_does_not_count():
-    watching = Watching()
-    assert watching.see([5, 5], lambda motion: True) == []
-    assert watching.see([5], lambda motion: False) == []
-    assert watching.see([5, 5], lambda motion: True) == []
-    assert watching.watch.outside == 0
-
-
 def test_cleared_once_each_motion_was_inside_as_often():
     watching = Watching()
     watching.see([0, 1, 0, 1], lambda motion: True)
@@ -80,40 +67,19 @@ def test_a_motion_that_is_not_done_any_more_is_forgotten():
     assert [(sign, n) for sign, n, _ in changes] == [("-", STALE + 1)]
 
 
-def test_the_supply_is_no_joint():
-    watch = ChannelWatch("mismatch", "arm", 1)
-    (alarm,) = watch.take(0, interval(4), [reading(True, SUPPLY)])
-    assert alarm.joint is None
-    assert alarm.id == "mismatch.meter.supply.power.simulation_differs"
-    assert alarm.evidence["residual_W"] == 2.0
-
-
 @pytest.mark.parametrize(
     ("other", "same"),
     [
-        (interval(9), True),
-        (interval(9, way=0.52), True),
         (interval(9, way=0.55), False),
         (interval(9, pose=0.2), False),
         (interval(9, moving=(2, 3)), False),
         (interval(9, length=1.2), False),
-        (interval(9, length=1.05), True),
     ],
 )
 def test_what_is_the_same_motion(other, same):
     motions = Motions()
     assert motions.number(interval(1)) == 0
     assert (motions.number(other) == 0) is same
-
-
-def test_the_motion_that_was_not_seen_for_longest_is_forgotten():
-    motions = Motions()
-    for i in range(MOST):
-        assert motions.number(interval(1, way=0.1 * i)) == i
-    assert motions.number(interval(1, way=0.0)) == 0
-    assert motions.number(interval(1, way=-1.0)) == MOST
-    assert motions.number(interval(1, way=0.0)) == 0
-    assert motions.number(interval(1, way=0.1)) == MOST + 1, "forgotten, and new again"
 
 
 def test_a_reading_is_measured_minus_simulated_against_noise_and_share():
@@ -130,9 +96,3 @@ def test_a_reading_is_measured_minus_simulated_against_noise_and_share():
     assert power.mean < 0
     assert not torque.outside
     assert not power.outside
-
-
-def test_joints_at_rest_and_channels_that_are_missing_are_not_read():
-    band = Band(BandSettings(), [ELBOW, SUPPLY], 0.02)
-    measured = np.column_stack([np.full(50, 9.0), np.full(50, np.nan)])
-    assert band.read(0, (1,), measured, np.zeros((50, 2))) == []

@@ -71,28 +71,6 @@ def test_short_holes_are_bridged_and_marked():
     assert window.counts["missing"] == 5
 
 
-def test_a_stretch_has_the_past_that_is_asked_for():
-    values = np.zeros((1000, 1))
-    _, stretches = fed(values, grid(1000), lead=5.0)
-    assert all(s.new.start >= 250 for s in stretches[6:])
-    assert all(len(s.time) <= 250 + 2 * 50 + EDGE for s in stretches)
-
-
-def test_frames_that_are_not_on_the_grid_end_a_stretch():
-    time = np.concatenate([grid(200), grid(200) + 300 * STEP])
-    _, stretches = fed(np.zeros((400, 1)), time)
-    numbers = given_numbers(stretches)
-    assert not set(range(200 - EDGE, 200 + EDGE)) & set(numbers)
-    assert {*range(EDGE, 200 - EDGE), *range(200 + EDGE, 340)} <= set(numbers)
-
-
-def test_nothing_but_missing_frames_gives_nothing_and_keeps_nothing():
-    window, stretches = fed(np.full((300, 1), np.nan), grid(300))
-    assert stretches == []
-    assert window.counts["missing"] == 300
-    assert window.settled == grid(300)[-1]
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.integers(1, 10), max_size=40))
 def test_history_keeps_the_newest_rows(sizes):

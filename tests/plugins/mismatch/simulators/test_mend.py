@@ -142,16 +142,3 @@ def test_another_arm_is_refused_before_anything_is_fitted(cell, tmp_path):
     assert code == EXIT_USAGE
     assert "other.xml: the axis of axis_1 differs" in err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_a_file_that_overrules_its_bodies_is_refused(cell, tmp_path, monkeypatch):
-    """`settotalmass` scales every mass again: what is written would not be what is simulated."""
-    monkeypatch.chdir(tmp_path)  # MuJoCo logs warnings where it runs
-    scaled = tmp_path / "scaled.xml"
-    scaled.write_text(mjcf(plant.NOMINAL).replace('angle="degree"', 'angle="degree" settotalmass="21.7"'))
-    code, _, err = explain(cell, scaled, tmp_path / "out")
-    assert code == EXIT_USAGE
-    assert "scaled.xml: cannot be mended: joint axis_" in err
-    assert (tmp_path / "out" / "findings.json").exists()
-    assert not (tmp_path / "out" / "scaled.mended.xml").exists()

@@ -44,17 +44,6 @@ def test_fingers_rest_and_contacts_do_not_push(tmp_path):
     assert arm.notes == ("arm.xml: held at their reference: grip",)
 
 
-def test_joints_of_other_names_are_taken_in_their_order(tmp_path):
-    arm = load_simulator(written(tmp_path, FULL.mjcf(names=("a1", "a2"))), JOINTS)
-    np.testing.assert_allclose(arm.torque(*moves(), leading=False), FULL.torque(*moves()), atol=1e-9)
-    assert "taken in its order: a1, a2" in arm.notes[0]
-
-
-def test_a_compensated_weight_is_said(tmp_path):
-    text = FULL.mjcf().replace('<body name="lower"', '<body name="lower" gravcomp="1"')
-    assert "gravcomp" in load_simulator(written(tmp_path, text), JOINTS).notes[0]
-
-
 @pytest.mark.parametrize(
     ("text", "names", "said"),
     [
@@ -72,11 +61,6 @@ def test_what_is_no_such_arm_is_refused_in_one_line(tmp_path, text, names, said)
         load_simulator(written(tmp_path, text), names)
     assert "\n" not in str(refused.value)
     assert str(refused.value).startswith(str(tmp_path / "arm.xml"))
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"arm\.urdf: MuJoCo cannot read it"):
-        load_simulator(tmp_path / "arm.urdf", JOINTS)
 
 
 def test_a_missing_extra_is_named(tmp_path, monkeypatch):

@@ -82,8 +82,3 @@ def test_mass_that_retuning_absorbs_is_told_with_the_joints_that_it_explains(arm
     assert mass.statement.startswith("Link 3 is ")
     assert "heavier than in your simulation" in mass.statement
     assert "joint 2 (" in mass.statement
-
-
-def test_nothing_is_told_where_the_numbers_are_right(arm: Arm) -> None:
-    found = solution(arm, Missing(arm=NOMINAL))
-    assert retuned_of(found, falling(found)) == []

@@ -29,16 +29,6 @@ def test_nothing_is_left_of_noise_and_mistuned_parameters(arm):
     assert left(arm, plant.NOTHING.added) == []
 
 
-def test_the_joint_and_the_size_are_told(arm):
-    def wandering(time, q, qd, run):
-        return plant.column(4 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2)), 2)
-
-    (found,) = left(arm, wandering)
-    assert found.channel == 1
-    assert found.rms == pytest.approx(np.sqrt(8 + plant.TORQUE_NOISE[1] ** 2), rel=0.2)
-    assert found.floor < 0.5 * found.rms
-
-
 def test_joints_that_the_search_had_no_time_for_are_not_called_unexplained(arm):
     missing = plant.Missing(added=lambda t, q, qd, run: plant.column(4 * np.sin(3 * t), 3))
     runs = [plant.record("run_01", 1, missing, power=False)]
@@ -103,11 +93,3 @@ def test_what_is_small_but_where_it_acts_is_told(arm):
     assert left(arm, always, EIGHTH) == []
     (found,) = left(arm, knocks, EIGHTH)
     assert found.channel == 1
-
-
-def test_small_as_a_whole_and_only_once_is_no_physics_of_the_arm(arm):
-    def once(time, q, qd, run):
-        on = (run == "run_01") & (time > 5) & (time < 5.3)
-        return plant.column(on * 24 * plant.TORQUE_NOISE[1], 2)
-
-    assert left(arm, once, EIGHTH) == []

@@ -6,7 +6,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
-import onnx
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -93,9 +92,3 @@ def test_live_it_says_the_same_as_offline(arm, tmp_path):
     whole = np.isfinite(live)
     assert whole.sum() == len(block) - 10
     assert np.abs(live - offline)[whole].max() < 1e-6
-
-
-def test_a_frame_costs_few_nodes(arm, tmp_path):
-    """About 1 µs each; the budget of a frame is 100 µs."""
-    made(arm, tmp_path, PLAIN, plain=True)
-    assert len(onnx.load(tmp_path / "model.onnx").graph.node) < 90

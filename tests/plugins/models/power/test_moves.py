@@ -35,33 +35,6 @@ def test_a_table_with_several_moves(tmp_path):
     assert moves.payload is None
 
 
-def test_rtde_counts_joints_from_0(tmp_path):
-    table = columns()
-    theirs = {"q": "actual_q", "qd": "actual_qd", "current": "actual_current"}
-    names = {f"{ours}_{i}": f"{name}_{i - 1}" for ours, name in theirs.items() for i in (1, 2)}
-    moves = read_moves([written(tmp_path, {names.get(name, name): x for name, x in table.items()})], 2)
-    for found, stem in ((moves.q, "q"), (moves.qd, "qd"), (moves.current, "current")):
-        assert np.array_equal(found, np.column_stack([table[f"{stem}_1"], table[f"{stem}_2"]]))
-
-
-def test_names_of_channels_and_csv(tmp_path):
-    table = columns()
-    names = {"t": "t", "power": "board.supply.power"}
-    for stem, channel in (("q", "position"), ("qd", "velocity"), ("current", "current")):
-        names |= {f"{stem}_{i}": f"arm.joint_{i}.{channel}" for i in (1, 2)}
-    path = tmp_path / "frames.csv"
-    pyarrow.csv.write_csv(pa.table({names[name]: values for name, values in table.items()}), path)
-    moves = read_moves([path], 2)
-    assert np.allclose(moves.q[:, 1], table["q_2"])
-    assert np.allclose(moves.power, table["power"])
-
-
-def test_bus_power_where_there_is_no_supply_power(tmp_path):
-    table = columns()
-    table["arm.bus.power"] = table.pop("power") - 50
-    assert read_moves([written(tmp_path, table)], 2).power[0] == 50
-
-
 def test_holes_and_missing_positions_end_a_move(tmp_path):
     table = columns(60)
     table["t"][30:] += 1.0
@@ -81,16 +54,6 @@ def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
     assert np.isnan(moves.current).all()
 
 
-def test_files_follow_each_other_and_a_payload_must_be_in_all(tmp_path):
-    bare = written(tmp_path, columns(), "bare.parquet")
-    loaded = written(tmp_path, columns() | {"payload": np.full(40, 2.0)}, "loaded.parquet")
-    assert read_moves([bare, loaded], 2).payload is None
-    moves = read_moves([loaded, loaded], 2)
-    assert moves.count == 2
-    assert moves.payload is not None
-    assert moves.payload.tolist() == [2.0] * 80
-
-
 @pytest.mark.parametrize(
     ("gone", "said"),
     [
@@ -103,15 +66,3 @@ def test_what_is_missing_is_said(tmp_path, gone, said):
     table = {name: values for name, values in columns().items() if name not in gone}
     with pytest.raises(RecordingError, match=said):
         read_moves([written(tmp_path, table)], 2)
-
-
-def test_a_table_without_motion_in_it(tmp_path):
-    with pytest.raises(RecordingError, match="no 10 rows in a row"):
-        read_moves([written(tmp_path, columns(5))], 2)
-
-
-def test_some_moves_only(tmp_path):
-    path = written(tmp_path, columns(60) | {"move": np.repeat([1, 2, 3], 20)})
-    moves = read_moves([path], 2).only([0, 2])
-    assert moves.count == 2
-    assert np.array_equal(moves.time[20:], columns(60)["t"][40:])

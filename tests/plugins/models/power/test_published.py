@@ -17,7 +17,6 @@ from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.models.predict import predict_file
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.making import cut, frames, layout, run, stage
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
 
 
@@ -78,23 +77,6 @@ def test_the_file_says_what_the_model_says(trained, tmp_path, name):
     assert np.abs(said["power"].to_numpy() - power)[within].max() < 1e-6
     for i in range(6):
         assert np.abs(said[f"current_{i + 1}"].to_numpy() - current[:, i])[within].max() < 1e-6
-
-
-@pytest.mark.parametrize("name", ["nls", "scg"])
-def test_live_it_says_the_same_as_offline(trained, tmp_path, name):
-    _, arm, moves, tuning, seen, models, _ = trained
-    metadata = write_published(tmp_path / "model.onnx", models[name], tuning, moves, arm)
-    first, end = moves.bounds()[1]
-    names = [*(f"arm.joint_{i}.position" for i in range(1, 7)), *(f"arm.joint_{i}.velocity" for i in range(1, 7))]
-    grid = layout(dict(zip(names, ["rad"] * 6 + ["rad/s"] * 6, strict=True)), 125.0)
-    block = frames(np.concatenate([moves.q, moves.qd], axis=1)[first:end], grid)
-    results = run(stage(tmp_path / "model.onnx", grid, robot=arm.name), cut(block, [1, 50, 51]))
-    live = np.concatenate([result.outputs["power"] for result in results if hasattr(result, "outputs")])
-    offline = models[name].predict(seen)[0][first:end]
-    assert len(live) == len(offline) - metadata.delay  # the last rows wait for what comes after them
-    inside = slice(metadata.window, -metadata.window)
-    assert np.isfinite(live[inside]).all()
-    assert np.abs(live - offline[: len(live)])[inside].max() < 1e-6
 
 
 def test_the_report_names_doubts_and_has_no_second_k_m(trained):

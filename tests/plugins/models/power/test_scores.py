@@ -29,13 +29,6 @@ def test_energy_power_and_current():
     assert (score.energy_mean, score.energy_worst) == pytest.approx((1.0, 1.0))
 
 
-def test_moves_without_power_are_not_scored():
-    power = np.concatenate([np.full(10, np.nan), np.full(10, 50.0)])
-    score = Score.of(moves_of([0.0, 1.0], power), np.full(20, 55.0), np.zeros((20, 2)))
-    assert score.energy == (None, pytest.approx(10.0))
-    assert Score.of(moves_of([0.0], [np.nan] * 10), np.full(10, 1.0), np.zeros((10, 2))).energy_mean is None
-
-
 def test_poses_by_start_position():
     moves = moves_of([0.0, 0.001, 1.0, 0.0], np.ones(40))
     table = PoseTable.of(moves, (1.0, 2.0, 4.0, 3.0))

@@ -8,7 +8,7 @@ import pytest
 
 from cellwatt_plugins.models.graph import Graph
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span, noise_of
+from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 
 STEP = 0.008
 NOISE = Noise(2e-5, 2.5e-3)
@@ -50,24 +50,6 @@ def test_noise_falls_as_the_weights_say(ahead):
     found = [values.std() for values in smoother.apply(moves)]
     assert found == pytest.approx(expected, rel=0.1)
     assert found[1] < 0.4 * NOISE.velocity
-
-
-def test_moves_do_not_mix_and_their_ends_are_held():
-    q = np.concatenate([np.zeros((50, 1)), np.ones((60, 1))])
-    moves = moves_of(q, np.zeros_like(q), [50, 60])
-    smoothed = Smoother.design(NOISE, STEP, Span(9, 2), Span(9, 3), True).apply(moves)
-    assert np.abs(smoothed[0] - q).max() < 1e-9
-    assert np.abs(smoothed[2]).max() < 1e-9
-
-
-def test_noise_is_read_off_a_smooth_motion():
-    draw = np.random.default_rng(1)
-    q, qd, _ = polynomial(4000)
-    moves = moves_of(q + 3e-5 * draw.normal(size=q.shape), qd + 1e-3 * draw.normal(size=q.shape), [2000, 2000])
-    noise = Noise.of(moves)
-    assert noise.position == pytest.approx(3e-5, rel=0.1)
-    assert noise.velocity == pytest.approx(1e-3, rel=0.1)
-    assert np.isnan(noise_of(moves.current)).all()
 
 
 @pytest.mark.parametrize("ahead", [True, False])

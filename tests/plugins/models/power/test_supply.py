@@ -56,35 +56,3 @@ def test_energy_that_is_fed_back_and_brakes():
     found, _ = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
     assert found.down / found.up == pytest.approx(1, abs=0.02)
     assert found.brakes == pytest.approx(8, abs=0.3)
-
-
-def test_little_data_leaves_what_is_stated():
-    drive, noise = driven(3)
-    few = drive.rows(np.arange(3000) < 12)
-    power = 80 + (few.mechanical + few.copper).sum(axis=1) / 0.9 + noise[:12]
-    found, _ = supplies.fit(few, power, supplies.believed(few, power, (), "bus", STATED))
-    assert np.abs(found.weights - 1).max() < 0.3
-
-
-def test_slopes_are_those_of_the_power():
-    drive, noise = driven(4)
-    some = drive.rows(np.arange(3000) < 50)
-    for sharing in ("bus", "joint"):
-        belief = supplies.believed(some, 80 + noise[:50], ("iron loss", BRAKES), sharing, STATED)
-        x = belief.mean.vector() + 0.1
-        slopes, _ = belief.mean.with_vector(x).slopes(some)
-        for i in range(len(x)):
-            step = np.zeros(len(x))
-            step[i] = 1e-6
-            change = belief.mean.with_vector(x + step).power(some) - belief.mean.with_vector(x - step).power(some)
-            assert slopes[:, i] == pytest.approx(change[:, 0] / 2e-6, abs=1e-3)
-
-
-def test_a_joint_that_hardly_moved_is_believed_to_lose_what_others_lose():
-    drive, noise = driven(5)
-    still = Drives(drive.mechanical * [1, 1, 1e-4], drive.copper, drive.qd * [1, 1, 1e-4], drive.current)
-    power = 80 + (still.mechanical + still.copper).sum(axis=1) / 0.9 + 2 * noise
-    belief = supplies.believed(still, power, ("eddy-current loss",), "bus", STATED)
-    found, _ = supplies.fit(still, power, belief)
-    moved = Drives(still.mechanical, still.copper, still.qd + np.array([0, 0, 1.0]), still.current)
-    assert np.abs(found.power(moved) - found.power(still)).max() < 30

@@ -5,18 +5,13 @@ from __future__ import annotations
 import json
 import re
 
-import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from bench.models.demo import demo_robot, train_demo
 from click.testing import CliRunner
 
-from cellwatt.emulation.arm import ArmSignals
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.power import scg_network
-from cellwatt_plugins.models.predict import predict_file
 from cellwatt_plugins.models.seal import sealed
 from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.models.power.emulated_arm import write_case
@@ -31,7 +26,7 @@ def case(tmp_path_factory):
 
 def check_page(page, report):
     check(page)
-    assert len(page.figures) == 5  # three moves, errors of all, residuals
+    assert len(page.figures) == 4  # three moves, residuals
     for row in page.tables["Moves held out"][1:]:
         told = report["held_out"][row[0]]
         scores = [told[name] for name in ("energy_error_mean_percent", "energy_error_worst_percent", "power_rmse_watt")]
@@ -109,31 +104,3 @@ def test_the_same_recording_and_seed_give_the_same_model(case, tmp_path, monkeyp
         models.append(content.replace(created[0], b"")[: -len(sealed(b""))])
     assert models[0] == models[1]
     assert reports[0]["held_out"] == reports[1]["held_out"]
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-def test_a_model_of_the_demonstrations_arm(tmp_path):
-    """What the demo emulates is no rigid body; the model of it is still near."""
-    table = demo_table(0, 20.0)
-    pq.write_table(table, tmp_path / "recorded.parquet")
-    metadata = train_demo(tmp_path / "recorded.parquet", demo_robot(tmp_path), tmp_path / "model.onnx")
-    assert metadata.rate_hz == 50.0
-    unseen = demo_table(1, 20.0)
-    pq.write_table(unseen, tmp_path / "unseen.parquet")
-    predict_file(tmp_path / "model.onnx", tmp_path / "unseen.parquet", tmp_path / "said.parquet")
-    said = pq.read_table(tmp_path / "said.parquet")["power"].to_numpy()
-    measured = unseen["board.supply.power"].to_numpy()
-    assert np.sqrt(np.mean((said - measured) ** 2)) < 0.15 * measured.std()
-
-
-def demo_table(seed, seconds):
-    """Frames at 50 Hz, power averaged over each."""
-    time = np.arange(0, seconds, 0.002)
-    signals = ArmSignals(seed=seed).at(time)
-    columns = {"t": time[::10]}
-    for i in range(1, 7):
-        for quantity in ("position", "velocity", "current"):
-            columns[f"arm.joint_{i}.{quantity}"] = signals[f"joint_{i}.{quantity}"][::10]
-    columns["board.supply.power"] = signals["supply.power"].reshape(-1, 10).mean(axis=1)
-    return pa.table(columns)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -88,19 +87,3 @@ def test_without_torque_constants_nothing_can_be_said(case):
     joints = (robot.joints[0], *(joint.model_copy(update={"torque_constant": 0.0}) for joint in robot.joints[1:]))
     with pytest.raises(ConfigError, match="torque_constant of joint_2, joint_3"):
         train(known, Arm(robot.model_copy(update={"joints": joints}), arm.body))
-
-
-@pytest.mark.slow
-def test_a_joint_that_never_moved_does_not_blow_up(case):
-    arm, known, unseen = case
-    known = known.only(range(6))
-    still = replace(known, q=known.q.copy(), qd=known.qd.copy(), current=known.current.copy())
-    rows = np.random.default_rng(0)
-    still.q[:, 5] = 1e-5 * rows.normal(size=len(known))
-    still.qd[:, 5] = 1e-3 * rows.normal(size=len(known))
-    still.current[:, 5] = 1e-3 * rows.normal(size=len(known))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        fitted = model_of(still, arm)
-    _, current = estimate(fitted, unseen, arm)
-    assert np.abs(current[:, 5]).max() < 5 * np.abs(unseen.current[:, 5]).max()

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.models.static.effects import BENT, legendre
 from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot import Arm
@@ -81,25 +80,6 @@ def test_an_effect_is_what_plain_mechanics_say(setting, what):
     np.testing.assert_allclose(torque, really.torque(poses.q, poses.q - poses.approach), atol=2e-5)
 
 
-def test_a_spring_is_linear_in_the_angle(setting):
-    poses, basis, effects = setting
-    stiffness, relaxed = 25.0, -0.3
-    middle, half = arms.LIMITS[2].mean(), effects.half[2]
-    p = at(effects, spring_3=[stiffness * (middle - relaxed), stiffness * half])
-    more = effects.evaluate(basis, p)[0] - effects.evaluate(basis, 0 * p)[0]
-    np.testing.assert_allclose(more[:, 2], stiffness * (poses.q[:, 2] - relaxed), atol=1e-9)
-    np.testing.assert_allclose(np.delete(more, 2, axis=1), 0.0, atol=1e-12)
-
-
-def test_a_payload_is_a_mass_at_the_last_link(setting):
-    poses, basis, effects = setting
-    p = at(effects, payload=[0.1, 0.02, -0.03])
-    mine = effects.evaluate(basis, p)[0]
-    for row in (0, 7, 20):
-        carrying = replace(arms.Arm(), tool=(float(poses.payload[row]), (0.1, 0.02, -0.03)))
-        np.testing.assert_allclose(mine[row], carrying.load(poses.q[row : row + 1])[0], atol=1e-9)
-
-
 def test_hoses_have_an_energy(setting):
     """Both joints' torques are slopes of one energy: the slope of the one over the other's angle is the same."""
     poses, _, effects = setting
@@ -122,12 +102,3 @@ def test_hoses_have_an_energy(setting):
         cross.append((torque(poses.q + step)[:, a] - torque(poses.q - step)[:, a]) / (2 * h))
     np.testing.assert_allclose(cross[0], cross[1], rtol=1e-5, atol=1e-5)
     assert np.abs(cross[0]).max() > 0.1
-
-
-def test_polynomials_are_legendres():
-    x = np.linspace(-1, 1, 9)
-    value, slope = legendre(x)
-    for degree in range(BENT + 1):
-        reference = np.polynomial.Legendre.basis(degree)
-        np.testing.assert_allclose(value[degree], reference(x), atol=1e-12)
-        np.testing.assert_allclose(slope[degree], reference.deriv()(x) if degree else 0 * x, atol=1e-11)

@@ -28,37 +28,6 @@ def test_it_finds_parameters_noise_and_which_groups_are_there():
     np.testing.assert_allclose(found.noise, [0.1, 0.3], rtol=0.15)
 
 
-def test_stated_deviations_are_those_of_repeated_fits():
-    errors = []
-    for seed in range(30):
-        slopes, truth, measured, prior = problem(seed, count=40)
-        found = fit(lambda p, s=slopes: (s @ p, s.copy()), measured, np.ones((40, 2), bool), prior)
-        errors.append((found.mean[:4] - truth[:4]) / found.deviation[:4])
-    assert 0.8 < np.std(errors) < 1.25
-
-
-def test_groups_of_other_outputs_are_left_out_together():
-    slopes, _, _, prior = problem()
-    apart = np.zeros((200, 2, 6))
-    apart[:, 0, :3], apart[:, 1, 3:] = slopes[:, 0, :3], slopes[:, 1, 3:]
-    parts = tuple(slice(k, k + 1) for k in range(6))
-    outputs = ((0,), (0,), (0,), (1,), (1,), (1,))
-    each = Belief(parts, np.ones(6), np.full(6, 3.0), prior.noise, outputs)
-    truth = np.array([1.0, 0.0, -1.0, 0.0, 0.0, 2.0])
-    said = apart @ truth + 0.1 * np.random.default_rng(5).normal(size=(200, 2))
-    found = fit(lambda p: (apart @ p, apart.copy()), said, np.ones((200, 2), bool), each)
-    np.testing.assert_array_equal(found.active, truth != 0)
-
-
-def test_what_is_not_used_does_not_count():
-    slopes, truth, measured, prior = problem()
-    used = np.ones((200, 2), bool)
-    used[::5] = False
-    spoiled = np.where(used, measured, 1e6)
-    found = fit(lambda p: (slopes @ p, slopes.copy()), spoiled, used, prior)
-    np.testing.assert_allclose(found.mean[:4], truth[:4], atol=0.05)
-
-
 def test_curved_models_are_followed():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(300, 1, 2))
@@ -74,11 +43,3 @@ def test_curved_models_are_followed():
     prior = Belief((slice(0, 1), slice(1, 2)), np.ones(2), np.zeros(2), np.array([0.1]), ((0,), (0,)))
     found = fit(evaluate, measured, np.ones((300, 1), bool), prior)
     np.testing.assert_allclose(found.mean, truth, atol=0.02)
-
-
-def test_a_group_that_says_nothing_new_is_left_out():
-    slopes, _, measured, prior = problem()
-    doubled = np.concatenate([slopes[..., :4], slopes[..., 2:4]], axis=-1)
-    found = fit(lambda p: (doubled @ p, doubled.copy()), measured, np.ones((200, 2), bool), prior)
-    assert found.active[0]
-    assert found.active[1] != found.active[2]

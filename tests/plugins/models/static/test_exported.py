@@ -13,7 +13,7 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.models import ModelSettings, ModelStage, read_metadata
 from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.static.exported import Widths, write_best, write_paper
-from cellwatt_plugins.models.static.identify import Identified, identify, with_leftover
+from cellwatt_plugins.models.static.identify import identify, with_leftover
 from cellwatt_plugins.models.static.paper import trained
 from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
@@ -73,27 +73,6 @@ def test_power_that_holds_a_pose_where_the_motors_are_known(tmp_path, fitted):
     current = given[:, :6] / constant  # 000 (3)
     voltage = resistance * current  # 002 (3) of a motor that neither turns nor changes
     np.testing.assert_allclose(given[:, 9], (given[:, :6] * voltage / constant).sum(axis=1))  # 000 (4)
-
-
-def test_plain_models_and_zero_positions_too(tmp_path, fitted):
-    model, arm, poses = fitted
-    effects = model.effects
-    p = np.zeros(len(effects.scale))
-    p[effects.slices["zero"]] = 1e-4
-    p[effects.slices["friction 2"]] = 3.0
-    plain = Identified(effects, replace(model.posterior, mean=p), None, model.odd)
-    network = open_network(save(tmp_path, (plain, arm, poses)))
-    given = network.run(inputs(poses))
-    np.testing.assert_allclose(given[:, :6], plain.torque(arm.basis(poses)), atol=1e-4)
-
-
-def test_the_file_says_what_it_needs(tmp_path, fitted):
-    told = read_metadata(save(tmp_path, fitted))
-    assert told.robot == "mh12"
-    assert [i.channel for i in told.inputs if not i.optional] == [f"joint_{j}.position" for j in range(1, 7)]
-    assert [i.channel for i in told.inputs if i.optional][-1] == "tool.payload"
-    assert [o.name for o in told.outputs][-3:] == ["torque_sum", "torque_sum_low", "torque_sum_high"]
-    assert told.training.data == fitted[2].digest
 
 
 def test_live_it_says_the_same_and_needs_only_positions(tmp_path, fitted):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -52,27 +51,6 @@ def test_the_way_to_a_pose_counts_from_where_each_joint_last_turned():
     np.testing.assert_allclose(ways[2], [-1.25, 0.5], atol=1e-9)
 
 
-def test_a_joint_that_has_not_been_seen_to_move_has_no_way():
-    (pose,) = run(motion(((1.0, 0.0), 3.0)))
-    np.testing.assert_array_equal(np.isnan(pose.approach), [False, True])
-
-
-def test_a_rest_that_is_too_short_is_counted_and_not_given():
-    recogniser = Recogniser(2)
-    q = motion(((1.0, 1.0), 2.0), ((2.0, 2.0), 3.0))
-    found = recogniser.update(STEP * np.arange(len(q)), q, q)
-    assert [pose.q[0] for pose in found] == [2.0]
-    assert recogniser.too_short == 1
-
-
-def test_encoder_noise_is_rest_and_a_slow_creep_is_not():
-    rng = np.random.default_rng(3)
-    still = motion(((1.0, 1.0), 3.0))
-    assert len(run(still + rng.normal(0, 2e-5, still.shape))) == 1
-    creep = np.linspace(0, 0.1, 400)[:, None] * np.ones(2)
-    assert run(creep) == []
-
-
 def test_a_hole_in_the_samples_begins_the_rest_anew_and_gives_the_pose_once():
     q = motion(((1.0, 1.0), 9.0))
     time = STEP * np.arange(len(q))
@@ -83,15 +61,6 @@ def test_a_hole_in_the_samples_begins_the_rest_anew_and_gives_the_pose_once():
     assert found[0].start >= 3.5 * 10**9
     later = time > 7 * 10**9
     assert recogniser.update(time[later] + 10**9, q[later], q[later]) == []
-
-
-def test_missing_values_are_passed_over():
-    q = motion(((1.0, 1.0), 4.0))
-    torque = np.ones_like(q)
-    torque[::3, 0] = np.nan
-    (pose,) = run(q, torque)
-    assert pose.torque[0] == 1.0
-    assert pose.count == pytest.approx(67, abs=1)
 
 
 @given(cuts=st.lists(st.integers(0, 500), max_size=8))

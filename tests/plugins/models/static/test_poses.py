@@ -37,18 +37,6 @@ def test_samples_become_means_in_newton_metres(tmp_path, robot):
     np.testing.assert_allclose(poses.approach[1:], np.diff(poses.q, axis=0))
 
 
-def test_newton_metres_and_known_ways_are_taken_as_they_are(tmp_path, robot):
-    rng = np.random.default_rng(2)
-    q, came, torque = rng.normal(size=(3, 20, 6))
-    columns = {"pose": np.arange(20), "payload": np.linspace(0, 3, 20)}
-    for j in range(6):
-        columns |= {f"q_{j + 1}": q[:, j], f"q_from_{j + 1}": came[:, j], f"torque_{j + 1}": torque[:, j]}
-    poses = read_poses([save(tmp_path, columns)], robot)
-    np.testing.assert_array_equal(poses.torque, torque)
-    np.testing.assert_allclose(poses.approach, q - came)
-    assert poses.payload_known
-
-
 def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
     rng = np.random.default_rng(3)
     goals = rng.uniform(-1, 1, (14, 6))
@@ -65,23 +53,6 @@ def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
     np.testing.assert_allclose(poses.q, goals, atol=1e-9)
     np.testing.assert_allclose(poses.torque, arms.Arm().load(goals), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(np.sign(poses.approach[1:]), np.sign(np.diff(goals, axis=0)))
-
-
-def test_several_files_follow_each_other(tmp_path, robot):
-    table = arms.samples(arms.Arm(), np.random.default_rng(1), 24)
-    halves = [{k: v[part] for k, v in table.items()} for part in (slice(0, 1200), slice(1200, 2400))]
-    paths = [save(tmp_path, half, f"{i}.parquet") for i, half in enumerate(halves)]
-    poses = read_poses(paths, robot)
-    assert len(poses) == 24
-    assert np.isnan(poses.approach[[0, 12]]).all()
-
-
-def test_poses_with_few_samples_are_left_out_and_said(tmp_path, robot):
-    table = arms.samples(arms.Arm(), np.random.default_rng(1), 20)
-    keep = (table["pose"] != 7) | (np.arange(2000) % 100 < 5)
-    poses = read_poses([save(tmp_path, {k: v[keep] for k, v in table.items()})], robot)
-    assert len(poses) == 19
-    assert poses.notes == ("1 poses have too few samples and are left out",)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ LEAST: Final = 3
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
 Index = NDArray[np.int64]
-Values = NDArray[np.float32]
+Values = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,39 +37,26 @@ class Buckets:
     low: Values
     high: Values
 
-    def __len__(self) -> int:
-        return len(self.index)
+    def channel(self, row: int) -> Buckets:
+        """Those of one channel."""
+        return Buckets(self.index, self.low[row : row + 1], self.high[row : row + 1])
 
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return self.index.nbytes + self.low.nbytes + self.high.nbytes
-
-
-def nothing(channels: int) -> Buckets:
-    """No buckets."""
-    empty = np.empty((channels, 0), np.float32)
-    return Buckets(np.empty(0, np.int64), empty, empty)
+    def single(self) -> Buckets:
+        """The same in the nearest single-precision numbers."""
+        low, high = (np.clip(values, -_LARGEST, _LARGEST).astype(np.float32) for values in (self.low, self.high))
+        return Buckets(self.index, low, high)
 
 
 def of_samples(time: NDArray[np.int64], values: NDArray[np.float64], step: int) -> Buckets:
-    """Buckets of samples ``values`` (n, channels) at ``time`` (n,) UTC ns, in any order; NaN and infinities are none.
-
-    Extremes are the nearest single-precision numbers.
-    """
-    columns = np.ascontiguousarray(values.T)
-    columns = np.where(np.isfinite(columns), np.clip(columns, -_LARGEST, _LARGEST), np.nan)
-    return _merged(np.asarray(time, np.int64) // step, columns.astype(np.float32))
+    """Buckets of samples ``values`` (n, channels) at ``time`` (n,) UTC ns, in any order; only finite ones count."""
+    columns = np.ascontiguousarray(np.where(np.isfinite(values), values, np.nan).T)
+    return _merged(time // step, columns, columns)
 
 
-def joined(parts: Sequence[Buckets], channels: int) -> Buckets:
-    """Buckets of the same channels and step as one; those with the same index become one."""
-    if not parts:
-        return nothing(channels)
-    index = np.concatenate([part.index for part in parts])
-    low = np.concatenate([part.low for part in parts], axis=1)
-    high = np.concatenate([part.high for part in parts], axis=1)
-    return _merged(index, low, high)
+def joined(parts: Sequence[Buckets]) -> Buckets:
+    """Buckets of the same channels and step, at least one part, as one; those with the same index become one."""
+    low, high = (np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("low", "high"))
+    return _merged(np.concatenate([part.index for part in parts]), low, high)
 
 
 def coarser(buckets: Buckets, factor: int) -> Buckets:
@@ -85,10 +72,7 @@ def levels(finest: Buckets) -> list[Buckets]:
     return out
 
 
-def _merged(index: Index, low: Values, high: Values | None = None) -> Buckets:
-    high = low if high is None else high
-    if not len(index):
-        return Buckets(index, low, high)
+def _merged(index: Index, low: Values, high: Values) -> Buckets:
     change = np.diff(index)
     if (change > 0).all():
         return Buckets(index, low, high)
@@ -124,14 +108,21 @@ class Grid:
         """UTC ns."""
         return (self.first + self.count) * self.step
 
+    def extremes(self, parts: Sequence[Buckets]) -> NDArray[np.float64]:
+        """Lowest and highest values (2, count) of one channel's buckets of this step; NaN where there are none."""
+        out = np.full((2, self.count), np.nan)
+        if parts:
+            whole = joined(parts)
+            first, last = np.searchsorted(whole.index, (self.first, self.first + self.count)).tolist()
+            out[:, whole.index[first:last] - self.first] = whole.low[0, first:last], whole.high[0, first:last]
+        return out
+
 
 def chosen(start: int, end: int, points: int) -> tuple[int, Grid]:
     """The level (place in ``STEPS``) to read and the grid of at most ``points`` buckets to make of it."""
-    for level in reversed(range(len(STEPS))):
-        grid = fitting(start, end, points, STEPS[level])
-        if level == 0 or grid.step >= LEAST * STEPS[level]:
-            return level, grid
-    raise AssertionError("the first level always serves")
+    grids = [fitting(start, end, points, step) for step in STEPS]
+    level = max((n for n, grid in enumerate(grids) if grid.step >= LEAST * STEPS[n]), default=0)
+    return level, grids[level]
 
 
 def span_of(start_ms: float, end_ms: float) -> tuple[int, int]:
@@ -145,32 +136,3 @@ def fitting(start: int, end: int, points: int, unit: int) -> Grid:
     """A grid of at most ``points`` (2 or more) buckets, nearly the finest, whose step is a multiple of ``unit`` ns."""
     grids = (Grid.over(start, end, max(-(-(end - start) // (n * unit)), 1) * unit) for n in (points, points - 1))
     return next(grid for grid in grids if grid.count <= points)
-
-
-class Canvas:
-    """Extremes of channels on a grid, put together from many recordings."""
-
-    def __init__(self, grid: Grid, channels: int) -> None:
-        self.grid = grid
-        self.low = np.full((channels, grid.count), np.nan, np.float64)
-        self.high = self.low.copy()
-
-    def add(self, row: int, step: int, index: Index, low: NDArray[np.floating], high: NDArray[np.floating]) -> None:
-        """Put buckets of ``step`` ns of one channel, in order, into row ``row``; those beside the grid are left out.
-
-        The grid's step is a multiple of ``step``.
-        """
-        at = index // (self.grid.step // step) - self.grid.first
-        first, last = np.searchsorted(at, (0, self.grid.count)).tolist()
-        if first >= last:
-            return
-        at, low, high = at[first:last], low[first:last], high[first:last]
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(at)) + 1])
-        places = at[starts]
-        self.low[row, places] = np.fmin(self.low[row, places], np.fmin.reduceat(low, starts))
-        self.high[row, places] = np.fmax(self.high[row, places], np.fmax.reduceat(high, starts))
-
-    def add_samples(self, row: int, time: Index, values: NDArray[np.float64]) -> None:
-        """Put samples of one channel, in order of time (UTC ns), into row ``row``; NaN and infinities are none."""
-        known = np.isfinite(values)
-        self.add(row, self.grid.step, time[known] // self.grid.step, values[known], values[known])

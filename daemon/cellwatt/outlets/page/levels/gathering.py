@@ -1,166 +1,138 @@
-"""The part of a recording that the page shows: buckets of frames and predictions, intervals, alarms, their events."""
+"""The part of a recording that the page shows: curves, intervals, alarms and what was said of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from operator import attrgetter
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt import alarms
+from cellwatt.alarms import WORDS
 from cellwatt.frames import Frames
-from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, joined, of_samples
+from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, coarser, joined, of_samples
 from cellwatt.record.encoder import FRAME_TOPIC, Item
 from cellwatt.record.messages import TOPICS
 from cellwatt.results import Alarm, Event, Interval, Prediction
 
 Columns = tuple[str, ...]
+Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Times (n,) UTC ns and values: (n,) of one channel, (n, channels) of several."""
 
 CURVES: Final = frozenset([FRAME_TOPIC, TOPICS[Prediction]])
 TELLING: Final = frozenset([TOPICS[Interval], TOPICS[Alarm], TOPICS[Event]])
 """Topics of a recording that hold what the page shows beside the curves."""
-WORDS: Final = frozenset([*alarms.WORDS, "evidence"])
-"""Kinds of events about alarms: the word of people, and where the evidence is kept."""
-FOLD: Final = 4096
-"""Samples that wait until they become buckets."""
+FOLD: Final = 64
+"""Blocks of samples that wait until they become buckets."""
 
-SPANS: Final = np.dtype([("start", "<i8"), ("end", "<i8"), ("number", "<i8"), ("what", "<u4")])
-Spans = NDArray[np.void]
+
+class Span(NamedTuple):
+    """An interval; times UTC ns."""
+
+    source: str
+    number: int
+    start: int
+    end: int
+    moving: tuple[int, ...]
+    closed: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Intervals:
-    """Intervals of a recording in order: ``spans`` (n,) with start and end in UTC ns, number, and place in ``whats``:
-    source, moving joints, closed.
+class Digest:
+    """What the page shows of a recording, from ``start`` to ``end`` UTC ns.
+
+    ``said`` are alarms, of their updates only the last, and the events about them, in recorded order; ``finest`` are
+    buckets of the first of ``STEPS`` by the channels that they have.
     """
 
-    spans: Spans
-    whats: tuple[tuple[str, tuple[int, ...], bool], ...]
+    start: int
+    end: int
+    said: Sequence[Alarm | Event]
+    spans: Sequence[Span]
+    finest: Mapping[Columns, Buckets]
 
-    @classmethod
-    def of(cls, intervals: Iterable[Interval]) -> Intervals:
-        """The arrays of some intervals."""
-        whats: dict[tuple[str, tuple[int, ...], bool], int] = {}
-        rows = [
-            (i.start, i.end, i.number, whats.setdefault((i.source, i.moving, i.closed), len(whats))) for i in intervals
-        ]
-        return cls(np.array(sorted(rows), SPANS), tuple(whats))
+    def intervals(self) -> Sequence[Span]:
+        """Intervals."""
+        return self.spans
 
-    def within(self, start: int, end: int) -> tuple[Spans, Sequence[tuple[str, tuple[int, ...], bool]]]:
-        """Those that have any of the time from ``start`` to ``end`` UTC ns, and the table of what they are."""
-        return self.spans[(self.spans["end"] >= start) & (self.spans["start"] < end)], self.whats
-
-
-@dataclass(frozen=True, slots=True)
-class Said:
-    """Messages of alarms and events about them, in recorded order; of the updates of an alarm only the last."""
-
-    alarms: tuple[Alarm, ...] = ()
-    words: tuple[Event, ...] = ()
+    def levels(self, level: int, wanted: Sequence[str]) -> Iterator[tuple[str, Buckets]]:
+        """Buckets of one of ``STEPS`` of each channel in ``wanted``, once for each set of channels that has it."""
+        for columns, finest in self.finest.items():
+            for name in set(wanted).intersection(columns):
+                yield name, coarser(finest.channel(columns.index(name)), STEPS[level] // STEPS[0])
 
 
 class Gathering:
     """Takes the items of one recording in order."""
 
     def __init__(self) -> None:
-        self.start, self.end = 2**62, 0
-        """UTC ns of the earliest and the latest sample or interval."""
-        self._columns: dict[Columns, _Pile] = {}
-        self._intervals: dict[tuple[str, int], Interval] = {}
-        self._alarms: list[Alarm] = []
+        self._start, self._end = 2**62, 0
+        self._waiting: dict[Columns, list[Samples]] = {}
+        self._folded: dict[Columns, list[Buckets]] = {}
+        self._spans: dict[tuple[str, int], Span] = {}
+        self._said: list[Alarm | Event] = []
         self._up: dict[str, tuple[int, int | None]] = {}
         """``since`` of each alarm that is up, and the place of its newest update."""
-        self._words: list[Event] = []
 
     def add(self, item: Item) -> None:
         """Take an item; those that the page does not show are passed over."""
-        match item:
-            case Frames():
-                self._pile(item.layout.names).add(item.time, item.values)
-                self._reach(int(item.time.min()), int(item.time.max()))
-            case Prediction():
-                time, values = prediction_arrays(item)
-                if len(time):
-                    self._pile(prediction_names(item)).add(time, values)
-                    self._reach(int(time.min()), int(time.max()))
-            case Interval():
-                self._intervals[item.source, item.number] = item
-                self._reach(item.start, item.end)
-            case Alarm():
-                self._alarm(item)
-            case Event() if item.kind in WORDS:
-                self._words.append(item)
+        if (found := samples_of(item)) is not None and len(found[1]):
+            columns, time, values = found
+            waiting = self._waiting.setdefault(columns, [])
+            waiting.append((time, values))
+            if len(waiting) == FOLD:
+                self._fold(columns)
+            self._reach(int(time.min()), int(time.max()))
+        elif isinstance(item, Interval):
+            span = Span(item.source, item.number, item.start, item.end, item.moving, item.closed)
+            self._spans[item.source, item.number] = span
+            self._reach(item.start, item.end)
+        elif isinstance(item, Alarm):
+            self._alarm(item)
+        elif isinstance(item, Event) and item.kind in (*WORDS, "evidence"):
+            self._said.append(item)
 
-    @property
-    def said(self) -> Said:
-        """Alarms and events so far."""
-        return Said(tuple(self._alarms), tuple(self._words))
+    def digest(self) -> Digest:
+        """All that was taken so far."""
+        for columns in list(self._waiting):
+            self._fold(columns)
+        finest = {columns: joined(parts) for columns, parts in self._folded.items()}
+        self._folded = {columns: [whole] for columns, whole in finest.items()}
+        spans = sorted(self._spans.values(), key=attrgetter("start"))
+        return Digest(self._start, self._end, tuple(self._said), spans, finest)
 
-    @property
-    def intervals(self) -> Intervals:
-        """Intervals so far."""
-        return Intervals.of(self._intervals.values())
-
-    def finest(self) -> Mapping[Columns, Buckets]:
-        """Buckets of the first of ``STEPS`` by the channels that they have."""
-        return {columns: pile.buckets() for columns, pile in self._columns.items()}
-
-    def _pile(self, columns: Columns) -> _Pile:
-        return self._columns.setdefault(columns, _Pile(len(columns)))
+    def _fold(self, columns: Columns) -> None:
+        time, values = (np.concatenate(arrays) for arrays in zip(*self._waiting.pop(columns), strict=True))
+        self._folded.setdefault(columns, []).append(of_samples(time, values, STEPS[0]).single())
 
     def _reach(self, first: int, last: int) -> None:
-        self.start, self.end = min(self.start, first), max(self.end, last)
+        self._start, self._end = min(self._start, first), max(self._end, last)
 
     def _alarm(self, alarm: Alarm) -> None:
         """Keep the raise of an alarm, its newest update and its clear."""
         since, place = self._up.get(alarm.id, (None, None))
         if alarm.active and since == alarm.since and place is not None:
-            self._alarms[place] = alarm
+            self._said[place] = alarm
             return
         if alarm.active:
-            self._up[alarm.id] = (alarm.since, len(self._alarms) if since == alarm.since else None)
+            self._up[alarm.id] = (alarm.since, len(self._said) if since == alarm.since else None)
         else:
             self._up.pop(alarm.id, None)
-        self._alarms.append(alarm)
+        self._said.append(alarm)
 
 
-class _Pile:
-    """Samples of some channels that become buckets many at a time."""
+def samples_of(item: Item) -> tuple[Columns, NDArray[np.int64], NDArray[np.float64]] | None:
+    """Names, times (n,) UTC ns and values (n, names) of frames, or of a prediction as far as all its outputs go.
 
-    def __init__(self, channels: int) -> None:
-        self._channels = channels
-        self._waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
-        self._count = 0
-        self._parts: list[Buckets] = []
-
-    def add(self, time: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        self._waiting.append((time, values))
-        self._count += len(time)
-        if self._count >= FOLD:
-            self._fold()
-
-    def buckets(self) -> Buckets:
-        self._fold()
-        whole = joined(self._parts, self._channels)
-        self._parts = [whole]
-        return whole
-
-    def _fold(self) -> None:
-        if self._count:
-            time, values = (np.concatenate(arrays) for arrays in zip(*self._waiting, strict=True))
-            self._parts.append(of_samples(time, values, STEPS[0]))
-        self._waiting, self._count = [], 0
-
-
-def prediction_names(prediction: Prediction) -> Columns:
-    """Names under which the outputs of a model are asked for."""
-    return tuple(f"prediction/{prediction.model}/{output}" for output in prediction.outputs)
-
-
-def prediction_arrays(prediction: Prediction) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Times (n,) UTC ns and values (n, outputs) of a prediction, as many as all outputs have."""
-    n = min([len(prediction.time), *(len(values) for values in prediction.outputs.values())])
-    values = np.array([v[:n] for v in prediction.outputs.values()], np.float64).reshape(len(prediction.outputs), n)
-    return np.array(prediction.time[:n], np.int64), values.T
+    Outputs are named ``prediction/<model>/<output>``. ``None`` of any other item.
+    """
+    if isinstance(item, Frames):
+        return item.layout.names, item.time, item.values
+    if not isinstance(item, Prediction):
+        return None
+    n = min([len(item.time), *map(len, item.outputs.values())])
+    values = np.array([v[:n] for v in item.outputs.values()], np.float64).reshape(len(item.outputs), n)
+    names = tuple(f"prediction/{item.model}/{output}" for output in item.outputs)
+    return names, np.array(item.time[:n], np.int64), values.T

@@ -1,7 +1,7 @@
-"""Level files of one cell's recordings, made for closed ones, and the open recording as far as anybody asks for it.
+"""What the page shows of one cell's recordings: level files of the closed ones, the open one as it is written.
 
-Recordings are only read. Where the disk has no room for a level file, what it would hold stays in memory as far as that
-goes, and the rest is read from the recordings again.
+Recordings are only read. One without a level file, as the disk has no room or the budget is spent, is read again for
+each answer.
 """
 
 from __future__ import annotations
@@ -11,60 +11,50 @@ import math
 import shutil
 import threading
 import time
-from collections import Counter, OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from cellwatt.errors import RecordingError, why
+from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.outlets.page.levels import level_file
-from cellwatt.outlets.page.levels.following import EVERYTHING, Growing, Held, Pace, Places, Source, gather
-from cellwatt.outlets.page.levels.gathering import TELLING, Gathering
-from cellwatt.outlets.page.levels.level_file import Budget, LevelFile
-from cellwatt.record.decoder import Track, tracks_of
+from cellwatt.outlets.page.levels.following import Growing, Pace, Places, gather, places_in
+from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Digest
+from cellwatt.outlets.page.levels.level_file import LevelFile
 from cellwatt.record.header import FileName
-from cellwatt.record.opening import ATTEMPTS, survey
-from cellwatt.record.retention import Kept, listing
+from cellwatt.record.opening import ATTEMPTS
+from cellwatt.record.retention import Kept, listing, remove, surplus
 
 log = logging.getLogger(__name__)
 
-HELD: Final = 32e6
-"""Bytes of memory for recordings whose level file could not be written."""
 RESERVE: Final = 256e6
 """Bytes of the disk that level files leave free: what is left belongs to the record."""
 LATE: Final = 3600.0
 """s by which the clocks of a cell and of its disk may differ."""
 TICK: Final = 1.0
 """s within which two changes of a folder may have the same time."""
-CHUNKS: Final = 3
-"""Closed recordings whose list of chunks is kept in memory."""
-LISTED: Final = 60.0
-"""s for which a listing of the folder holds while the folder is not changed."""
 RETRY: Final = 60.0
 """Pause, s, before what failed is tried again."""
+
+Source = LevelFile | Digest
+"""Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
 
 
 class Store:
     """Sources of a cell's recordings in ``folder``, with level files up to ``most`` bytes. Any thread may ask."""
 
     def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
-        self.folder = folder
-        self.budget = Budget(folder, cell, most)
+        self.folder, self.cell, self._most = folder, cell, most
         self.counts: Counter[str] = Counter()
-        """Level files made, unwritten, damaged, removed and over the budget; recordings that could not be read."""
-        self.problem = ""
-        self._cell = cell
-        self._lock = threading.Lock()
-        self._building, self._surveying = threading.Lock(), threading.Lock()
-        self._sources: dict[Path, tuple[int, Source]] = {}
-        self._growing: dict[Path, Growing] = {}
+        """Level files unwritten, damaged and over the budget; recordings that could not be read."""
         self._listing: tuple[float, float, list[Kept]] = (0.0, 0.0, [])
         """UTC s at which the folder was listed, its last change then, and what was in it."""
-        self._held: OrderedDict[Path, Held] = OrderedDict()
-        self._chunks: OrderedDict[Path, tuple[int, Places, Mapping[int, Track]]] = OrderedDict()
+        self._files: dict[FileName, LevelFile] = {}
+        self._growing: dict[FileName, Growing] = {}
+        self._over: FileName | None = None
+        """The newest recording whose level file went to keep to the budget."""
         self._again: dict[Path, float] = {}
-        """Monotonic time, s, before which a recording that could not be read, or the disk, is not tried again."""
+        """Monotonic time, s, before which a recording that could not be read, or the folder, is not tried again."""
 
     def recordings(self) -> list[Kept]:
         """Recordings that are there, in order; those of which nothing can be read are among them.
@@ -75,7 +65,7 @@ class Store:
             changed = self.folder.stat().st_mtime
             listed, of_change, found = self._listing
             # A folder that is changed twice within one tick of the clock has the same time both times.
-            if of_change != changed or listed - changed < TICK or time.time() - listed > LISTED:
+            if of_change != changed or listed - changed < TICK:
                 listed, found = time.time(), self._settled()
                 self._listing = (listed, changed, found)
         except FileNotFoundError:
@@ -88,207 +78,130 @@ class Store:
         """A listing that no rename has disturbed, as far as that can be had: a file is missing in one of them."""
         before: list[Path] | None = None
         for _ in range(ATTEMPTS):
-            found = listing(self.folder, self._cell)
+            found = listing(self.folder, self.cell)
             names = [kept.path for kept in found]
             if names == before:
                 break
             before = names
         return found
 
-    def known(self, kept: Kept) -> Source | None:
-        """Source of a closed recording without reading the recording; None where there is no sound level file."""
-        with self._lock:
-            size, source = self._sources.get(kept.path, (0, None))
-            if source is not None and size == kept.size:
-                return source
-            if (held := self._held.get(kept.path)) is not None:
-                return held
+    def source(self, kept: Kept, pace: Pace, *, curves: bool = True) -> Source | None:
+        """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
+
+        None where nothing in it can be read. Raises what ``pace`` raises.
+        """
         try:
-            written = LevelFile(kept.path, kept.size)
+            if not kept.closed:
+                growing = self._growing.setdefault(kept.name, Growing(kept.path))
+                with growing.lock:
+                    growing.grow(pace)
+                    return growing.gathering.digest()
+            if (known := self.known(kept)) is not None or self._waits(kept.path):
+                return known
+            pace()
+            return self._made(kept, pace) if curves else gather(kept.path, kept.size, TELLING, pace)
+        except TimeoutError:
+            raise
+        except (OSError, RecordingError) as error:
+            # One that was removed to make room is no fault.
+            if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
+                self.counts["unreadable"] += 1
+                self._failed(kept.path, f"{kept.path} has no curves: {error}")
+            return None
+
+    def known(self, kept: Kept) -> LevelFile | None:
+        """The level file of a closed recording; None where there is no sound one."""
+        file = self._files.get(kept.name)
+        if file is not None and file.size == kept.size:
+            return file
+        try:
+            file = self._files[kept.name] = LevelFile(kept)
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             self.spoiled(kept, str(error))
             return None
-        with self._lock:
-            self._sources[kept.path] = (kept.size, written)
-        return written
+        return file
 
     def spoiled(self, kept: Kept, reason: str) -> None:
         """Forget and remove a level file that is damaged: it is made anew."""
-        with self._lock:
-            self._sources.pop(kept.path, None)
-            self.counts["damaged"] += 1
+        self._files.pop(kept.name, None)
+        self.counts["damaged"] += 1
         path = level_file.path_of(kept.path)
         log.warning("%s %s: it is made anew", path, reason)
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            self.problem = f"{path} cannot be removed: {why(error)}"
+            log.warning("%s cannot be removed: %s", path, why(error))
 
-    def made(self, kept: Kept, deadline: float, pace: Pace) -> Source | None:
-        """Source of a closed recording, made if it is not there; None where that cannot be.
+    def _made(self, kept: Kept, pace: Pace) -> Digest:
+        """Read a closed recording, and write its level file where that may be."""
+        digest = gather(kept.path, kept.size, CURVES | TELLING, pace)
+        if self._allows(kept):
+            try:
+                if not self._room():
+                    raise OSError("there is no room for level files: curves of long spans are slow")
+                level_file.write(kept, digest)
+                self._hold()
+            except (OSError, ValueError) as error:
+                self.counts["unwritten"] += 1
+                self._failed(self.folder, f"{level_file.path_of(kept.path)} cannot be written: {error}")
+        return digest
 
-        Waits for another thread that makes one until monotonic time ``deadline``, s; ``pace`` is called after each
-        chunk, and may raise.
+    def places(self, kept: Kept, pace: Pace) -> Places:
+        """The chunks of a recording. Raises ``OSError``, ``RecordingError``, and what ``pace`` raises."""
+        if kept.closed:
+            return places_in(kept.path, kept.size)
+        growing = self._growing.setdefault(kept.name, Growing(kept.path))
+        with growing.lock:
+            growing.grow(pace)
+            return Places(growing.chunks[:], growing.tracks)
+
+    def look(self, pace: Pace) -> None:
+        """Make the level files that are missing, newest first, and remove those of recordings that are gone.
+
+        Raises ``OSError``, ``RecordingError``, and what ``pace`` raises.
         """
-        if (source := self.known(kept)) is not None:
-            return source
-        patience = min(max(deadline - time.monotonic(), 0), threading.TIMEOUT_MAX)
-        if self._waits(kept.path) or not self._building.acquire(timeout=patience):
-            return None
-        try:
-            with self._readable(kept):
-                return self.known(kept) or self._keep(kept, gather(kept.path, EVERYTHING, pace))
-        finally:
-            self._building.release()
-        return None
+        recordings = self.recordings()
+        for kept in reversed(recordings) if recordings and self._room() else ():
+            if kept.closed and self._allows(kept):
+                self.source(kept, pace)
+        there = {kept.name for kept in self.recordings()}
+        remove([file for file in level_file.listing(self.folder, self.cell) if file.name not in there])
+        self._hold()
+        closed = {kept.name for kept in self.recordings() if kept.closed}
+        for name in [*self._files]:
+            if name not in closed:
+                self._files.pop(name, None)
+        for name in [*self._growing]:
+            if name in closed or name not in there:
+                del self._growing[name]
 
-    def growing(self, kept: Kept) -> Growing:
-        """The recording that is open under this name."""
-        with self._lock:
-            return self._growing.setdefault(_closed_name(kept.path), Growing(kept.path))
+    def _hold(self) -> None:
+        """Keep to the budget: the level files of the oldest recordings go. Raises ``OSError``."""
+        files = level_file.listing(self.folder, self.cell)
+        if over := surplus(files, keep=self._most, age=0, now=0, reserve=0):
+            remove(over)
+            self.counts["over budget"] += len(over)
+            self._over = over[-1].name
+            for file in over:
+                self._files.pop(file.name, None)
 
-    def source(self, kept: Kept, until: float, *, curves: bool = True) -> Source | None:
-        """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
-
-        None where nothing in it can be read. Raises ``TimeoutError`` where that takes beyond monotonic time ``until``.
-        """
-        pace = ends_at(until)
-        with self._readable(kept):
-            if not kept.closed:
-                growing = self.growing(kept)
-                with growing.lock:
-                    if not growing.grow(until):
-                        raise TimeoutError
-                    return Held(growing.gathered, curves=curves)
-            source = self.made(kept, until, pace) if curves else self.known(kept)
-            if source is not None or self._waits(kept.path):
-                return source
-            pace()
-            return None if curves else Held(gather(kept.path, TELLING, pace), curves=False)
-        return None
-
-    def chunks(self, kept: Kept, until: float) -> tuple[Places, Mapping[int, Track]]:
-        """The chunks of a recording, and the readers of their channels.
-
-        Raises ``TimeoutError`` at monotonic time ``until``, ``OSError`` and ``RecordingError``.
-        """
-        if not kept.closed:
-            growing = self.growing(kept)
-            with growing.lock:
-                if not growing.grow(until):
-                    raise TimeoutError
-                return list(growing.places), growing.tracks
-        with self._surveying:
-            size, places, tracks = self._chunks.get(kept.path, (0, (), {}))
-            if size != kept.size:
-                contents = survey(kept.path).contents
-                places = [(c.offset, c.length, c.start, c.end) for c in contents.chunks]
-                tracks = tracks_of(contents.channels)[0]
-                self._chunks[kept.path] = (kept.size, places, tracks)
-                while len(self._chunks) > CHUNKS:
-                    self._chunks.popitem(last=False)
-            self._chunks.move_to_end(kept.path)
-            return places, tracks
-
-    def room(self) -> bool:
+    def _room(self) -> bool:
         """True where the disk has room for level files, and takes them."""
-        try:
-            return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
-        except OSError:
-            return False
+        return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
 
-    def let_go(self) -> None:
-        """Forget what is in memory for want of room, so that it is written."""
-        with self._lock:
-            for path in [path for path in self._held if self._allowed(path)]:
-                del self._held[path]
+    def _allows(self, kept: Kept) -> bool:
+        """False for a recording that is as old as one whose level file was beyond the budget, or older."""
+        return self._over is None or kept.name > self._over
 
     def _waits(self, path: Path) -> bool:
         return time.monotonic() < self._again.get(path, 0.0)
 
-    def tidy(self) -> None:
-        """Forget recordings that are gone, and remove their level files."""
-        recordings = self.recordings()
-        there = {_closed_name(known.path) for known in recordings}
-        growing = {_closed_name(known.path) for known in recordings if not known.closed}
-        with self._lock:
-            for known, kept in (
-                (self._sources, there),
-                (self._held, there),
-                (self._again, {*there, self.folder}),
-                (self._growing, growing),
-            ):
-                for path in known.keys() - kept:
-                    del known[path]
-        for _, entry in self.budget.files():
-            if self.folder / f"{entry.name.removesuffix(level_file.SUFFIX)}.mcap" not in there:
-                Path(entry.path).unlink(missing_ok=True)
-                self.counts["removed"] += 1
-        self._hold()
-
-    def _hold(self) -> None:
-        """Remove the level files beyond the budget, and forget them. Raises ``OSError``."""
-        if gone := self.budget.hold():
-            with self._lock:
-                self.counts["over budget"] += gone
-                for path in [path for path in self._sources if not self._allowed(path)]:
-                    del self._sources[path]
-
-    def _allowed(self, recording: Path) -> bool:
-        name = FileName.parse(recording.name)
-        return name is None or self.budget.allows(name)
-
-    def stats(self) -> dict[str, Any]:
-        """Figures for health messages."""
-        return {
-            **{k: self.counts[k] for k in ("made", "unwritten", "damaged", "removed", "over budget", "unreadable")},
-            "problem": self.problem,
-        }
-
-    def _keep(self, kept: Kept, gathered: Gathering) -> Source:
-        """Write a level file, or hold in memory what it would have."""
-        allowed = self.budget.allows(kept.name)
-        if allowed and self.room():
-            try:
-                level_file.write(kept.path, kept.size, gathered)
-                written = LevelFile(kept.path, kept.size)
-            except (OSError, ValueError) as error:
-                if kept.path.exists():  # otherwise it went with its recording
-                    self.problem = f"{level_file.path_of(kept.path)} cannot be written: {error}"
-                    self._again[self.folder] = time.monotonic() + RETRY
-            else:
-                with self._lock:
-                    self.counts["made"] += 1
-                    self.problem = ""
-                    self._held.pop(kept.path, None)
-                    self._sources[kept.path] = (kept.size, written)
-                self._hold()
-                return written if self.budget.allows(kept.name) else Held(gathered)
-        elif allowed and not self._waits(self.folder):
-            self.problem = f"{self.folder} has no room for level files: curves of long spans are slow"
-        held = Held(gathered)
-        with self._lock:
-            self.counts["unwritten"] += allowed
-            self._held[kept.path] = held
-            while len(self._held) > 1 and sum(h.size for h in self._held.values()) > HELD:
-                self._held.popitem(last=False)
-        return held
-
-    @contextmanager
-    def _readable(self, kept: Kept) -> Iterator[None]:
-        """Count and tell a recording that cannot be read, but for one that was removed to make room."""
-        try:
-            yield
-        except TimeoutError:
-            raise
-        except (OSError, RecordingError) as error:
-            if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
-                self.counts["unreadable"] += 1
-                self.problem = str(error)
-                self._again[kept.path] = time.monotonic() + RETRY
-                log.warning("%s has no curves: %s", kept.path, error)
+    def _failed(self, path: Path, text: str) -> None:
+        if not self._waits(path):
+            log.warning("%s", text)
+            self._again[path] = time.monotonic() + RETRY
 
 
 def near(recordings: Iterable[Kept], start: int, end: int) -> list[Kept]:
@@ -307,6 +220,50 @@ def ends_at(until: float) -> Pace:
     return pace
 
 
-def _closed_name(path: Path) -> Path:
-    """Path that a recording has once it is closed."""
-    return path.with_name(path.name.removesuffix(".part"))
+PERIOD: Final = 2.0
+"""s from one look at the folder to the next."""
+WORK, REST = 0.01, 0.03
+"""s of reading, and of rest after it: the page's other threads go first."""
+
+
+class _Over(Exception):  # noqa: N818
+    pass
+
+
+class Keeper:
+    """Keeps the level files of a store up to date from ``start`` to ``close``, in a thread."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="levels", daemon=True)
+        self._rest_at = 0.0
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End, in the middle of a recording if need be."""
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            try:
+                self._store.look(self._pace)
+            except _Over:
+                return
+            except (OSError, CellwattError) as error:
+                log.warning("the record cannot be followed: %s", error)
+            self._over.wait(PERIOD)
+
+    def _pace(self) -> None:
+        """Rest after some work; end where all is to end."""
+        now = time.monotonic()
+        if now < self._rest_at:
+            return
+        if self._over.wait(REST):
+            raise _Over
+        self._rest_at = time.monotonic() + WORK

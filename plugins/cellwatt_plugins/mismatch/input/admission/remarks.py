@@ -57,12 +57,12 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     return notes
 
 
-def rough(states: Sequence[States], least: float = ROUGH) -> Iterator[str]:
+def rough(states: Sequence[States]) -> Iterator[str]:
     """One sentence for each run with stretches that follow no smooth motion; there its torque says little."""
     for run in states:
         doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
         moves = np.ptp(run.q, axis=0) > MOVES
-        far = np.any(moves & (doubt > least * np.sqrt(np.mean(np.square(run.nominal), axis=0))), axis=1)
+        far = np.any(moves & (doubt > ROUGH * np.sqrt(np.mean(np.square(run.nominal), axis=0))), axis=1)
         inner = [(a, b) for a, b in stretches(far) if a > 0 and b < len(far)] if run.moved.planned else []
         seconds = sum(b - a for a, b in inner) * run.step
         if seconds > SHORT:

@@ -1,0 +1,272 @@
+"""All that is known of one recipient, and the rules by which it is told of an alarm, and when. Pure."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import Any, Final, Literal
+
+from pydantic import TypeAdapter
+
+from cellwatt.alarms import SEVERITIES
+from cellwatt.results import Alarm, Severity
+
+ENDED: Final = 2000
+"""Alarms that are over of which the time of the end is kept, so that none is told once more."""
+
+Happening = Literal["raised", "graver", "repeated", "cleared"]
+
+
+def rank(alarm: Alarm) -> int:
+    """Rank of the severity of an alarm, 0 for the least."""
+    return SEVERITIES.index(alarm.severity)
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """Something to tell about one alarm."""
+
+    what: Happening
+    alarm: Alarm
+
+    @property
+    def slot(self) -> tuple[str, bool]:
+        """Only one item in each slot waits: the alarm, and its end."""
+        return self.alarm.id, self.what == "cleared"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Items that are sent together; ``id`` is the same at every attempt, ``made`` UTC ns.
+
+    ``more`` items found no room, ``settled`` are addresses of it that need no further attempt.
+    """
+
+    id: str
+    made: int
+    items: tuple[Item, ...] = ()
+    more: int = 0
+    settled: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One alarm from its raise to its clear, as this recipient knows it.
+
+    ``alarm`` is its newest message, ``session`` that in which it was last raised, ``said`` the gravest rank that was
+    put into an item; ``told``: an item of it was put into a message. ``over``: its clear waits.
+    """
+
+    alarm: Alarm
+    session: int
+    said: int
+    told: bool = False
+    over: bool = False
+
+
+_Saved = tuple[list[Episode], list[Item], Message | None, dict[str, tuple[int, int]], int]
+_SAVED: Final[TypeAdapter[_Saved]] = TypeAdapter(_Saved)
+
+
+@dataclass(slots=True)
+class Recipient:
+    """What is known of one recipient."""
+
+    episodes: dict[str, Episode] = field(default_factory=dict)
+    due: dict[tuple[str, bool], Item] = field(default_factory=dict)
+    flight: Message | None = None
+    ended: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """Session and time of the end, UTC ns, of alarms that are over, by id."""
+    more: int = 0
+    """Items that found no room since the last message."""
+    changed: bool = field(default=False, compare=False)
+    """There is something to be kept on disk: newer figures of an alarm alone are not."""
+    counts: Counter[str] = field(default_factory=Counter, compare=False)
+    """What happened to items, for the account."""
+
+    def kept(self) -> Any:
+        """All that is to outlive this process, JSON-ready."""
+        all_ = list(self.episodes.values()), list(self.due.values()), self.flight, self.ended, self.more
+        return _SAVED.dump_python(all_, mode="json")
+
+    @classmethod
+    def read(cls, kept: Any) -> Recipient:
+        """The same from ``kept``. Raises ``ValueError``."""
+        episodes, due, flight, ended, more = _SAVED.validate_python(kept)
+        return cls({e.alarm.id: e for e in episodes}, {i.slot: i for i in due}, flight, ended, more)
+
+    def waiting(self, alarm_id: str) -> Iterator[Item]:
+        """Items of an alarm that are in no message yet."""
+        return (self.due[slot] for slot in ((alarm_id, False), (alarm_id, True)) if slot in self.due)
+
+    def wait(self, item: Item, session: int) -> None:
+        """Let an item wait."""
+        self.due[item.slot] = item
+        before = self.episodes.get(item.alarm.id)
+        if item.what != "cleared":
+            told, said = (before.told, before.said) if before is not None else (False, -1)
+            self.episodes[item.alarm.id] = Episode(item.alarm, session, max(said, rank(item.alarm)), told)
+        elif before is not None:
+            self.episodes[item.alarm.id] = replace(before, over=True)
+        self.changed = True
+
+    def drop(self, alarm_id: str, *, counted: bool = False, forgotten: bool = False) -> None:
+        """Tell nothing of what waits; ``counted`` where it found no room, ``forgotten`` where it may come again."""
+        items = list(self.waiting(alarm_id))
+        for item in items:
+            del self.due[item.slot]
+        if counted:
+            self.more += 1
+            self.counts["without room"] += 1
+        self.changed = True
+        episode = self.episodes.get(alarm_id)
+        if episode is not None and episode.over:
+            self.end(alarm_id, items[-1].alarm.time if items else episode.alarm.time)
+        elif episode is not None and forgotten and not episode.told:
+            del self.episodes[alarm_id]
+
+    def see(self, alarm: Alarm, session: int) -> None:
+        """Note that an alarm that is known is up in this session; a clear of it that waits is not told."""
+        episode = self.episodes[alarm.id]
+        self.changed = self.changed or episode.over or episode.session != session
+        self.episodes[alarm.id] = replace(episode, alarm=alarm, session=session, over=False)
+        self.due.pop((alarm.id, True), None)
+        if (item := self.due.get((alarm.id, False))) is not None:
+            self.due[item.slot] = replace(item, alarm=alarm)
+
+    def end(self, alarm_id: str, time: int) -> None:
+        """Note the end of an alarm, of which nothing more is told; ``time`` UTC ns."""
+        self.changed = True
+        episode = self.episodes.pop(alarm_id, None)
+        self.ended.pop(alarm_id, None)
+        if episode is not None:
+            self.ended[alarm_id] = episode.session, time
+        while len(self.ended) > ENDED:
+            del self.ended[next(iter(self.ended))]
+
+    def send(self, message: Message) -> None:
+        """Put a message of items that waited on its way."""
+        self.flight, self.more, self.changed = message, 0, True
+        for item in message.items:
+            self.due.pop(item.slot, None)
+            episode = self.episodes.get(item.alarm.id)
+            if item.what == "cleared":
+                self.end(item.alarm.id, item.alarm.time)
+            elif episode is not None:
+                self.episodes[item.alarm.id] = replace(episode, told=True)
+
+    def settle(self, addresses: Collection[str]) -> None:
+        """Note addresses of the message on its way that need no further attempt."""
+        if self.flight is not None:
+            self.flight, self.changed = replace(self.flight, settled=(*self.flight.settled, *addresses)), True
+
+    def arrived(self) -> None:
+        """Note that the message on its way was accepted, or is given up."""
+        self.flight, self.changed = None, True
+
+
+AGAIN: Final = 600 * 10**9
+"""Time, ns, after the start of the daemon in which an alarm that is raised again is the one that was told before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What one recipient wants; times in s. ``queue`` alarms may wait."""
+
+    severity: Severity = "warning"
+    kinds: tuple[str, ...] = ("*",)
+    group: float = 30.0
+    repeat: float | None = None
+    resolved: bool = True
+    queue: int = 100
+
+    def wants(self, alarm: Alarm) -> bool:
+        """True if an alarm is grave enough, and of a kind that is asked for."""
+        return rank(alarm) >= SEVERITIES.index(self.severity) and any(fnmatchcase(alarm.kind, k) for k in self.kinds)
+
+    # alarms -----------------------------------------------------------------------------------------
+
+    def take(self, told: Recipient, alarm: Alarm, session: int, passing: int) -> None:
+        """Take a message of the alarm book; ``passing`` is the least rank that passes now."""
+        ended, at = told.ended.get(alarm.id, (-1, 0))
+        if ended == session and alarm.time <= at:
+            return  # it was told to its end, and is given again
+        episode = told.episodes.get(alarm.id)
+        if alarm.active:
+            self._active(told, alarm, episode, session)
+        elif episode is not None:
+            self._clear(told, alarm, episode, session, passing)
+
+    def _active(self, told: Recipient, alarm: Alarm, episode: Episode | None, session: int) -> None:
+        if episode is None:
+            if self.wants(alarm):
+                self._wait(told, Item("raised", alarm), session)
+            return
+        told.see(alarm, session)
+        if rank(alarm) > episode.said and self.wants(alarm):
+            waits = told.due.get((alarm.id, False))
+            what = waits.what if waits is not None and waits.what == "raised" else "graver"
+            self._wait(told, Item(what, alarm), session)
+
+    def _clear(self, told: Recipient, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
+        waits = told.due.get((alarm.id, False))
+        kept_back = waits is not None and rank(waits.alarm) < passing
+        if kept_back or (episode.told and waits is not None and waits.what == "repeated"):
+            told.drop(alarm.id)
+        if self.resolved and (episode.told or (waits is not None and not kept_back)):
+            self._wait(told, Item("cleared", alarm), session)
+        else:
+            told.end(alarm.id, alarm.time)
+
+    def _wait(self, told: Recipient, item: Item, session: int) -> None:
+        """Let an item wait; without room the least grave one of all, the newest of these, is only counted."""
+        full = len(told.due) >= self.queue and item.slot not in told.due
+        told.wait(item, session)
+        if full:
+            least = min(reversed(told.due.values()), key=lambda waits: rank(waits.alarm))
+            told.drop(least.alarm.id, counted=True)
+
+    # times ------------------------------------------------------------------------------------------
+
+    def withdraw(self, told: Recipient, session: int, now: int) -> None:
+        """End alarms of an earlier session that did not come again; ``now`` UTC ns."""
+        if now < session + AGAIN:
+            return
+        for episode in list(told.episodes.values()):
+            if episode.session == session or episode.over:
+                continue
+            alarm = episode.alarm
+            text = f"Not seen again since the daemon began anew: {alarm.statement}"
+            clear = replace(alarm, active=False, time=max(now, alarm.time), statement=text)
+            if episode.told and self.resolved:
+                self._wait(told, Item("cleared", clear), session)
+            elif (alarm.id, False) not in told.due:
+                told.end(alarm.id, clear.time)
+
+    def again(self, told: Recipient, alarm_ids: Iterable[str], session: int) -> None:
+        """Tell alarms once more, where they were told and are not over."""
+        for alarm_id in alarm_ids:
+            episode = told.episodes.get(alarm_id)
+            if episode is not None and episode.told and not episode.over and (alarm_id, False) not in told.due:
+                self._wait(told, Item("repeated", episode.alarm), session)
+
+
+def silence(told: Recipient, alarm_id: str) -> None:
+    """Keep silent of an alarm that a person put on the shelf: what waits of it is not told."""
+    if (alarm_id, False) in told.due:
+        told.drop(alarm_id, forgotten=True)
+
+
+def ready(told: Recipient, passing: int) -> list[Item]:
+    """Items that wait and pass now, in the order in which they came; what waits of one alarm stays together."""
+    return [i for i in told.due.values() if max(rank(waits.alarm) for waits in told.waiting(i.alarm.id)) >= passing]
+
+
+def message_of(to: str, items: Collection[Item], more: int, now: int) -> Message:
+    """Make a message for the recipient ``to`` at ``now``, UTC ns; its id depends on all that."""
+    parts = [f"{item.what} {item.alarm.since} {item.alarm.time} {item.alarm.id}" for item in items]
+    digest = hashlib.sha256("\n".join([to, str(now), str(more), *parts]).encode()).hexdigest()
+    return Message(digest[:32], now, tuple(items), more)

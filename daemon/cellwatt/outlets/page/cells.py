@@ -1,0 +1,137 @@
+"""The cells that a page shows, each with its feed, its record and the way to act on it."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+from urllib.parse import quote
+
+from cellwatt.errors import CellwattError
+from cellwatt.live.site import summary
+from cellwatt.outlets.page import shapes
+from cellwatt.outlets.page.archive import Archive, Desk
+from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.streams import Hub
+from cellwatt.outlets.zenoh.received import Health
+
+Mode = Literal["cell", "plant", "recordings"]
+
+Order = Callable[[Mapping[str, Any]], Awaitable[None]]
+"""Has the cell's daemon do something; raises ``CellwattError`` with its reason."""
+
+
+@dataclass(slots=True)
+class Cell:
+    """One cell; ``order`` is ``None`` where nothing can be changed from here."""
+
+    feed: Feed
+    archive: Archive
+    order: Order | None = None
+
+
+def prefix(site: str, cell: str) -> str:
+    """Path of the answers about a cell."""
+    return f"/api/cells/{quote(site, safe='')}/{quote(cell, safe='')}"
+
+
+class OneCell:
+    """A page of one cell; of none, on which recordings can be dropped.
+
+    ``acts`` is true if anything can be changed from here.
+    """
+
+    hub: Hub | None = None
+    """The changes of ``summary``, of a page of many cells."""
+
+    def __init__(self, cell: Cell | None) -> None:
+        self._cell = cell
+        self.mode: Mode = "recordings" if cell is None else "cell"
+        self.site: str | None = None if cell is None else cell.feed.site
+        self.acts = cell is not None and cell.order is not None
+
+    @property
+    def names(self) -> Sequence[tuple[str, str]]:
+        """Site and name of each cell."""
+        return () if self._cell is None else ((self._cell.feed.site, self._cell.feed.cell),)
+
+    async def cell(self, site: str, name: str) -> Cell:
+        """One cell. Raises ``KeyError`` if there is no such cell, ``OutletError`` if it cannot be opened."""
+        if self._cell is None or (site, name) not in self.names:
+            raise KeyError(name)
+        return self._cell
+
+    def summary(self) -> list[dict[str, Any]]:
+        """All cells in figures, JSON-ready."""
+        if self._cell is None:
+            return []
+        feed = self._cell.feed
+        age = None if feed.live.heard is None else time.monotonic() - feed.live.heard
+        return [plant_cell(feed.site, feed.cell, feed.live.status, age)]
+
+    def url_of(self, site: str, cell: str) -> str | None:
+        """Address of the cell's own page, if it is known."""
+        return None
+
+
+log = logging.getLogger(__name__)
+
+_WEB: Final = ("http://", "https://")
+
+Body = Mapping[str, Any]
+
+
+def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, gone: bool = False) -> dict[str, Any]:
+    """A cell in figures, JSON-ready; ``status`` is its health of ``age`` s, empty if it does not answer us."""
+    told = summary(cell, Health(0, 0, {}, status) if status else None)
+    known = {alarm["id"] for alarm in status.get("alarms", ()) if alarm.get("acknowledged")}
+    return {
+        "site": site,
+        **told,
+        "state": "gone" if gone else told["state"],
+        "time": shapes.ms(told["time"]),
+        "age_s": age,
+        "alarms": [
+            {**alarm, "since": shapes.ms(alarm["since"]), "acknowledged": alarm["id"] in known}
+            for alarm in told["alarms"]
+        ],
+        "shelved": len(status.get("shelved", ())),
+        "power_W": _of_kind(status.get("power_W"), int | float),
+        "energy_today_J": _of_kind(status.get("energy_today_J"), int | float),
+        "task": _of_kind(status.get("task"), str),
+        "page": page_of(status),
+    }
+
+
+def _of_kind(told: object, kind: Any) -> Any:
+    """What a cell of any version tells, ``None`` where it is of another kind."""
+    return told if isinstance(told, kind) else None
+
+
+def page_of(status: Body) -> str | None:
+    """Address of the cell's own page, if its health tells one that a browser may open."""
+    outlets = status.get("sinks")
+    page = outlets.get("page") if isinstance(outlets, Mapping) else None
+    url = page.get("url") if isinstance(page, Mapping) else None
+    return url if isinstance(url, str) and url.startswith(_WEB) else None
+
+
+async def follow_arms(feed: Feed, arms: Mapping[str, Path], desk: Desk) -> None:
+    """Keep the arms of a feed for its channels, until cancelled; one that cannot be read is left out and logged."""
+    while arms:
+        await feed.laid_out.wait()
+        feed.laid_out.clear()
+        from cellwatt.outlets.page.skeleton import skeleton
+
+        found = []
+        for source, file in arms.items():
+            try:
+                found.append(await desk.ask(skeleton, source, file, feed.names))
+            except (CellwattError, OSError, ValueError) as error:
+                log.warning("the arm of %s is not shown: %s: %s", source, file, error)
+        if found != feed.arms:
+            feed.arms = found
+            feed.hub.end()

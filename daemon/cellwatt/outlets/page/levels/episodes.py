@@ -1,0 +1,189 @@
+"""Intervals and alarms of a span out of the record, the alarms from raise to clear, with what people said of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+from cellwatt.alarms import RESTARTED, Acknowledgement
+from cellwatt.errors import RecordingError, why
+from cellwatt.outlets.page import shapes
+from cellwatt.outlets.page.levels.buckets import span_of
+from cellwatt.outlets.page.levels.following import Pace
+from cellwatt.outlets.page.levels.store import Source, Store, ends_at, near
+from cellwatt.outlets.page.shapes import mark, ms
+from cellwatt.record import packs
+from cellwatt.record.retention import Kept
+from cellwatt.results import Alarm, Event
+
+MOST: Final = 2000
+"""Intervals, and alarms, that an answer has at most: the longest intervals, the newest alarms."""
+PATIENCE: Final = 10.0
+"""s after which an answer is given as far as it goes."""
+
+Found = Sequence[tuple[Kept, Source]]
+
+
+@dataclass
+class Episode:
+    """One alarm: its ``first`` message, the newest that was active, times in UTC ns, and what people said of it.
+
+    ``cleared`` is None while it is up.
+    """
+
+    first: Alarm
+    alarm: Alarm
+    raised: int
+    cleared: int | None = None
+    cleared_statement: str | None = None
+    words: list[Event] = field(default_factory=list)
+    pack: str | None = None
+    """File of the evidence, as the daemon told it."""
+
+    def overlaps(self, start: int, end: int) -> bool:
+        """True if it was up at some time from ``start`` to before ``end`` UTC ns."""
+        return self.raised < end and (self.cleared is None or self.cleared >= start)
+
+    def end(self, time: int, statement: str) -> None:
+        """It is over, if it was not before."""
+        if self.cleared is None:
+            self.cleared, self.cleared_statement = time, statement
+
+
+def episodes(recordings: Sequence[Kept], found: Found) -> list[Episode]:
+    """Alarms by time of raise, of the sources in order; those of a session end with the begin of the next."""
+    by_id: dict[str, list[Episode]] = {}
+    sessions = sorted({kept.name.session for kept in recordings})
+    for session, group in groupby(found, key=lambda each: each[0].name.session):
+        for message in (message for _, source in group for message in source.said):
+            if isinstance(message, Alarm):
+                _hear(message, by_id.setdefault(message.id, []))
+            else:
+                _note(message, by_id)
+        if (following := next((other for other in sessions if other > session), None)) is not None:
+            for known in by_id.values():
+                known[-1].end(max(following, known[-1].alarm.time), RESTARTED)
+    return sorted((episode for known in by_id.values() for episode in known), key=lambda episode: episode.raised)
+
+
+def _hear(alarm: Alarm, known: list[Episode]) -> None:
+    """Take a message of an alarm: it begins, goes on, or is over."""
+    up = known[-1] if known and known[-1].cleared is None else None
+    if up is not None and up.alarm.since != alarm.since and alarm.active:
+        up.end(alarm.since, alarm.statement)  # its clear is lost
+        up = None
+    if up is None:
+        up = Episode(alarm, alarm, alarm.time if alarm.active else alarm.since)
+        known.append(up)
+    if alarm.active:
+        up.alarm = alarm
+    else:
+        up.end(alarm.time, alarm.statement)
+
+
+def _note(event: Event, known: Mapping[str, Sequence[Episode]]) -> None:
+    """Give an event to the alarms that it is about: the last of each id, of evidence the first that has none yet."""
+    ids = event.data.get("alarms", [event.data.get("alarm")])
+    for raised in (known[alarm_id] for alarm_id in ids if alarm_id in known):
+        if event.kind != "evidence":
+            raised[-1].words.append(event)
+        elif "pack" in event.data:
+            start = event.data.get("start", 0)
+            inside = (episode for episode in raised if episode.raised >= start and episode.pack is None)
+            next(inside, raised[-1]).pack = str(event.data["pack"])
+
+
+def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: Pace) -> dict[str, Any]:
+    """Intervals and alarms from ``start`` to before ``end`` UTC ns, as far as ``pace`` lets them be read.
+
+    Recordings of long before are asked only if they have a level file: an alarm that is still up may stand there.
+    """
+    sources, complete = read(store, recordings, start, end, pace)
+    rows: dict[tuple[int, str, int], dict[str, Any]] = {}
+    for kept, source in sources:
+        try:
+            spans = source.intervals() if source.start < end and source.end >= start else ()
+        except FileNotFoundError:
+            continue  # removed with its recording
+        except ValueError as error:
+            store.spoiled(kept, str(error))
+            complete = False
+            continue
+        for span in spans:  # of one that ran on into the next recording that has the last of it
+            if span.end >= start and span.start < end:
+                told = {**span._asdict(), "start": ms(span.start), "end": ms(span.end), "moving": list(span.moving)}
+                rows[kept.name.session, span.source, span.number] = told
+    alarms = [episode for episode in episodes(recordings, sources) if episode.overlaps(start, end)]
+    longest = sorted(rows.values(), key=lambda row: row["end"] - row["start"])[-MOST:]
+    return {
+        "intervals": sorted(longest, key=lambda row: row["start"]),
+        "alarms": [mark(e.alarm, e.raised, e.cleared) for e in alarms[-MOST:]],
+        "complete": complete and len(rows) <= MOST and len(alarms) <= MOST,
+    }
+
+
+def read(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: Pace) -> tuple[Found, bool]:
+    """Recordings begun before ``end`` with their sources, in order, and true if these are all.
+
+    The newest are read first, until ``pace`` raises ``TimeoutError``; those of before ``start`` only from level files.
+    """
+    wanted = {kept.path for kept in near(recordings, start, end)}
+    found: list[tuple[Kept, Source]] = []
+    complete = True
+    for kept in reversed(recordings):
+        if kept.name.session < end:
+            try:
+                source = store.source(kept, pace if kept.path in wanted else ends_at(0.0), curves=False)
+            except TimeoutError:
+                complete = False
+                continue
+            if source is not None:
+                found.append((kept, source))
+    return found[::-1], complete
+
+
+def alarm_history(store: Store, start_ms: float, end_ms: float, limit: int) -> dict[str, Any]:
+    """Alarms that were up from ``start_ms`` to ``end_ms`` UTC ms, at most ``limit``, the newest first, JSON-ready.
+
+    ``evidence_page`` is the path of the page below the route of reports. ``complete`` is false where older ones are
+    left out. Never call it on an event loop.
+
+    Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
+    """
+    start, end = span_of(start_ms, end_ms)
+    recordings = store.recordings()
+    try:
+        sources, complete = read(store, recordings, start, end, ends_at(time.monotonic() + PATIENCE))
+    except OSError as error:
+        raise RecordingError(f"record.folder {store.folder} cannot be read: {why(error)}") from error
+    found = [episode for episode in episodes(recordings, sources) if episode.overlaps(start, end)][::-1]
+    told = [_told(episode, store.folder / packs.FOLDER, store.cell) for episode in found[:limit]]
+    return {"alarms": told, "complete": complete and len(found) <= limit}
+
+
+def _told(episode: Episode, folder: Path, cell: str) -> dict[str, Any]:
+    known = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
+    said = None if known is None else Acknowledgement(**_person(known), time=known.time)
+    pack = episode.pack or f"{packs.name_of(cell, episode.first)}.mcap"  # where the alarm itself names it
+    page = packs.page_of(folder / Path(pack).name)
+    return {
+        **shapes.alarm(episode.alarm, said, f"{packs.FOLDER}/{page.name}" if page.exists() else None),
+        "active": episode.cleared is None,
+        "cleared": ms(episode.cleared),
+        "cleared_statement": episode.cleared_statement,
+        "people": [_word(word) for word in episode.words],
+    }
+
+
+def _word(word: Event) -> dict[str, Any]:
+    until = word.data.get("until")
+    told = {"t": ms(word.time), "what": word.kind, **_person(word)}
+    return told | ({"until": ms(until)} if isinstance(until, int) else {})
+
+
+def _person(word: Event) -> dict[str, str]:
+    return {key: str(word.data.get(key, "")) for key in ("name", "note")}

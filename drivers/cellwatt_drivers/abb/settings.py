@@ -1,0 +1,103 @@
+"""Settings of an ABB source."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field, SecretStr, field_validator, model_validator
+
+from cellwatt.driver import SourceSettings
+from cellwatt.host import Host
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt_drivers.abb import wire
+from cellwatt_drivers.abb.rws import Page, RobotWare
+
+
+class AbbSettings(SourceSettings):
+    """An ABB arm: IRC5 with RobotWare 6 or OmniCore with RobotWare 7."""
+
+    device_parts: ClassVar[tuple[str, ...]] = ("mechanical_unit",)
+
+    host: Host
+    """Address of the controller."""
+    port: int | None = Field(None, ge=1, le=65535)
+    """TCP port of Robot Web Services; without it 80 (RobotWare 6) or 443 (RobotWare 7)."""
+    robotware: RobotWare = 7
+    """Generation of the controller: 6 for IRC5, 7 for OmniCore."""
+    egm: tuple[wire.Group, ...] = ("joints", "planned", "state")
+    """Groups to take from the EGM stream; ``[]`` does not listen to it."""
+    egm_port: int = Field(wire.PORT, ge=1, le=65535)
+    """UDP port of this PC to which the controller sends; each robot of a PC needs one of its own."""
+    bind: Host = "0.0.0.0"
+    """Address of this PC at which to listen."""
+    rate: Hertz = 250.0
+    """Packets a second as the RAPID program asks for with ``\\SampleRate``: 250 Hz or a whole part of it."""
+    axes: int = Field(6, ge=1, le=6)
+    """Joints of the robot."""
+    linear: tuple[Annotated[int, Field(ge=1, le=6)], ...] = ()
+    """Joints of the robot that go along a line, ``[3]`` of a SCARA: their channels are in m and N."""
+    external: tuple[wire.External, ...] = Field((), max_length=6)
+    """External axes, in the controller's order; the seventh joint of a 7-axis arm is one."""
+    web: tuple[Page, ...] = ("state", "energy")
+    """Groups to read from Robot Web Services; ``[]`` does not ask it."""
+    web_rate: Hertz = 2.0
+    """Polls of the pages; more often than the controller makes a new energy figure."""
+    user: str = "Default User"
+    """User of Robot Web Services; one that may only read is best."""
+    password: SecretStr = SecretStr("robotics")
+    """Its password, best as ``${ABB_PASSWORD}``; ``robotics`` where none is given."""
+    tls: bool | None = None
+    """HTTPS; without it yes on RobotWare 7, no on RobotWare 6."""
+    certificate: str | None = None
+    """File with the certificate to trust; without it the controller's own is not checked."""
+    mechanical_unit: str = "ROB_1"
+    """The robot whose joints' energy is taken."""
+    energy_unit: float = Field(1.0, gt=0, allow_inf_nan=False)
+    """J per unit of the controller's energy figures; the manual does not name the unit."""
+    timeout: Seconds = Field(2.0, gt=0)
+    """Silence after which the source is down, and longest wait for a page."""
+
+    @field_validator("egm", "web")
+    @classmethod
+    def _no_twins(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(value)) != len(value):
+            raise ValueError("name each once")
+        return value
+
+    @field_validator("rate")
+    @classmethod
+    def _whole_cycles(cls, rate: float) -> float:
+        cycles = 1 / (rate * wire.CYCLE)
+        if cycles < 1 - 1e-9 or abs(cycles - round(cycles)) > 1e-6:
+            raise ValueError(f"{rate:g} Hz: a controller sends 250 Hz or a whole part of it (125 Hz, 62.5 Hz, 50 Hz …)")
+        return rate
+
+    @field_validator("web_rate")
+    @classmethod
+    def _gently(cls, rate: float) -> float:
+        if rate > 10:
+            raise ValueError(f"{rate:g} Hz is too much for a controller's web server: at most 10 Hz")
+        return rate
+
+    @model_validator(mode="after")
+    def _fits(self) -> AbbSettings:
+        if self.linear and max(self.linear) > self.axes:
+            raise ValueError(f"'linear' names joint {max(self.linear)}, 'axes' says {self.axes}")
+        if not self.egm and not self.web:
+            raise ValueError("name something in 'egm' or in 'web'")
+        return self
+
+    @property
+    def encrypted(self) -> bool:
+        """True if the pages are read over HTTPS."""
+        return self.robotware == 7 if self.tls is None else self.tls
+
+    @property
+    def web_port(self) -> int:
+        """TCP port of the pages."""
+        return self.port or {6: 80, 7: 443}[self.robotware]
+
+    @property
+    def url(self) -> str:
+        """Start of each page's address."""
+        return f"{'https' if self.encrypted else 'http'}://{self.host}:{self.web_port}"

@@ -1,0 +1,131 @@
+"""Settings of an OPC UA source, and the tags that they name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+from pydantic import Field, FilePath, SecretStr, model_validator
+
+from cellwatt.config.wording import did_you_mean
+from cellwatt.driver import SourceSettings
+from cellwatt.errors import ConfigError
+from cellwatt.host import Host
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt_drivers.opc_ua.tag_map import ModelName, Prefix, Tag, TagMap, check_prefixes, load_map, packaged_map
+from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.shared.maps import ChannelName
+
+PORT = 4840
+SecurityMode = Literal["none", "sign", "encrypt"]
+
+
+class OpcUaSettings(SourceSettings):
+    """A PLC or robot controller with an OPC UA server. It is read by a subscription; nothing is written."""
+
+    device_parts: ClassVar[tuple[str, ...]] = ("path",)
+
+    host: Host
+    """Address of the server."""
+    port: int = Field(PORT, ge=1, le=65535)
+    """TCP port."""
+    path: str = ""
+    """Path of the endpoint's URL, for servers that have one: ``/UA/Server``."""
+    model: ModelName | None = None
+    """A packaged map of tags: ``opc_40010`` for any robot with the types of OPC UA for Robotics."""
+    map: FilePath | None = None
+    """File with a map of one's own instead of ``model``."""
+    tags: dict[ChannelName, Tag] = Field(default_factory=dict)
+    """Tags by channel, in place of a map or beside it."""
+    namespaces: dict[Prefix, str] = Field(default_factory=dict)
+    """Namespace URIs by the prefix that ``tags`` use."""
+    read: Chosen[str] | None = None
+    """Channels to read; left out: all."""
+    rate: Hertz = Field(10.0, gt=0, le=1000)
+    """Samples a second that the server shall take."""
+    publish: Seconds = Field(0.1, gt=0)
+    """The server sends what changed this often."""
+    queue: int | None = Field(None, ge=1, le=10_000)
+    """Values of each tag that the server keeps until it sends them; left out: those of 2 s, at least 10."""
+    every_sample: bool = False
+    """Have also unchanged values sent, by their time stamps; not every server can."""
+    time: Literal["source", "server"] = "source"
+    """Time stamps to use: the ``source``'s, or the ``server``'s where the source gives none."""
+    security: SecurityMode = "none"
+    """Policy Basic256Sha256 with messages that are signed (``sign``), or signed and encrypted (``encrypt``)."""
+    certificate: FilePath | None = None
+    """This PC's certificate (PEM or DER) with an application URI; the server must trust it."""
+    key: FilePath | None = None
+    """Private key of ``certificate``."""
+    key_password: SecretStr | None = None
+    """Password of ``key``."""
+    server_certificate: FilePath | None = None
+    """Certificate that the server must have; left out: the one that it shows is taken."""
+    user: str | None = None
+    """User to log in; left out: none."""
+    password: SecretStr = SecretStr("")
+    """Its password, best as ``${OPC_UA_PASSWORD}``."""
+    user_certificate: FilePath | None = None
+    """Certificate (PEM or DER) of the user to log in, in place of ``user``; the server must know it."""
+    user_key: FilePath | None = None
+    """Private key of ``user_certificate``."""
+    user_key_password: SecretStr | None = None
+    """Password of ``user_key``."""
+    unencrypted: bool = False
+    """Send the password even where nothing encrypts it."""
+    timeout: Seconds = Field(4.0, gt=0)
+    """Wait this long for an answer."""
+    silence: Seconds = Field(5.0, gt=0)
+    """No message for this long, not even a sign of life: the session is opened anew."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> OpcUaSettings:
+        if self.model is not None and self.map is not None:
+            raise ValueError("write 'model' (a packaged map) or 'map' (a file), not both")
+        if self.model is None and self.map is None and not self.tags:
+            raise ValueError("write 'model' (a packaged map), 'map' (a file) or 'tags'")
+        if self.path and not self.path.startswith("/"):
+            raise ValueError("'path' begins with a slash, like /UA/Server")
+        if self.security != "none" and (self.certificate is None or self.key is None):
+            raise ValueError(f"'security: {self.security}' needs 'certificate' and 'key'")
+        if self.security == "none" and (self.certificate or self.key or self.server_certificate):
+            raise ValueError("certificates are used with 'security: sign' or 'security: encrypt'")
+        if (self.user_certificate is None) != (self.user_key is None):
+            raise ValueError("'user_certificate' and 'user_key' are needed together")
+        if self.user_certificate is not None and (self.user is not None or self.security == "none"):
+            raise ValueError("'user_certificate' needs 'security: sign' or 'security: encrypt', and no 'user'")
+        if self.publish * 2 > self.silence:
+            raise ValueError(f"'silence' is at least twice 'publish' ({2 * self.publish:g} s)")
+        check_prefixes(self.tags, self.namespaces)
+        return self
+
+    @property
+    def queue_size(self) -> int:
+        """Values of each tag that the server is asked to keep."""
+        return self.queue or max(10, math.ceil(2.0 * self.rate))
+
+    @property
+    def url(self) -> str:
+        """The endpoint's URL."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"opc.tcp://{host}:{self.port}{self.path}"
+
+    @property
+    def tag_map(self) -> TagMap:
+        """Map of all tags: the packaged one or the file's, and those of ``tags``. Raises ``ConfigError``."""
+        made = load_map(self.map) if self.map else packaged_map(self.model) if self.model else None
+        if made is None:
+            return TagMap(source="settings", namespaces=self.namespaces, values=self.tags)
+        both = {"values": made.values | self.tags, "namespaces": made.namespaces | self.namespaces}
+        return made.model_copy(update=both)
+
+
+def tags_to_read(made: TagMap, read: tuple[str, ...] | None) -> Mapping[str, Tag]:
+    """Tags to read, by channel. Raises ``ConfigError`` where there is no such channel."""
+    if read is None:
+        return made.values
+    for name in read:
+        if name not in made.values:
+            raise ConfigError(f"read: no tag gives {name!r}{did_you_mean(name, made.values)}")
+    return {name: made.values[name] for name in read}

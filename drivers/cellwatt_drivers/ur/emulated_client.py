@@ -1,0 +1,164 @@
+"""One client's connection to the emulated controller."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.ur import wire
+from cellwatt_drivers.ur.emulated_samples import Encoder
+from cellwatt_drivers.ur.fields import FIELDS
+from cellwatt_drivers.ur.wire import Kind
+
+if TYPE_CHECKING:
+    from cellwatt_drivers.ur.emulator import UrEmulator
+
+OUTPUTS = 1
+"""Id of the one output recipe of a connection."""
+
+
+@dataclass(slots=True)
+class Place:
+    """A listener's place in what the controller makes; it outlives the connection, so that losses are counted.
+
+    ``next`` is the number of the next package, every ``stride``-th is this listener's. A client that asks for nothing
+    but the timestamp compares clocks: its place is not ``counted``.
+    """
+
+    next: int
+    stride: int
+    client: EmulatedClient | None
+    first: int = 0
+    made: bytes = b""
+    counted: bool = True
+
+    @property
+    def lost(self) -> bool:
+        """True if nobody hears what is made for this place."""
+        return self.client is None or not self.client.listening
+
+    def forget(self) -> None:
+        """Packages made ahead are no longer true."""
+        self.made = b""
+
+
+class EmulatedClient(asyncio.Protocol):
+    """One client's connection to the emulated controller."""
+
+    def __init__(self, controller: UrEmulator) -> None:
+        self._controller = controller
+        self._rest = b""
+        self._spoken = 1  # protocol version
+        self._held: list[tuple[bytes, int]] = []
+        self._ending = False
+        self._transport: asyncio.Transport | None = None
+        self.held_until = 0.0
+        self.rate = 1.0
+        self.encoder = Encoder(OUTPUTS, ())
+        self.place: Place | None = None
+        self.listening = True
+        self.compares = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the connection, or refuse it while the controller is away."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        if self._controller.down:
+            transport.abort()
+        else:
+            self._controller.clients.add(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The client left."""
+        self._controller.lost(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Answer all whole requests; a client that does not speak RTDE is thrown out."""
+        self._rest += data
+        end = 0
+        try:
+            for item, used in wire.scan(memoryview(self._rest), wire.FROM_CLIENT):
+                assert isinstance(item, wire.Frame)
+                self._answer(item.kind, item.payload)
+                end = used
+        except ProtocolError:
+            self.abort()
+        self._rest = self._rest[end:]
+
+    def _answer(self, kind: Kind, payload: bytes) -> None:
+        match kind:
+            case Kind.PROTOCOL_VERSION:
+                accepted = wire.parse_protocol(payload) == wire.PROTOCOL
+                self._spoken = wire.PROTOCOL if accepted else self._spoken
+                self.put(wire.accept_reply(kind, accepted))
+            case Kind.CONTROLLER_VERSION:
+                self.put(wire.controller_reply(self._controller.version))
+            case Kind.SETUP_OUTPUTS:
+                self._set_up_outputs(payload)
+            case Kind.START:
+                ready = self.encoder.size > len("U") + 3
+                self.put(wire.accept_reply(kind, ready))
+                if ready and self.place is None:
+                    self._controller.start(self)
+            case Kind.PAUSE:
+                self._controller.stop(self)
+                self.put(wire.accept_reply(kind, True))
+            case Kind.TEXT_MESSAGE:
+                pass
+
+    def _set_up_outputs(self, payload: bytes) -> None:
+        if self._spoken != wire.PROTOCOL:
+            raise ProtocolError("protocol version 1 is not emulated")
+        self._controller.stop(self)
+        self.rate, names = wire.parse_ask_outputs(payload)
+        version = self._controller.version
+        known = [n in FIELDS and FIELDS[n].served_by(version) for n in names]
+        types = [FIELDS[n].type if k else wire.NOT_FOUND for n, k in zip(names, known, strict=True)]
+        self.encoder = Encoder(OUTPUTS, names if all(known) else ())
+        self.compares = tuple(names) == ("timestamp",)
+        self.put(wire.recipe_reply(Kind.SETUP_OUTPUTS, OUTPUTS if all(known) else 0, types))
+
+    @property
+    def unread(self) -> int:
+        """Bytes that the client has left in the controller's own buffer."""
+        return self._transport.get_write_buffer_size() if self._transport is not None else 0
+
+    def put(self, data: bytes, packages: int = 0) -> int:
+        """Write, or keep while held; returns the number of packages written now."""
+        if not data or self._transport is None or self._transport.is_closing() or self._ending:
+            return 0
+        if self.held_until:
+            self._held.append((data, packages))
+            return 0
+        self._transport.write(data)
+        return packages
+
+    def hold(self, until: float) -> None:
+        """Let nothing through until then (monotonic s)."""
+        self.held_until = max(self.held_until, until)
+
+    def release(self, now: float) -> int:
+        """Let through what is held when its time has come; returns the number of packages written."""
+        if not self.held_until or now < self.held_until:
+            return 0
+        self.held_until = 0.0
+        held, self._held = self._held, []
+        return sum(self.put(data, packages) for data, packages in held)
+
+    def end(self) -> None:
+        """Close in an orderly way: what was written arrives, then the end; a reset could overtake it."""
+        self.listening = False
+        if self._transport is None or self._ending:
+            return
+        self._ending = True
+        self._held.clear()
+        if self._transport.can_write_eof() and not self._transport.is_closing():
+            self._transport.write_eof()
+            asyncio.get_running_loop().call_later(1.0, self.abort)
+
+    def abort(self) -> None:
+        """Drop the connection at once."""
+        if self._transport is not None:
+            self._transport.abort()

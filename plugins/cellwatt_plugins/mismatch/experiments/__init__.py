@@ -1,1 +1,0 @@
-"""Motions that would tell what the recordings cannot."""
