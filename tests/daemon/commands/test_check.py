@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 
 from click.testing import CliRunner
 
@@ -100,17 +99,3 @@ def test_as_a_process_a_mistake_is_a_line_and_never_a_traceback(tmp_path):
     assert done.stdout.startswith(f"{file}:1:")
     assert done.stdout.count("\n") == 1
     assert "Traceback" not in done.stderr
-
-
-def test_time_grows_with_the_file_and_no_faster(cell_file):
-    least = []
-    for count in (10, 40):
-        lines = "".join(f"  arm_{i}: {{driver: arm, host: 192.0.2.{i}}}\n" for i in range(count))
-        cell_file.write_text(f"site: a\ncell: b\nsources:\n{lines}")
-        spent = []
-        for _ in range(5):
-            start = time.process_time()
-            assert run(cell_file).exit_code == 0
-            spent.append(time.process_time() - start)
-        least.append(min(spent))  # a collection of the garbage of other tests falls into some
-    assert least[1] < 6 * least[0] + 0.03

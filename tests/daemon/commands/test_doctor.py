@@ -104,16 +104,6 @@ def test_in_words(call: Call, cell: Path) -> None:
     assert "  arm: the same all the time: bus.current 1 A" in lines
 
 
-def test_nothing_is_wrapped_when_it_is_piped(call: Call, cell: Path) -> None:
-    long = "the controller has no free connection " * 10
-    DEVICES["arm"].tell(give(50), fail(SourceError(long)))
-    ended = call("doctor", cell, *QUICK)
-    assert f"arm: reading stopped: {long}" in ended.out.splitlines()
-    header, row = ended.out.splitlines()[:2]
-    assert " ".join(header.split()) == "source device stream declared measured jitter p99 clock ± lost verdict"
-    assert row.startswith("arm     Maker Model 2.3  supply  50 Hz     50.0 Hz")
-
-
 def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:
     async def says(driver: FakeDriver) -> None:
         for kind, text in (

@@ -81,12 +81,6 @@ def test_a_folder_of_s3_is_fetched(s3: Bucket) -> None:
     assert run("s3://lake/plant/runs").output == "run-1.mcap 5000\nrun-2.mcap 6\n"
 
 
-def test_an_object_that_is_not_there_is_a_mistake_of_the_command_line(s3: Bucket) -> None:
-    done = run("s3://lake/plant/none.mcap")
-    assert done.exit_code == 2
-    assert "s3://lake/plant/none.mcap is not there" in done.output
-
-
 def test_a_store_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, s3: Bucket) -> None:
     monkeypatch.setenv("AWS_ENDPOINT_URL_S3", "http://127.0.0.1:9")
     with pytest.raises(CellwattError, match=r"^s3://lake/plant/x cannot be fetched: .*connect"):

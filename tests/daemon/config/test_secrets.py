@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import pytest
 import yaml
 from click.testing import CliRunner
-from pydantic import BaseModel, SecretStr
 
 from cellwatt import registry
 from cellwatt.commands.check import command
@@ -20,7 +19,7 @@ from cellwatt.config.document import parse
 from cellwatt.config.fields import fields_of, models_in
 from cellwatt.config.installed import installed
 from cellwatt.config.loading import load_document
-from cellwatt.config.secret import SecretKeys, secrets_in
+from cellwatt.config.secret import secrets_in
 from cellwatt.errors import ConfigError
 from cellwatt.record import Header, RecordSettings
 from cellwatt.units import Units
@@ -137,39 +136,6 @@ def test_every_setting_that_sounds_like_a_secret_is_declared_as_one() -> None:
         for name, field in part.settings.model_fields.items() if part.settings is not None else ():
             if any(word in name for word in ("password", "secret", "token", "passphrase")):
                 assert list(secrets_in(part.settings, {name: "x"}, ())) == [(name,)], f"{part.name}.{name}: {field}"
-
-
-class _Inner(BaseModel):
-    key: SecretStr
-    user: str = ""
-
-
-class _Outer(BaseModel):
-    one: _Inner | None = None
-    many: list[_Inner] = []
-    named: dict[str, _Inner] = {}
-    codes: list[SecretStr] = []
-    free: Annotated[dict[str, Any], SecretKeys(("pin",))] = {}
-
-
-def test_where_secrets_may_stand() -> None:
-    values = {
-        "one": {"key": "a", "user": "b"},
-        "many": [{"key": "a"}, {"user": "b"}],
-        "named": {"x": {"key": "a"}},
-        "codes": ["a", "b"],
-        "free": {"a": {"PIN": [1, 2], "b": 3}},
-        "unknown": {"key": "a"},
-    }
-    assert list(secrets_in(_Outer, values, ("top",))) == [
-        ("top", "one", "key"),
-        ("top", "many", 0, "key"),
-        ("top", "named", "x", "key"),
-        ("top", "codes", 0),
-        ("top", "codes", 1),
-        ("top", "free", "a", "PIN", 0),
-        ("top", "free", "a", "PIN", 1),
-    ]
 
 
 MARK = "hunter2MARK"

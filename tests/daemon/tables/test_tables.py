@@ -205,23 +205,6 @@ def test_angles_of_a_motion_are_counted_on_and_those_of_poses_are_not() -> None:
     assert table(q_1=angles).wraps("q_1") == 0
 
 
-@pytest.mark.parametrize(
-    ("header", "quantities"),
-    [
-        ("time,qpos0,qpos1,qvel0,qvel1,actuator_force0,actuator_force1", ("position", "velocity", "torque")),
-        ("time,joint_pos_0,joint_pos_1,joint_vel_0,joint_vel_1,joint_pos_target_0,joint_pos_target_1",
-         ("position", "velocity", "command")),
-    ],
-)  # fmt: skip
-def test_columns_of_simulators_are_read_under_their_own_names(tmp_path, header, quantities):
-    values = np.arange(21.0).reshape(3, 7) / 50
-    rows = "\n".join(",".join(map(str, row)) for row in values)
-    (tmp_path / "log.csv").write_text(f"{header}\n{rows}\n")
-    table = read_table(tmp_path / "log.csv")
-    for i, quantity in enumerate(quantities):
-        np.testing.assert_array_equal(table.joints(quantity), values[:, 1 + 2 * i : 3 + 2 * i])
-
-
 def test_a_small_file_that_unpacks_to_gigabytes_is_refused(tmp_path):
     """A text of 100 kB that each of 100,000 rows names, and columns without end."""
     texts = pa.DictionaryArray.from_arrays(pa.array(np.zeros(100_000, np.int32)), pa.array(["x" * 100_000]))
