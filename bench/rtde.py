@@ -5,7 +5,8 @@
 Per client: packets lost of those the controller made, and CPU time per packet made, with an idle reader and
 with one that stalls 30 ms every 100 ms. ``ur_rtde`` is the library's RTDEReceiveInterface read in the loop its
 documentation shows (initPeriod, waitPeriod). Then many robots on one core with the native client, and how fast
-packets are decoded when nothing else is done. Clients take turns; each figure is the median of the repeats with its smallest and largest.
+packets are decoded when nothing else is done. Clients take turns; each figure is the median of the repeats with
+its smallest and largest.
 """
 
 from __future__ import annotations

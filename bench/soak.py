@@ -34,6 +34,7 @@ import psutil
 import pyarrow.dataset as ds
 import yaml
 from aiohttp import web
+from aiohttp.test_utils import TestServer
 from asyncua import Client as OpcUa
 from websockets import connect
 from websockets.typing import Subprotocol
@@ -202,19 +203,6 @@ async def trouble(soak: Soak, minutes: float, kills: int, rnd: random.Random) ->
 
 
 @asynccontextmanager
-async def serving(app: web.Application) -> AsyncIterator[int]:
-    """A web server of this host; gives its port."""
-    runner = web.AppRunner(app)
-    await runner.setup()
-    site = web.TCPSite(runner, "127.0.0.1", 0)
-    await site.start()
-    try:
-        yield int(runner.addresses[0][1])
-    finally:
-        await runner.cleanup()
-
-
-@asynccontextmanager
 async def process(log: Path, *words: str, **more: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """A command of cellwatt."""
     with log.open("w") as out:
@@ -291,7 +279,7 @@ async def soaked(minutes: float, kills: int, seed: int, folder: Path) -> dict[st
         soak = Soak(lines, ports | {"broker": broker.port})
         app = web.Application(client_max_size=2**26)
         app.add_routes([web.post("/hook", soak.blocks), web.post("/people", soak.people)])
-        told = await stack.enter_async_context(serving(app))
+        told = (await stack.enter_async_context(TestServer(app))).port
         targets = {
             **ports,
             "mqtt": broker.port,
