@@ -13,7 +13,7 @@ import click
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.errors import ConfigError
-from cellwatt.terminal import show_table
+from cellwatt.progress.terminal import show_table
 
 try:
     from cellwatt.secure.folder import Folder, Member, Role

@@ -15,7 +15,7 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
     if certificate is None and authority is None:
         return ()
     try:
-        from cellwatt import certificates
+        from cellwatt.door import certificates
     except ImportError:
         return ("nobody looks when the certificates end: that needs pip install 'cellwatt[secure]'",)
     found: list[str] = []

@@ -22,10 +22,11 @@ from typing import Any, Final, Literal
 
 import yaml
 
-from cellwatt.certificates import MEMBER_DAYS, Pair, issue, new_authority, read
+from cellwatt.door.certificates import MEMBER_DAYS, Pair, issue, new_authority, read
+from cellwatt.door.signing import new_key
 from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.files import replace_bytes
 from cellwatt.secure import access
-from cellwatt.signing import new_key
 
 Role = Literal["router", "cell", "viewer"]
 PORT: Final = 7447
@@ -253,14 +254,9 @@ def _read(path: Path) -> bytes:
 
 def _write(path: Path, data: bytes, mode: int) -> None:
     """Replace a file atomically; nobody but the owner can ever read a private key."""
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        part.unlink(missing_ok=True)
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-            file.write(data)
-            os.fchmod(file.fileno(), mode)
-            os.fsync(file.fileno())
-        part.rename(path)
+        path.with_name(f"{path.name}.part").unlink(missing_ok=True)  # the new one must not have its rights
+        replace_bytes(path, data, mode)
     except OSError as error:
         raise CellwattError(f"{path} cannot be written: {why(error)}") from None

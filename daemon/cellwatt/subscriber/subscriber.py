@@ -28,32 +28,111 @@ _TICK: Final = 0.05  # s, between two looks at what is missing
 _TIMEOUT: Final = 5.0  # s, for the answer to one question
 
 
-class Asker:
-    """Asks the cell for everything that ``inbox`` lacks, from ``start`` to ``stop``; answers go to ``inbox``."""
+class Subscriber:
+    """A consumer of one cell.
 
-    def __init__(self, session: zenoh.Session, keys: CellKeys, inbox: Inbox) -> None:
-        self._session = session
-        self._keys = keys
-        self._inbox = inbox
-        self._standing_asked = inbox.following.joined
+    ``link`` is the Zenoh session to open; ``want`` are topics or first parts of topics, like ``raw/arm``. ``resume``
+    continues at the ``positions`` of an earlier run. ``patience`` is the time in s to wait for missing messages that
+    the cell should have, before they become a gap. ``queue_size`` messages may wait for the consumer; further ones
+    are let go and asked for again. ``verify`` is the public key of a cell that signs, or a certificate with it (PEM);
+    messages that the cell has not signed are then left out and counted as ``unsigned``, repeated health messages as
+    ``replayed``. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening
+    raises ``OutletError`` if the link cannot be opened.
+
+    Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
+    """
+
+    def __init__(
+        self,
+        site: str,
+        cell: str,
+        link: LinkSettings,
+        *,
+        want: Sequence[str] = EVERYTHING,
+        resume: Positions | None = None,
+        patience: float = 5.0,
+        queue_size: int = 10_000,
+        verify: Path | None = None,
+    ) -> None:
+        self._keys = CellKeys(site, cell)
+        self._link = link
+        self._want = tuple(want)
+        if unknown := [w for w in want if w.split("/", 1)[0] not in KINDS]:
+            raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics begin with {', '.join(KINDS)}")
+        counts: Counter[str] = Counter()
+        following = Following(self._want, resume or {}, patience)
+        witness = Witness(self._keys.root, verify, counts)
+        self._inbox = Inbox(following, witness, counts, queue_size, HEALTH in self._want)
+        self._reached: dict[str, tuple[int, int]] = {}
         self._stopped = threading.Event()
+        self._session: zenoh.Session | None = None
+        self._standing_asked = following.joined
         # No daemon thread: the threads in which Zenoh calls back inherit that, and one of them inside Zenoh
         # while the interpreter ends aborts the process.
-        self._thread = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
+        self._asking = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
 
-    def start(self) -> None:
-        """Begin to ask."""
+    def receive(self, timeout: float | None = None) -> Message:
+        """Take the next message. Raises ``TimeoutError``, or ``OutletError`` after ``close``."""
+        message = self._inbox.mailbox.take(timeout)
+        if message is None:
+            raise OutletError("the subscriber was closed")
+        return self._handed(message)
+
+    def __iter__(self) -> Iterator[Message]:
+        while (message := self._inbox.mailbox.take()) is not None:
+            yield self._handed(message)
+
+    async def __aiter__(self) -> AsyncIterator[Message]:
+        while (message := await self._inbox.mailbox.take_async()) is not None:
+            yield self._handed(message)
+
+    @property
+    def positions(self) -> dict[str, tuple[int, int]]:
+        """Session and number of the next message to hand out, by topic; ``resume`` of another run continues there."""
+        return {**self._inbox.following.begun, **self._reached}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and of bad messages.
+
+        ``unreadable`` messages were not a cell's, ``let go`` ones found no room or came before their schema, and
+        ``refused`` are claims that the cell did not confirm; true messages among these are asked for again.
+        """
+        following = self._inbox.following
+        return {**(following.counts + self._inbox.counts), "duplicates": following.duplicates}
+
+    def _handed(self, message: Message) -> Message:
+        if message.topic != HEALTH:
+            session, end = self._reached.get(message.topic) or self._inbox.following.begun[message.topic]
+            if message.session != session or message.sequence >= end:
+                self._reached[message.topic] = (message.session, message.sequence + message.count)
+        return message
+
+    def open(self) -> None:
+        """Open the session and subscribe; blocks. Raises ``OutletError``."""
+        import pyarrow  # noqa: F401  # so that the first message does not wait for it
+
+        self._session = open_session(self._link, self._stopped.is_set)
+        for wanted in dict.fromkeys((*self._want, HEALTH)):
+            self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._inbox.on_sample)
         self._inbox.look.set()
-        self._thread.start()
+        self._asking.start()
 
-    def stop(self) -> None:
-        """Wait until no more is asked."""
+    def close(self) -> None:
+        """Close the session; consumers that wait for messages return."""
+        import zenoh
+
         self._stopped.set()
         self._inbox.look.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._inbox.mailbox.end()
+        if self._session is not None:
+            with contextlib.suppress(zenoh.ZError):  # closed already
+                self._session.close()  # type: ignore[no-untyped-call]
+        if self._asking.is_alive():
+            self._asking.join()
 
     def _work(self) -> None:
+        """Ask the cell for everything that is missing, until ``close``."""
         import zenoh
 
         inbox = self._inbox
@@ -101,6 +180,7 @@ class Asker:
                 then([reply for reply in replies if witness.reply(topic, selector, reply)])
             self._inbox.look.set()
 
+        assert self._session is not None
         self._session.get(
             selector,
             zenoh.handlers.Callback(replies.append, done),
@@ -109,106 +189,6 @@ class Asker:
             consolidation=zenoh.ConsolidationMode.NONE,
             priority=zenoh.Priority.DATA_LOW,
         )
-
-
-class Subscriber:
-    """A consumer of one cell.
-
-    ``link`` is the Zenoh session to open; ``want`` are topics or first parts of topics, like ``raw/arm``. ``resume``
-    continues at the ``positions`` of an earlier run. ``patience`` is the time in s to wait for missing messages that
-    the cell should have, before they become a gap. ``queue_size`` messages may wait for the consumer; further ones
-    are let go and asked for again. ``verify`` is the public key of a cell that signs, or a certificate with it (PEM);
-    messages that the cell has not signed are then left out and counted as ``unsigned``, repeated health messages as
-    ``replayed``. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening
-    raises ``OutletError`` if the link cannot be opened.
-
-    Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
-    """
-
-    def __init__(
-        self,
-        site: str,
-        cell: str,
-        link: LinkSettings,
-        *,
-        want: Sequence[str] = EVERYTHING,
-        resume: Positions | None = None,
-        patience: float = 5.0,
-        queue_size: int = 10_000,
-        verify: Path | None = None,
-    ) -> None:
-        self._keys = CellKeys(site, cell)
-        self._link = link
-        self._want = tuple(want)
-        if unknown := [w for w in want if w.split("/", 1)[0] not in KINDS]:
-            raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics begin with {', '.join(KINDS)}")
-        counts: Counter[str] = Counter()
-        following = Following(self._want, resume or {}, patience)
-        witness = Witness(self._keys.root, verify, counts)
-        self._inbox = Inbox(following, witness, counts, queue_size, HEALTH in self._want)
-        self._reached: dict[str, tuple[int, int]] = {}
-        self._stopped = threading.Event()
-        self._session: zenoh.Session | None = None
-        self._asker: Asker | None = None
-
-    def receive(self, timeout: float | None = None) -> Message:
-        """Take the next message. Raises ``TimeoutError``, or ``OutletError`` after ``close``."""
-        message = self._inbox.mailbox.take(timeout)
-        if message is None:
-            raise OutletError("the subscriber was closed")
-        return self._handed(message)
-
-    def __iter__(self) -> Iterator[Message]:
-        while (message := self._inbox.mailbox.take()) is not None:
-            yield self._handed(message)
-
-    async def __aiter__(self) -> AsyncIterator[Message]:
-        while (message := await self._inbox.mailbox.take_async()) is not None:
-            yield self._handed(message)
-
-    @property
-    def positions(self) -> dict[str, tuple[int, int]]:
-        """Session and number of the next message to hand out, by topic; ``resume`` of another run continues there."""
-        return {**self._inbox.following.begun, **self._reached}
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Number of samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and of bad messages.
-
-        ``unreadable`` messages were not a cell's, ``let go`` ones found no room or came before their schema, and
-        ``refused`` are claims that the cell did not confirm; true messages among these are asked for again.
-        """
-        following = self._inbox.following
-        return {**(following.counts + self._inbox.counts), "duplicates": following.duplicates}
-
-    def _handed(self, message: Message) -> Message:
-        if message.topic != HEALTH:
-            session, end = self._reached.get(message.topic) or self._inbox.following.begun[message.topic]
-            if message.session != session or message.sequence >= end:
-                self._reached[message.topic] = (message.session, message.sequence + message.count)
-        return message
-
-    def open(self) -> None:
-        """Open the session and subscribe; blocks. Raises ``OutletError``."""
-        import pyarrow  # noqa: F401  # so that the first message does not wait for it
-
-        self._session = open_session(self._link, self._stopped.is_set)
-        for wanted in dict.fromkeys((*self._want, HEALTH)):
-            self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._inbox.on_sample)
-        self._asker = Asker(self._session, self._keys, self._inbox)
-        self._asker.start()
-
-    def close(self) -> None:
-        """Close the session; consumers that wait for messages return."""
-        import zenoh
-
-        self._stopped.set()
-        self._inbox.mailbox.end()
-        if self._session is not None:
-            with contextlib.suppress(zenoh.ZError):  # closed already
-                self._session.close()  # type: ignore[no-untyped-call]
-        if self._asker is not None:
-            self._asker.stop()
 
     def __enter__(self) -> Subscriber:
         try:

@@ -1,4 +1,4 @@
-"""The page of ``disaggregate``: Tables II and III and Figs 6 to 8 of ECDP, and what was identified of the joints."""
+"""The page of ``disaggregate``: Tables II and III and Figs 6 to 8 of ECDP."""
 
 from __future__ import annotations
 
@@ -26,10 +26,6 @@ OVER_TIME = (
     "The first repetition, and measured values of all. Each is a mean over the analyzer's interval: where power "
     "changes faster, dots lie inside the peaks."
 )
-JOINTS = (
-    "Identified over all runs together: the factor on torque, resistance, switching and iron losses by measured power; "
-    "friction (viscous, Coulomb, offset, windage) by the corrected torque."
-)
 PAPER_FASTEST = 250.0
 """mm/s: the fastest speed of the paper, drawn over time beside the fastest of the campaign."""
 _PERCENT: Final = Unit("%")
@@ -37,13 +33,8 @@ ROW = 22
 """Pixels of a bar."""
 
 
-def report(
-    found: Findings,
-    identified: Identified,
-    provenance: Provenance,
-    units: Units,
-) -> Report:
-    """Return the page of a campaign: energies and powers in ``units``, what was identified of the joints in SI."""
+def report(found: Findings, identified: Identified, provenance: Provenance, units: Units) -> Report:
+    """Return the page of a campaign: energies and powers in ``units``."""
     energy, power = units.of("J"), units.of("W")
     runs = found.runs
     said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
@@ -58,7 +49,6 @@ def report(
             Section("Over time", _curves(found, identified, power), OVER_TIME),
             Section("Energies of one repetition", [_energies(found, energy)], _columns_told(found, energy)),
             Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
-            Section("Joints", [_joints(found)], JOINTS),
             Section("Notes", [Notes(said)]),
         ],
         provenance=provenance,
@@ -222,19 +212,3 @@ def _payload(found: Findings) -> list[Block]:
     efficiency = found.payload_efficiency_percent
     row = ["ε_P", *(f"{value:.1f} %" for value in efficiency.values())]
     return [Table("Payload efficiency", ["", *(f"{speed} mm/s" for speed in efficiency)], [row])] if efficiency else []
-
-
-def _joints(found: Findings) -> Table:
-    """Table of the identified drive and friction of each joint."""
-    heads = ["Joint", "torque as given", "R Ω", "switching W/A", "eddy currents W s²/rad²", "hysteresis W s/rad"]
-    frictions = ["f<sub>v</sub> Nm s/rad", "f<sub>c</sub> Nm", "f<sub>o</sub> Nm", "f<sub>w</sub> Nm s²/rad²"]
-    rows = [
-        [
-            drive.joint,
-            Html(f"× {drive.torque_gain:.3f}<small> ± {drive.torque_gain_uncertainty:.3f}</small>"),
-            *(f"{v:.3f}" for v in (drive.winding_resistance, drive.switching, drive.iron, drive.hysteresis)),
-            *(f"{v:.2f}" for v in (friction.viscous, friction.coulomb, friction.offset, friction.windage)),
-        ]
-        for drive, friction in zip(found.drives, found.friction, strict=True)
-    ]
-    return Table("Joints", [*heads, *map(Html, frictions)], rows)

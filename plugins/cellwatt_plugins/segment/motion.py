@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.noise import white_noise
+from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.segment.settings import SegmentSettings
 
 Float = NDArray[np.float64]

@@ -257,3 +257,12 @@ def test_the_traceback_of_a_mistake_of_ours_on_request(call: Call, cell: Path, m
     ended = call("check", cell)
     assert ended.code == BUG
     assert ended.err.startswith("Traceback (most recent call last)")
+
+
+def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "frames: {rate: '${RATE}'}\n"
+    monkeypatch.setattr(making, "HEADER", Header("p", "w", making.SESSION, None, text, {"arm": (making.ARM,)}))
+    making.write_chunks(tmp_path, [[making.batch_of(0, 15)]])
+    ended = call("replay", tmp_path)
+    assert ended.code == ERROR
+    assert "are wrong, or came from the environment: give them by --settings" in ended.err

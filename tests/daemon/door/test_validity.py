@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt.certificates import Pair, issue, new_authority
 from cellwatt.door import validity
+from cellwatt.door.certificates import Pair, issue, new_authority
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
 
 NOW = datetime.now(UTC)

@@ -1,9 +1,8 @@
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt_plugins.faults.isolate import likeness, suspects
+from cellwatt_plugins.faults.isolate import suspects
 
 MOVING = np.array([[1, 0, 0], [0, 1, 1], [0, 0, 1], [0, 1, 0], [1, 0, 1]], dtype=np.int8)
 NO_SHAPE = np.zeros(3)
@@ -17,13 +16,3 @@ def codes(*values):
 def test_one_faulty_joint_is_always_the_best_explanation_of_its_own_intervals(joint, signs):
     found = MOVING[:, joint] * np.array(signs, dtype=np.int8)
     assert suspects(found, MOVING, NO_SHAPE)[0].joint == joint + 1
-
-
-def test_likeness():
-    t = np.linspace(0, 1, 50)
-    speed = np.sin(np.pi * t)
-    assert likeness(25 * speed, speed, t) == pytest.approx(1.0)
-    assert likeness(-40 * t, speed, t) == pytest.approx(1.0)
-    assert likeness(np.sin(40 * t), speed, t) < 0.3
-    assert likeness(np.zeros(50), speed, t) == 0.0
-    assert likeness(np.ones(3), np.ones(3), np.ones(3)) == 0.0

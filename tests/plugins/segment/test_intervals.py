@@ -87,13 +87,6 @@ def test_noise_is_not_motion_and_motion_not_noise(noise):
     assert [i.moving for i in found if since_start(i.end) > 2.0] == [(1,), (2,)]
 
 
-def test_an_encoder_that_jumps_is_not_an_interval():
-    time, q = positions([], 6.0)
-    q[150:, 1] += 0.05
-    segmenter = Segmenter("arm", 4, STEP)
-    assert [i.moving for i in closed(segmenter.update(time, q) + segmenter.finish())] == [()]
-
-
 def test_a_gap_cuts_the_interval():
     time, q = positions(follow([{1: 0.8}, {2: 0.8}]), 5.0)
     q[70:85, 0] = np.nan  # 0.3 s in the midst of the first move

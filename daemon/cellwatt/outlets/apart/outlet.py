@@ -20,8 +20,8 @@ from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind, end_of, running
 from cellwatt.outlets.together import until_one_ends
 from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.processor import spent, starved
 from cellwatt.results import Event, Result
-from cellwatt.starved import spent, starved
 
 log = logging.getLogger(__name__)
 

@@ -38,25 +38,6 @@ def library() -> Any:
     return foxglove
 
 
-class Channels:
-    """A channel of a context for each topic; ``sent`` counts messages by topic."""
-
-    def __init__(self, context: foxglove.Context, topics: Iterable[Topic], sent: Counter[str]) -> None:
-        self.sent = sent
-        self._context = context  # without it the channels are gone
-        self._open = {topic.name: _channel(context, topic) for topic in topics}
-
-    def log(self, outgoing: Outgoing) -> None:
-        """Hand over a message; never waits."""
-        self._open[outgoing.topic.name].log(outgoing.data, log_time=outgoing.time)
-        self.sent[outgoing.topic.name] += 1
-
-    def close(self) -> None:
-        """Take all topics back."""
-        for channel in self._open.values():
-            channel.close()
-
-
 def _channel(context: foxglove.Context, topic: Topic) -> foxglove.Channel:
     fox = library()
     schema = fox.Schema(name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema)
@@ -113,7 +94,8 @@ class FoxgloveOutlet:
         self._kept: dict[tuple[str, str], Outgoing] = {}
         self._told = 0
         self._framed = -math.inf
-        self._channels: Channels | None = None
+        self._context: foxglove.Context | None = None  # without it the channels are gone
+        self._channels: dict[str, foxglove.Channel] | None = None
         self._logging = _LIBRARY.level, _LIBRARY.propagate
 
     def __enter__(self) -> FoxgloveOutlet:
@@ -146,8 +128,8 @@ class FoxgloveOutlet:
     def open(self) -> None:
         """Begin to listen. Raises ``OutletError`` if the port is taken."""
         fox = library()
-        context = fox.Context()
-        channels = Channels(context, self._topics.values(), self.sent)
+        context = self._context = fox.Context()
+        channels = {topic.name: _channel(context, topic) for topic in self._topics.values()}
         try:
             self._server = fox.start_server(
                 name=self._name,
@@ -159,7 +141,8 @@ class FoxgloveOutlet:
                 message_backlog_size=BACKLOG,
             )
         except RuntimeError as error:
-            channels.close()
+            for channel in channels.values():
+                channel.close()
             raise OutletError(f"Foxglove cannot listen on {self._host}:{self.port}: {error}") from None
         self._channels = channels
         self.port = self._server.port
@@ -178,8 +161,7 @@ class FoxgloveOutlet:
         if self._channels is None:
             return
         self._clock(moment)
-        for outgoing in moment.messages:
-            self._channels.log(outgoing)
+        self._log(moment.messages)
 
     def welcome(self) -> None:
         """Tell what still holds on the topics that clients subscribed to since the last call."""
@@ -189,9 +171,14 @@ class FoxgloveOutlet:
                 asked.add(self._listener.asked.get_nowait())
             except Empty:
                 break
-        for (topic, _), outgoing in self._kept.items():
-            if topic in asked and self._channels is not None:
-                self._channels.log(outgoing)
+        self._log(outgoing for (topic, _), outgoing in self._kept.items() if topic in asked)
+
+    def _log(self, messages: Iterable[Outgoing]) -> None:
+        """Hand messages over; never waits."""
+        for outgoing in messages:
+            if self._channels is not None:
+                self._channels[outgoing.topic.name].log(outgoing.data, log_time=outgoing.time)
+                self.sent[outgoing.topic.name] += 1
 
     def _clock(self, moment: Moment) -> None:
         now = time.monotonic()
@@ -228,5 +215,6 @@ class FoxgloveOutlet:
     def _shut(self) -> None:
         if self._channels is not None:
             self._server.stop()  # first: while it serves, closing channels may hang
-            self._channels.close()
+            for channel in self._channels.values():
+                channel.close()
             self._channels = None

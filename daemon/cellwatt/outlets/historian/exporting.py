@@ -95,10 +95,10 @@ class Export:
                     break
 
     def _next(self, table: str, until: Reached | None = None) -> Piece | None:
-        place, after = (self._record, self._site, self._cell), self._progress.reached.get(table)
+        cell, after = (self._record, self._site, self._cell), self._progress.reached.get(table)
         if table == "frames":
-            return next_frames(*place, self._settings, after, until)
-        return next_results(*place, table, after, until)
+            return next_frames(*cell, self._settings, after, until)
+        return next_results(*cell, table, after, until)
 
     def _commit(self, table: str, piece: Piece) -> Done:
         if piece.table is not None:
@@ -133,14 +133,14 @@ class Export:
         """Progress by the names of the files in the lake, where what is known of it is lost."""
         progress = Progress(lake=self._settings.folder)
         for table in ("frames", *ARCHIVED):
-            found = map(_place, self._store.names(root(table, self._site, self._cell)))
-            if places := [place for place in found if place is not None]:
-                progress.reached[table] = max(places)
+            found = map(_reached, self._store.names(root(table, self._site, self._cell)))
+            if reached := [one for one in found if one is not None]:
+                progress.reached[table] = max(reached)
         return progress
 
 
-def _place(path: str) -> Reached | None:
-    """The place that the name of a file tells, the last in it; ``None`` where it is not ours."""
+def _reached(path: str) -> Reached | None:
+    """How far the file of that name reaches; ``None`` where it is not ours."""
     words = path.rpartition("/")[2].removesuffix(".parquet").split("_")
     match [int(word) for word in words if word.isdecimal()]:
         case [session, _, last] if len(words) == 3:

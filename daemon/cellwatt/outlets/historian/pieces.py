@@ -17,9 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pydantic_core
 
-from cellwatt.blocks import cut
 from cellwatt.channel import Quality
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.outlets.past import ARCHIVED, Archived, files_of, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record.messages import time_of
@@ -60,14 +59,14 @@ def frames_after(folder: Path, cell: str, position: Reached | None) -> Iterator[
                 yield session, cut(block, known, len(block))
 
 
-def results_after(folder: Path, cell: str, kind: type[T], place: Reached | None) -> Iterator[tuple[Reached, T]]:
-    """Results of a kind after ``place``, each with its own place."""
+def results_after(folder: Path, cell: str, kind: type[T], reached: Reached | None) -> Iterator[tuple[Reached, T]]:
+    """Results of a kind after ``reached``, each with how far it leads."""
     for kept in files_of(folder, cell):
         at = kept.name.session, kept.name.number
-        if place is not None and at < (place.session, place.number):
+        if reached is not None and at < (reached.session, reached.number):
             continue
         recording = opened(kept.path)
-        known = place.count if place is not None and at == (place.session, place.number) else 0
+        known = reached.count if reached is not None and at == (reached.session, reached.number) else 0
         for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
             if number > known:
                 yield Reached(*at, number), result
@@ -198,12 +197,12 @@ def next_results(
 def _alike(found: Iterator[tuple[Reached, Archived]], until: Reached | None) -> Iterator[tuple[Reached, Archived]]:
     """The first of the results that are of one file of the record and one day."""
     kept: tuple[int, int, int] | None = None
-    for n, (place, result) in enumerate(found):
-        about = place.session, place.number, time_of(result) // _DAY
+    for n, (reached, result) in enumerate(found):
+        about = reached.session, reached.number, time_of(result) // _DAY
         kept = kept or about
-        if about != kept or n >= RESULTS or (until is not None and place.count > until.count):
+        if about != kept or n >= RESULTS or (until is not None and reached.count > until.count):
             return
-        yield place, result
+        yield reached, result
 
 
 _TIME: Final = pa.timestamp("ns", tz="UTC")

@@ -7,6 +7,7 @@ import logging
 import random
 import time
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -174,12 +175,9 @@ class Courier:
             try:
                 answer = await asyncio.shield(work)
             except asyncio.CancelledError:
-                await asyncio.wait([work], timeout=GRACE)
-                if not work.done():
-                    work.cancel()
-                    await asyncio.wait([work])
-                if not work.cancelled() and work.exception() is None:
-                    await self._accepted(message, work.result())
+                with suppress(Exception):
+                    async with asyncio.timeout(GRACE):
+                        await self._accepted(message, await work)
                 raise
             return await self._accepted(message, answer)
         except RefusedError as error:

@@ -100,8 +100,9 @@ class Following:
         follower = self._topics.get(topic)
         if follower is None and not self.joined:
             follower = self._begin(topic, mark.session, mark.sequence)
-        if follower is None or not follower.knows(mark.session, mark.sequence):
-            self._claim(topic, mark.session, mark.end)
+        known = follower is not None and follower.knows(mark.session, mark.sequence)
+        if not known and not self._claim(topic, mark.session, mark.end):
+            return []
         part = _part(mark, content, backfilled=False, size=size)
         if follower is None:
             if len(self._early) < _MOST and sum(part.size for _, part in self._early) + size <= HELD_BYTES:
@@ -121,13 +122,15 @@ class Following:
             if self.wants(topic):
                 self._claim(topic, numbering, end)
 
-    def _claim(self, topic: str, session: int, end: int) -> None:
+    def _claim(self, topic: str, session: int, end: int) -> bool:
+        """Note what only the cell can confirm; return False if there is no room for it."""
         if self._confirmed(topic, session, end):
-            return
-        if (topic, session) in self._claims or len(self._claims) < _MOST:
-            self._claims[topic, session] = max(end, self._claims.get((topic, session), 0))
-        else:
+            return True
+        if (topic, session) not in self._claims and len(self._claims) >= _MOST:
             self.counts["let go"] += 1
+            return False
+        self._claims[topic, session] = max(end, self._claims.get((topic, session), 0))
+        return True
 
     def _confirmed(self, topic: str, session: int, end: int) -> bool:
         if topic == HEALTH:

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import cut
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.results import Event, Result
 
 HELD_BYTES: Final = 128 * 1024 * 1024

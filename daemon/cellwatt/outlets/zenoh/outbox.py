@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections import deque
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.batch import Batch
-from cellwatt.blocks import concatenate, follows
+from cellwatt.frames import concatenate, follows
 from cellwatt.outlet import Item
 from cellwatt.outlets.zenoh.mark import Mark
 
@@ -50,9 +49,7 @@ class Outbox:
     def __init__(self, limit: int, account: Account) -> None:
         self._limit = limit
         self._account = account
-        self._lock = threading.Lock()
-        # A token in it wakes the taker. A Condition would wake it while its lock is still held: two switches.
-        self._wake_up: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._lock = threading.Condition(threading.Lock())
         self._idle = False
         self._lanes: tuple[dict[str, deque[Outgoing]], ...] = ({}, {}, {})
         """What waits in each lane: raw batches by topic, others under one name in the order in which they came."""
@@ -69,18 +66,14 @@ class Outbox:
             stream = outgoing.topic if lane is Lane.RAW else ""
             self._lanes[lane].setdefault(stream, deque()).append(outgoing)
             self._waiting += 1
-            idle = self._idle and wake
-            self._idle = self._idle and not wake
-        if idle:
-            self._wake_up.put(None)
+            if wake:
+                self._lock.notify()
 
     def wake(self) -> None:
         """Make the ``take`` that runs now, or the next one that would wait, return."""
         with self._lock:
             self._woken = True
-            idle, self._idle = self._idle, False
-        if idle:
-            self._wake_up.put(None)
+            self._lock.notify()
 
     @property
     def idle(self) -> bool:
@@ -97,15 +90,14 @@ class Outbox:
 
     def take(self) -> Outgoing | None:
         """Take the next item, or ``None`` after ``wake`` if none waits. Blocks until either; for one thread."""
-        while True:
-            with self._lock:
-                if self._waiting:
-                    return self._next()
-                if self._woken:
-                    self._woken = False
-                    return None
-                self._idle = True
-            self._wake_up.get()
+        with self._lock:
+            self._idle = True
+            self._lock.wait_for(lambda: self._waiting or self._woken)
+            self._idle = False
+            if self._waiting:
+                return self._next()
+            self._woken = False
+            return None
 
     def sent(self, outgoing: Outgoing) -> None:
         """Count a taken item as sent."""

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, PositiveInt, model_validator
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
+from cellwatt.door.signing import unusable
 from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.host import stays_here
@@ -30,10 +31,11 @@ from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
 from cellwatt.outlets.zenoh.publisher import Publisher
 from cellwatt.outlets.zenoh.signing import Seal
 from cellwatt.quantity import Bytes, BytesPerSecond
-from cellwatt.signing import unusable
 
 _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
+_RECENT: Final = 0.5e6
+"""Bytes of frames that are kept where the record has them, too: those that consumers ask for most."""
 _HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
 
 
@@ -75,8 +77,8 @@ class ZenohSettings(LinkSettings):
     queue: PositiveInt = 4096
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
     frame_memory: Bytes = 4e6
-    """Memory for frames that a consumer may ask for after a cut; older ones it gets from the record, if they are
-    recorded (``record: frames``), and raw samples always."""
+    """Memory for frames that a consumer may ask for after a cut, where they are not recorded (``record: {frames:
+    false}``); else it gets them from the record, as raw samples always."""
     backfill: BytesPerSecond | None = None
     """Most that answers about the past take of the line, all consumers together; by default no limit. Set it below
     what the line carries, less the live data."""
@@ -113,7 +115,9 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         self._keys = CellKeys(view.site, view.cell)
         self._outbox = Outbox(settings.queue, self.account)
         numbering = time.time_ns() if view.journal is None else view.session
-        self._backlog = Backlog(numbering, settings.frame_memory, view.journal, view.session)
+        recorded = view.record_folder is not None and view.config()["record"]["frames"]
+        memory = min(settings.frame_memory, _RECENT) if recorded else settings.frame_memory
+        self._backlog = Backlog(numbering, memory, view.journal, view.session)
         self._seal = Seal(self._keys.root, settings.sign)
         self._answers = Answers(
             view, self._keys, self._backlog, self._outbox.count, self._health, self._seal, settings.backfill

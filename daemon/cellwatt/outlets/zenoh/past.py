@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import cut, join
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut, join
 from cellwatt.outlet import CellView
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode

@@ -10,7 +10,6 @@ from typing import Any
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
-from cellwatt.onnx_file import OnnxFile
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
@@ -31,6 +30,7 @@ from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
 from cellwatt_plugins.faults.reference import Reference, columns_of, load
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.onnx_file import OnnxFile
 
 TRAIN = "train it with `cellwatt faults train`"
 

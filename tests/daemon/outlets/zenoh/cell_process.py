@@ -39,8 +39,7 @@ class RecordingView(FakeView):
         return self._history.recordings()
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        asked = source, stream, session, first, count
-        return self._history.history(*asked) or self._history.later(*asked)
+        return self._history.history(source, stream, session, first, count)
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         return self._history.frames(session, first, count)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cellwatt import Batch, Channel, Frames, Layout, ProtocolError, Stream
-from cellwatt.blocks import concatenate, cut, follows, join
+from cellwatt.frames import concatenate, cut, follows, join
 from cellwatt.outlets.zenoh.encode import decode, encode, encode_apart, schema_in
 from cellwatt.outlets.zenoh.mark import Mark
 from tests.daemon.outlets.zenoh.fake_cell import HOST_STREAM, batch, frames

@@ -80,6 +80,18 @@ def test_what_the_cell_does_not_know_is_refused_and_what_came_since_is_not() -> 
     assert (question.hole.first, question.hole.count) == (9, 3)
 
 
+def test_a_flood_of_claims_takes_no_room_for_longer_than_until_the_cell_has_answered() -> None:
+    following = Following(WANTED)
+    following.told(1, {RAW: (1, 0)}, 0.0)
+    following.hinted(1, {f"raw/ghost{n}/samples": (1, 9) for n in range(1000)})
+    for n in range(2000):
+        assert raw(following, 7, session=100 + n) == []
+    confirm(following, {RAW: (1, 9)}, now=100.0)
+    assert raw(following, 4) == []
+    (question,) = following.questions(200.0)
+    assert [p.sequence for p in following.filled(question, [(mark(1, 0, 4), batch(0, 4))])] == [0, 4]
+
+
 def test_what_came_of_a_session_that_ended_at_once_is_no_forgery() -> None:
     following = Following(WANTED)
     following.told(1, {"alarm": (1, 2)}, 0.0)

@@ -12,8 +12,8 @@ import zenoh
 from pydantic import ValidationError
 
 from cellwatt import OutletError
-from cellwatt.certificates import issue, new_authority
 from cellwatt.config import load
+from cellwatt.door.certificates import issue, new_authority
 from cellwatt.errors import ConfigError
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config
 from cellwatt.outlets.zenoh.reach import link_to
@@ -28,20 +28,16 @@ HOST = "127.0.0.1"
     [
         ({"mode": "bus"}, "'peer', 'client' or 'router'"),
         ({"mode": "client"}, "mode client needs an endpoint in connect, like tcp/plant-router:7447"),
-        ({"listen": ["192.0.2.1"]}, r"'192.0.2.1' is not an endpoint; expected protocol/host:port"),
         ({"listen": ["tcp/192.0.2.1"]}, "is not an endpoint"),
         ({"connect": ["tpc/192.0.2.1:7447"]}, "is not an endpoint"),
         ({"connect": ["tcp/192.0.2.1:70000"]}, "is not an endpoint"),
         ({"connect": ["tls/router:7447"]}, r"tls/router:7447 needs tls: \{root_ca: FILE"),
         ({"user": "edge"}, "user and password are needed together"),
         ({"tls": {"root_ca": "a", "key": "b"}}, "certificate and key are needed together"),
-        ({"tls": {}}, "root_ca"),
         ({"namespace": "a//b"}, "Zenoh refuses namespace = "),
         ({"options": {"no/such": 1}}, r"Zenoh refuses options: no/such = 1: unknown key"),
-        ({"options": {"transport/link/tx/lease": "long"}}, 'Zenoh refuses options: transport/link/tx/lease = "long"'),
         ({"options": {"access_control": {"enabled": True, "rule": []}}}, "unknown field `rule`, expected one of"),
         ({"options": {"transport/auth/usrpwd/password": 5}}, r"usrpwd/password = …"),
-        ({"lisen": []}, "Extra inputs are not permitted"),
     ],
 )
 def test_settings_mistakes_are_named(settings: dict[str, Any], text: str) -> None:

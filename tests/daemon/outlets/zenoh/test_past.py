@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from cellwatt import FrameChannel, Frames
-from cellwatt.blocks import concatenate
+from cellwatt.frames import concatenate
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import decode
 from cellwatt.outlets.zenoh.mark import Mark
@@ -23,6 +24,7 @@ from cellwatt.record.encoder import Encoder
 from cellwatt.record.openfile import OpenFile
 from cellwatt.results import Event, Result
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, task
+from tests.daemon.outlets.zenoh.fake_cell import frames as numbered_frames
 from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
 
 BLOCK = 10
@@ -215,3 +217,18 @@ def test_where_results_are_gone_the_answer_begins_with_the_first_that_is_left(ju
     assert told(past, 3)[0] == (1000, task(1000))
     with pytest.raises(NothingKeptError):
         told(past, 3, count=997)
+
+
+@pytest.mark.parametrize(("recorded", "most"), [(True, 0.5e6), (False, 4e6)])
+def test_frames_that_the_record_has_take_little_memory(
+    monkeypatch: pytest.MonkeyPatch, recorded: bool, most: float
+) -> None:
+    view = FakeView()
+    view.record_folder = Path("/record")
+    monkeypatch.setattr(view, "config", lambda: {"record": {"frames": recorded}})
+    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=("tcp/127.0.0.1:0",)), view)
+    for first in range(0, 200_000, 2000):
+        outlet.offer(numbered_frames(first, 2000))
+    kept = [block for _, block in outlet._backlog.frames(view.session, 0, 200_000)]
+    size = sum(array.nbytes for block in kept for array in (block.time, block.values, block.quality, block.bound))
+    assert 0.7 * most < size <= most

@@ -18,8 +18,8 @@ import zenoh
 from click.testing import CliRunner
 
 from cellwatt import OutletError
-from cellwatt.certificates import Pair, issue, new_authority
 from cellwatt.commands.secure import command
+from cellwatt.door.certificates import Pair, issue, new_authority
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session
 from cellwatt.subscriber import Subscriber
@@ -311,14 +311,3 @@ async def test_a_cell_that_listens_itself(tmp_path: Path, monkeypatch: pytest.Mo
         with pytest.raises(OutletError, match="refuses the session"):
             await asyncio.to_thread(open_session, link, patience=0.5)
     assert b"forged" not in got
-
-
-async def test_who_is_removed_hears_nothing(site: Site) -> None:
-    assert "copy the folder plant-router again" in secure("remove", "anna", folder=site.folder)
-    with site.router():
-        async with site.cell() as outlet, site.subscriber("andon", want=("alarm",)) as cell:
-            got: list[bytes] = []
-            with site.session("anna") as removed:
-                removed.declare_subscriber(ALARMS, lambda sample: got.append(sample.payload.to_bytes()))
-                await numbers(outlet, cell)
-            assert not got

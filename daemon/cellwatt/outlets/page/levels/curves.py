@@ -21,8 +21,8 @@ from cellwatt.outlets.page.levels.following import Pace
 from cellwatt.outlets.page.levels.gathering import CURVES, Samples, samples_of
 from cellwatt.outlets.page.levels.store import Keeper, Store, ends_at, near
 from cellwatt.outlets.page.shapes import significant
-from cellwatt.record.opening import open_recording
-from cellwatt.record.retention import Kept
+from cellwatt.record.folder import RecordFile
+from cellwatt.record.survey import open_recording
 
 PATIENCE: Final = 5.0
 """s after which an answer is given as far as it goes."""
@@ -45,7 +45,7 @@ Memory = tuple[int, Mapping[str, Samples]]
 class _Asked:
     """A question, with the recordings that are there; times UTC ns. ``pace`` raises ``TimeoutError`` in the end."""
 
-    recordings: Sequence[Kept]
+    recordings: Sequence[RecordFile]
     names: Sequence[str]
     start: int
     end: int

@@ -10,7 +10,8 @@ import threading
 import pytest
 from rich.console import Console
 
-from cellwatt.progress import Bar, Lines, Told, Work, aside, duration, listening, show_progress, stage, steps
+from cellwatt.progress import Told, Work, aside, listening, show_progress, stage, steps
+from cellwatt.progress.work import Bar, Lines, duration
 
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 ERASED, CURSOR = "\x1b[2K", "\x1b[?25h"

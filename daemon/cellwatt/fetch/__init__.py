@@ -16,8 +16,8 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from cellwatt.address import blank
 from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.host import blank
 from cellwatt.outlets.historian.store import s3_options
 from cellwatt.progress import stage
 
