@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cellwatt.errors import ModelError
-from cellwatt.onnx_file import decoded
 from cellwatt_plugins.models.metadata import Metadata, encode
+from cellwatt_plugins.onnx_file import decoded
 from fuzz.target import Target
 
 PLACE = Path("model.onnx")

@@ -44,7 +44,7 @@ def _step(
     if kind == 0:
         return [(topic, part) for part in state.message(topic, mark, content)]
     if kind == 1:
-        state.hinted({topic: (mark.session, mark.end)})
+        state.hinted(mark.session, {topic: (mark.session, mark.end)})
         if state.asks_told(now):
             return state.told(mark.session, {topic: (mark.session, mark.end)}, now)
     elif kind == 2:

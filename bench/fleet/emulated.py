@@ -137,15 +137,6 @@ class Life:
             out[joint - 1] *= 1 - gone if week >= when else 1 + 0.1 * week / when
         return out
 
-    def usual_friction(self, speed: float) -> Float:
-        """Friction (6,) Nm at a speed, as the robot tells it, at the mean temperature of all weeks and without wear."""
-        mean, swing = self.hall
-        season = np.mean(np.cos(2 * np.pi * (7 * np.arange(self.weeks) - 10) / 365))
-        warmth = mean - swing * season + 0.75 * HEAT - 28
-        size = np.where((self.arm.kind == "press") & (np.arange(JOINTS) == 2), 1 / UNDERSTATED, 1.0)
-        dry = self.coulomb * (1 - 0.003 * warmth) * (1 + 0.08 * np.exp(-speed / 0.1))
-        return np.asarray(self.gain * size * (dry + self.viscous * np.exp(-self.thinner * warmth) * speed**0.95))
-
     def recording(self, week: int, number: int) -> tuple[datetime, dict[str, Float]]:
         """One short recording: its begin and its columns."""
         rng = np.random.default_rng([self.arm.seed, 3, week, number])

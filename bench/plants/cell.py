@@ -44,14 +44,16 @@ class View:
     def status(self) -> Mapping[str, Any]:
         return {"state": "green"}
 
-    config = schema = status
+    schema = status
+
+    def config(self) -> Mapping[str, Any]:
+        return {"record": {"frames": True}}
 
     def recordings(self) -> Sequence[Mapping[str, Any]]:
         return self.made.recordings()
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        asked = source, stream, session, first, count
-        return self.made.history(*asked) or self.made.later(*asked)
+        return self.made.history(source, stream, session, first, count)
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         return self.made.frames(session, first, count)

@@ -6,7 +6,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from typing import Final
 
-from cellwatt.kept import Kept
+from cellwatt.processor import RunDelay
 from cellwatt.ticker import Beat, Ticker
 
 HOST: Final = "host stalled"
@@ -17,7 +17,7 @@ class Slots:
     """The slots of one device at ``rate`` Hz over all its connections: ``async with slots: async for beat in slots``.
 
     Before a slot is served, ``missed`` is told how many before it were not, and why. The cause is measured (see
-    ``Kept``). A loop that is late although it computed for less than half of the time was kept from running, too.
+    ``RunDelay``). A loop that is late although it computed for less than half of the time was kept from running, too.
     """
 
     def __init__(self, rate: float, missed: Callable[[int, str], None]) -> None:
@@ -32,7 +32,7 @@ class Slots:
         self._idle = self._computed = self._held_up = self._begun_late = 0
         self._slow = (0, 0)
         """Slots that went by while an answer was awaited, and what is known yet of what held this PC up, ns."""
-        self._kept = Kept()
+        self._kept = RunDelay()
 
     async def __aenter__(self) -> Slots:
         self.connected()

@@ -10,7 +10,6 @@ import asyncio
 import ctypes
 import heapq
 import os
-import sys
 import time
 from collections.abc import AsyncIterator
 from typing import NamedTuple
@@ -20,30 +19,24 @@ _SPREAD_NS = 20_000_000
 _GOLDEN = 0.6180339887498949
 _CLOCKS: dict[asyncio.AbstractEventLoop, _LoopClock] = {}
 
-if sys.version_info >= (3, 13):
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_TFD_TIMER_ABSTIME = 1
 
-    def _create_timer() -> int:
-        return os.timerfd_create(time.CLOCK_MONOTONIC, flags=os.TFD_NONBLOCK | os.TFD_CLOEXEC)
 
-    def _arm(fd: int, deadline: int) -> None:
-        os.timerfd_settime_ns(fd, flags=os.TFD_TIMER_ABSTIME, initial=deadline, interval=0)
+def _checked(result: int) -> int:
+    if result < 0:
+        raise OSError(ctypes.get_errno(), f"timerfd: {os.strerror(ctypes.get_errno())}")
+    return result
 
-else:
-    _LIBC = ctypes.CDLL(None, use_errno=True)
-    _TFD_TIMER_ABSTIME = 1
 
-    def _checked(result: int) -> int:
-        if result < 0:
-            raise OSError(ctypes.get_errno(), f"timerfd: {os.strerror(ctypes.get_errno())}")
-        return result
+def _create_timer() -> int:
+    return _checked(_LIBC.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
 
-    def _create_timer() -> int:
-        return _checked(_LIBC.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
 
-    def _arm(fd: int, deadline: int) -> None:
-        seconds, nanoseconds = divmod(deadline, 1_000_000_000)
-        spec = (ctypes.c_long * 4)(0, 0, seconds, nanoseconds)  # struct itimerspec: interval, then value
-        _checked(_LIBC.timerfd_settime(fd, _TFD_TIMER_ABSTIME, spec, None))
+def _arm(fd: int, deadline: int) -> None:
+    seconds, nanoseconds = divmod(deadline, 1_000_000_000)
+    spec = (ctypes.c_long * 4)(0, 0, seconds, nanoseconds)  # struct itimerspec: interval, then value
+    _checked(_LIBC.timerfd_settime(fd, _TFD_TIMER_ABSTIME, spec, None))
 
 
 class Beat(NamedTuple):

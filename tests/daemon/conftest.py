@@ -10,7 +10,7 @@ import pytest
 @pytest.fixture
 def keys(tmp_path: Path) -> Path:
     """A folder with two cells' keys."""
-    from cellwatt.signing import new_key
+    from cellwatt.door.signing import new_key
 
     for name in ("cell", "other"):
         private, public = new_key()

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt import Alarm, AlarmBook, CellwattError
-from cellwatt.alarms import AT_ONCE, SEVERITIES, Damping, Patience, withdrawn
+from cellwatt.alarms import AT_ONCE, SEVERITIES, Damping, Patience
 
 SECOND = 10**9
 DAMPING = Damping(times=2, seconds=30.0)
@@ -65,20 +65,6 @@ def test_an_update_keeps_since_and_tells_the_new_figures() -> None:
     assert book.raise_(hot(5), update=False) == []
     assert book["hot"].alarm.severity == "error"
     assert book.clear("hot", 9, "…")[0].since == 1
-
-
-def test_messages_of_another_book_are_taken_as_they_are() -> None:
-    book = AlarmBook()
-    over = hot(3, active=False, since=1, evidence={"temperature_C": 40})
-    assert book.take(hot(1)) == [hot(1)]
-    assert book.take(over) == [over]
-    assert book.take(over) == [over], "a clear of what is not known is not kept back"
-
-
-def test_withdrawn_alarms_say_why() -> None:
-    (over,) = withdrawn([hot(1, stage="faults")], 4, "begins anew")
-    assert over.statement == "Withdrawn, as stage faults begins anew: The motor is hot."
-    assert (over.id, over.active, over.since, over.time) == ("hot", False, 1, 4)
 
 
 # damping ----------------------------------------------------------------------------------------------
@@ -143,18 +129,6 @@ def test_an_acknowledged_alarm_that_comes_back_is_unacknowledged() -> None:
     assert book["hot"].acknowledgement is None
 
 
-def test_acknowledgement_outlasts_flaps_and_not_their_end() -> None:
-    book = AlarmBook(DAMPING)
-    flapping(book)
-    book.acknowledge("hot", "Ines", "", 8 * SECOND)
-    book.raise_(hot(9 * SECOND))
-    assert book["hot"].acknowledgement is not None
-    book.clear("hot", 10 * SECOND, "…")
-    assert told(book.look(50 * SECOND)) == [(False, 50 * SECOND)]
-    book.raise_(hot(51 * SECOND))
-    assert book["hot"].acknowledgement is None
-
-
 def test_of_an_alarm_on_the_shelf_nothing_is_published_before_its_time() -> None:
     book = AlarmBook()
     book.raise_(hot(1))
@@ -163,16 +137,6 @@ def test_of_an_alarm_on_the_shelf_nothing_is_published_before_its_time() -> None
     assert book.look(9) == []
     assert book.look(10) == [hot(10, since=1, joint=2)]
     assert book.look(11) == [] and book["hot"].shelf is None
-
-
-def test_one_that_comes_and_goes_on_the_shelf_is_told_as_it_is_at_the_end() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    book.shelve("hot", 10, "Ines", "", 2)
-    assert book.clear("hot", 3, "Resolved: cool.") + book.raise_(hot(4)) + book.clear("hot", 5, "Resolved: cool.") == []
-    (over,) = book.look(10)
-    assert (over.active, over.time, over.statement) == (False, 10, "Resolved: cool.")
-    assert list(book) == []
 
 
 def test_the_shelf_ends_where_the_severity_rises() -> None:
@@ -194,14 +158,6 @@ def test_off_the_shelf_an_alarm_is_told_as_it_is() -> None:
         book.unshelve("hot", 5)
 
 
-def test_off_the_shelf_without_a_change_nothing_is_told() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    book.shelve("hot", 10, "Ines", "", 2)
-    assert book.unshelve("hot", 4) == []
-    assert told(book.raise_(hot(5, severity="error"))) == [(True, 5)]
-
-
 def before_a_restart() -> list[Any]:
     book = AlarmBook()
     book.raise_(hot(1))
@@ -210,10 +166,6 @@ def before_a_restart() -> list[Any]:
     book.acknowledge("hot", "Ines", "a new gear is ordered", 2)
     book.shelve("loud", 50 * SECOND, "Ines", "", 2)
     return json.loads(json.dumps(book.words()))
-
-
-def test_words_of_people_are_those_of_alarms_that_somebody_spoke_about() -> None:
-    assert [word["alarm"]["id"] for word in before_a_restart()] == ["hot", "loud"]
 
 
 def test_after_a_restart_an_alarm_that_is_raised_again_is_still_acknowledged() -> None:
@@ -226,13 +178,6 @@ def test_after_a_restart_an_alarm_that_is_raised_again_is_still_acknowledged() -
     book.clear("hot", 11 * SECOND, "…")
     book.raise_(hot(12 * SECOND))
     assert book["hot"].acknowledgement is None, "it was over in between"
-
-
-def test_long_after_a_restart_it_is_another_alarm() -> None:
-    book = AlarmBook()
-    book.expect(before_a_restart(), until=20 * SECOND)
-    book.raise_(hot(20 * SECOND))
-    assert book["hot"].acknowledgement is None
 
 
 def test_a_shelf_outlasts_a_restart_until_its_time() -> None:
@@ -310,16 +255,6 @@ def test_a_clear_follows_a_raise_and_since_stays(steps: list[Step], damping: Dam
             up[message.id] = message
 
 
-@given(STEPS, BOOKS, PATIENCE)
-def test_since_is_that_of_the_first_message(steps: list[Step], damping: Damping | None, after: Patience) -> None:
-    steps = [step for step in steps if step[1] != "shelve"]
-    since: dict[str, int] = {}
-    for message in (m for said in run(AlarmBook(damping), steps, after) for m in said):
-        assert since.setdefault(message.id, message.since) == message.since <= message.time
-        if not message.active:
-            del since[message.id]
-
-
 @given(STEPS)
 def test_damping_bounds_how_often_an_alarm_is_raised(steps: list[Step]) -> None:
     times: dict[str, list[int]] = {"hot": [], "loud": []}
@@ -359,21 +294,6 @@ def test_a_book_restored_from_its_state_goes_on_as_before(
         now += step[0]
         out.append(do(book, step, now, after))
     assert out == whole
-
-
-@given(STEPS, BOOKS)
-def test_only_alarms_that_are_up_are_acknowledged_and_those_on_the_shelf_are_silent(
-    steps: list[Step], damping: Damping | None
-) -> None:
-    book, now = AlarmBook(damping), 0
-    for step in steps:
-        now += step[0]
-        before = {i: book[i].shelf for i in book}
-        for message in do(book, step, now):
-            shelf = before.get(message.id)
-            graver = shelf and SEVERITIES.index(message.severity) > SEVERITIES.index(shelf.severity)
-            assert shelf is None or now >= shelf.until or graver
-        assert all(book[i].acknowledgement is None for i in book if i not in book)
 
 
 @given(STEPS, PATIENCE)

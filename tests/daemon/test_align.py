@@ -94,20 +94,6 @@ def test_grid_points_are_multiples_of_the_step_in_utc():
     assert values[:, 0] == pytest.approx(time)
 
 
-def test_blocks_number_their_frames_without_a_hole():
-    aligner, of = one(POSITION)
-    frames = play(aligner, [batch(of, [t], [0.0]) for t in range(0, 2000, 2)])
-    numbers = [f.sequence + k for f in frames for k in range(len(f))]
-    assert numbers == list(range(len(numbers)))
-    assert len(numbers) == 100
-
-
-def test_linear_takes_a_sample_on_the_grid_point_as_it_is():
-    aligner, of = one(POSITION)
-    _, values, quality, bound = joined(play(aligner, [batch(of, [18, 20, 22], [1.0, 5.0, np.nan], bound=3)]))
-    assert (values[0, 0], quality[0, 0], bound[0, 0]) == (5.0, GOOD, 3)
-
-
 def test_the_bound_is_the_worse_clock_bound_and_the_distance_of_the_nearer_sample():
     aligner, of = one(POSITION)
     early, late = batch(of, [19.5], [0.0], bound=700), batch(of, [20.3], [1.0], bound=900)
@@ -145,12 +131,6 @@ def test_a_held_value_grows_stale(age, quality):
     assert found[0, 0] == quality
 
 
-def test_a_hold_channel_takes_the_last_sample_with_its_age():
-    aligner, of = one(MODE)
-    _, values, quality, bound = joined(play(aligner, [batch(of, [17, 19, 21], [1.0, 2.0, 3.0], bound=5)]))
-    assert (values[0, 0], quality[0, 0], bound[0, 0]) == (2.0, GOOD, 1 * MS + 5)
-
-
 def test_quality_of_the_samples_used_is_merged_by_maximum():
     for channel in (POSITION, POWER):
         aligner, of = one(channel)
@@ -183,13 +163,6 @@ def test_a_frame_is_given_out_by_the_entry_that_settles_it():
     (frames,) = aligner.add(batch(belt, [20], [1], source="belt", arrival=23))
     assert frames.time.tolist() == [EPOCH + 20 * MS]
     assert frames.quality.tolist() == [[GOOD, GOOD]]
-
-
-def test_an_averaged_channel_is_settled_half_a_step_later():
-    aligner, of = one(POWER)
-    assert aligner.add(batch(of, np.arange(5, 30, 2), np.ones(13))) == []
-    (frames,) = aligner.add(batch(of, [31], [1.0]))
-    assert frames.time.tolist() == [EPOCH + 20 * MS]
 
 
 def test_a_frame_does_not_wait_beyond_the_latency_and_late_samples_are_counted():
@@ -279,11 +252,6 @@ def test_a_stream_whose_time_turns_back_goes_on_with_the_new_samples():
     assert counts.late > 0
 
 
-def test_ticks_before_any_data_give_nothing():
-    aligner, _ = one(POSITION)
-    assert play(aligner, [tick(t) for t in range(0, 10_000, 100)]) == []
-
-
 def test_ticks_alone_keep_the_frames_coming_when_all_streams_fell_silent():
     aligner, of = one(POSITION)
     aligner.add(batch(of, [1, 3], [1, 1]))
@@ -301,13 +269,6 @@ def test_frames_after_a_jump_of_the_cell_time_by_an_hour_are_left_out_and_counte
     assert max(len(f) for f in frames) <= 512
     (frames,) = aligner.add(batch(of, [3_600_001], [1.0]))
     assert frames.time[0] == EPOCH + 3_599_920 * MS
-
-
-def test_an_empty_batch_only_moves_the_time_on():
-    aligner, of = one(POSITION)
-    aligner.add(batch(of, [19, 21], [1, 1]))
-    empty = replace(batch(of, [21], [1], arrival=200), time=np.empty(0, np.int64), values=np.empty((0, 1)))
-    assert sum(len(f) for f in aligner.add(empty)) == 4
 
 
 def test_what_is_held_in_memory_does_not_grow_with_the_run():
@@ -332,12 +293,6 @@ def test_what_is_held_in_memory_does_not_grow_with_the_run():
 def test_settings_mistakes_are_refused(make, text):
     with pytest.raises(ConfigError, match=text):
         make()
-
-
-def test_a_stream_that_was_not_declared_is_refused():
-    aligner, of = one(POSITION)
-    with pytest.raises(KeyError):
-        aligner.add(batch(of, [1], [1], source="other"))
 
 
 # Against truth made in another way
@@ -382,40 +337,6 @@ def test_values_equal_a_slow_reference_in_exact_arithmetic(steps, random):
                 expected = reference(ns, v, int(time) - EPOCH, method)
                 found = frames.values[k, column]
                 assert np.isnan(found) if expected is None else found == pytest.approx(float(expected), abs=1e-9)
-
-
-@given(gaps, st.floats(-1e6, 1e6))
-def test_constant_in_constant_out(steps, constant):
-    aligner, of = one(POSITION, POWER, MODE, gap=1000.0)
-    t = np.cumsum(steps) / 1000
-    _, values, quality, _ = joined(play(aligner, [batch(of, [x], [constant]) for x in t]))
-    assert np.all(values[quality != MISSING] == pytest.approx(constant, rel=1e-14))
-
-
-@given(gaps, st.floats(-100, 100), st.floats(-1e3, 1e3))
-def test_a_straight_line_is_reproduced(steps, slope, start):
-    aligner, of = one(POSITION, POWER, gap=1000.0)
-    t = np.cumsum(steps) / 1000
-    time, values, quality, _ = joined(play(aligner, [batch(of, [x], [start + slope * x]) for x in t]))
-    for column in (0, 1):
-        known = quality[:, column] != MISSING
-        assert values[known, column] == pytest.approx(start + slope * time[known], rel=1e-9, abs=1e-9)
-
-
-@given(gaps, st.randoms(use_true_random=False))
-def test_averages_conserve_energy(steps, random):
-    aligner, of = one(POWER, gap=1000.0)
-    t = np.cumsum(steps) / 1000
-    v = np.array([random.uniform(0, 2000) for _ in t])
-    time, values, quality, _ = joined(play(aligner, [batch(of, [a], [b]) for a, b in zip(t, v, strict=True)]))
-    known = quality[:, 0] != MISSING
-    if not known.any():
-        return
-    begin, end = time[known][0] - 10, time[known][-1] + 10
-    nodes = np.concatenate([[begin], t[(t > begin) & (t < end)], [end]])
-    heights = np.interp(nodes, t, v)
-    energy = ((heights[1:] + heights[:-1]) / 2 * np.diff(nodes)).sum() / 1000
-    assert values[known, 0].sum() * 0.02 == pytest.approx(energy, rel=1e-9)
 
 
 @st.composite
@@ -463,18 +384,6 @@ def test_every_grid_point_comes_once_and_in_order_whatever_arrives(script):
     assert np.all(np.isnan(values) == (quality == MISSING))
     assert np.all((bound == -1) == (quality == MISSING))
     assert bound.min(initial=-1) >= -1
-
-
-@settings(max_examples=50, deadline=None)
-@given(scripts())
-def test_the_same_entries_give_the_same_bits_in_the_same_blocks(script):
-    streams, entries = script
-    first, second = (play(Aligner(streams, 50.0, 0.1), entries) for _ in range(2))
-    assert len(first) == len(second)
-    for a, b in zip(first, second, strict=True):
-        assert a.sequence == b.sequence
-        for name in ("time", "values", "quality", "bound"):
-            assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
 
 
 @settings(max_examples=50, deadline=None)

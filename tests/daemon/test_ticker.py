@@ -122,33 +122,6 @@ async def test_cancelled_tasks_leave_no_timer_behind():
     assert open_timers() == before
 
 
-async def test_leaving_one_ticker_does_not_disturb_the_others():
-    async with Ticker(500) as stays:
-        await anext(stays)
-        async with Ticker(200) as leaves:
-            waiting = asyncio.create_task(take(leaves, 1000))
-            await anext(stays)
-            waiting.cancel()
-        beats = await asyncio.wait_for(take(stays, 5), PATIENCE)
-    assert len(beats) == 5
-
-
-async def test_a_ticker_can_be_entered_again():
-    ticker = Ticker(500)
-    for _ in range(2):
-        async with ticker:
-            beats = await take(ticker, 3)
-            assert beats[0].deadline < beats[1].deadline < beats[2].deadline
-
-
-def test_two_loops_have_a_timer_each():
-    async def run():
-        async with Ticker(500) as ticker:
-            return len(await take(ticker, 3))
-
-    assert [asyncio.run(run()), asyncio.run(run())] == [3, 3]
-
-
 async def test_misuse_is_refused():
     with pytest.raises(ValueError, match="above 0"):
         Ticker(0)

@@ -15,8 +15,9 @@ import pytest
 from cellwatt_plugins.energy.clock import Offset
 from cellwatt_plugins.energy.drive import motion_features
 from cellwatt_plugins.energy.equations import electrical_losses, mean_power_shares, payload_efficiency
-from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify, residual
+from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify
 from cellwatt_plugins.energy.recordings import Motion, Reading, Recorded
+from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import run_on, worst_error
 
@@ -24,6 +25,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT / ".." / "shared" / "energy_runs"
 DATA = ROOT / ".." / "shared" / "data"
 BENCH = ROOT / "bench"
+ONE = (Repetition(0.0, 1.0, 0.0),)
+"""A move is one repetition, whose ends do not count here."""
 
 ELECTRONICS = {"FR3": 65.21, "UR5e": 81.41, "UR10e": 78.56, "Gen3": 29.54}
 """P_E of Table II, W."""
@@ -143,13 +146,11 @@ def test_energy_balance_of_a_real_ur3e(tmp_path, monkeypatch):
     arm, runs = recorded_ur3e(tmp_path, monkeypatch)
     belief = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
     guess = begin(arm, 45.0)
-    seen = [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), 1) for run in runs]
+    seen = [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), ONE) for run in runs]
     whole = identify(seen, guess, belief)
     for one in whole.observed:
-        used, missed = residual(one, whole.drive)
-        assert abs(missed.sum()) < 0.02 * one.run.reading.power[used].sum()
+        assert abs(one.residual(whole.drive).sum()) < 0.02 * one.power.sum()
     for i, one in enumerate(seen):
         others = identify(seen[:i] + seen[i + 1 :], guess, belief)
         later = replace(one, offset=whole.observed[i].offset)
-        used, missed = residual(later, others.drive)
-        assert abs(missed.sum()) < 0.1 * one.run.reading.power[used].sum()
+        assert abs(later.residual(others.drive).sum()) < 0.1 * later.power.sum()

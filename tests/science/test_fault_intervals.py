@@ -31,9 +31,9 @@ def closed_intervals(told, rate):
     return [result for result in found if isinstance(result, Interval) and result.closed]
 
 
-def one_cycle(moves, speed, rate, seed):
+def one_cycle(moves, speed, rate):
     """One task between two rests."""
-    told = run(Run(moves, 2, speed, lead=REST, rate=rate, seed=seed))
+    told = run(Run(moves, 2, speed, lead=REST, rate=rate))
     part = told.t < REST + period(moves, speed) - 1e-9
     still = round(REST * rate)
     q = np.vstack([told.q[part], told.q[:still]])
@@ -46,10 +46,9 @@ def moving_sets(table):
 
 
 @pytest.mark.parametrize("rate", [50.0, 123.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_pick_and_place_has_the_six_intervals_of_table_i(rate, seed):
+def test_pick_and_place_has_the_six_intervals_of_table_i(rate):
     """Its first and its last row have codes: the task is what lies between the two rests."""
-    before, *found, after = closed_intervals(one_cycle(PICK_AND_PLACE_AS_TIMED, 1.0, rate, seed), rate)
+    before, *found, after = closed_intervals(one_cycle(PICK_AND_PLACE_AS_TIMED, 1.0, rate), rate)
     assert not before.moving
     assert not after.moving
     assert len(found) == 6
@@ -59,10 +58,9 @@ def test_pick_and_place_has_the_six_intervals_of_table_i(rate, seed):
 
 
 @pytest.mark.parametrize("rate", [50.0, 123.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_polishing_has_the_ten_intervals_of_table_ii(rate, seed):
+def test_polishing_has_the_ten_intervals_of_table_ii(rate):
     """Its first and its last row have no code: the rests before and after are intervals of the task."""
-    found = closed_intervals(one_cycle(POLISHING_WITHOUT_RESTS, 1.0, rate, seed), rate)
+    found = closed_intervals(one_cycle(POLISHING_WITHOUT_RESTS, 1.0, rate), rate)
     assert len(found) == 10
     assert [i.moving for i in found] == moving_sets(TABLE_II)
 
@@ -70,5 +68,5 @@ def test_polishing_has_the_ten_intervals_of_table_ii(rate, seed):
 @pytest.mark.parametrize(("moves", "table"), [(PICK_AND_PLACE_AS_TIMED, TABLE_I), (POLISHING_WITHOUT_RESTS, TABLE_II)])
 def test_the_same_joints_move_at_half_speed(moves, table):
     """Where slow moves meet, this plant is at rest for longer than 0.12 s: such a rest is an interval more."""
-    found = closed_intervals(one_cycle(moves, 0.5, 50.0, 0), 50.0)
+    found = closed_intervals(one_cycle(moves, 0.5, 50.0), 50.0)
     assert [i.moving for i in found if i.moving] == [row for row in moving_sets(table) if row]

@@ -53,10 +53,7 @@ def followed(cycle, kind: str, setting, plant):
     if kind in ("slower", "faster"):
         usual = sum(plant.cube.seconds(cycle.speed))
         return replace(cycle, speed=cycle.speed * usual / setting["motion_s"])
-    if kind == "brakes":
-        return replace(cycle, brakes_after=setting["after_s"])
-    park = tuple(setting[f"joint_{i}_rad"] for i in range(1, plant.made.joints + 1))
-    return replace(cycle, park=park, way=setting["way_s"])
+    return replace(cycle, brakes_after=setting["after_s"])
 
 
 @pytest.mark.parametrize(("speed", "seconds"), CYCLES)
@@ -73,8 +70,7 @@ def test_what_a_change_would_save_is_what_it_saves(measured, speed: float, secon
     moving = len(plant.motion(speed)[0])
     task, rest = (stretch(rows[part], watts[part], STEP) for part in (slice(moving), slice(moving, None)))
     cycle = advice.Cycle(task, seconds - moving * STEP, rest)
-    found = (advice.speed_advice(arm, known, cycle), advice.brake_advice(arm, known, cycle, BRAKES))
-    for said in (*found, advice.pose_advice(arm, known, cycle)):
+    for said in (advice.speed_advice(arm, known, cycle), advice.brake_advice(arm, known, cycle, BRAKES)):
         assert said is not None
         then = play(plant, followed(base, said.kind, said.setting, plant))[1]
         saved = float(watts.sum() - then.sum()) * STEP

@@ -1,4 +1,4 @@
-"""Time stamps of polled samples."""
+"""Time stamps of polled samples, and counters of a device that begin anew at the end of their range."""
 
 from __future__ import annotations
 
@@ -19,3 +19,8 @@ def middle(asked: int, arrival: int, n: int = 1, after: int | None = None) -> tu
     half = max(0, (arrival - asked + 1) // 2)
     count = np.arange(n, dtype=np.int64)
     return start + late + count, half + late + count
+
+
+def unwrapped(value: int, wrap: int, near: float) -> int:
+    """Return the number that is ``value`` modulo ``wrap`` and nearest to ``near``."""
+    return value + wrap * round((near - value) / wrap)

@@ -13,8 +13,8 @@ from typing import Final
 import click
 from click.shell_completion import CompletionItem
 
-from cellwatt.address import blank
 from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.host import blank
 from cellwatt.registry import available, load
 
 EXIT_FAILED = 1

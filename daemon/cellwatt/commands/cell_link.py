@@ -65,18 +65,9 @@ def cell_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Put the options that name a cell, and the link to it, before those of a command, which gets a ``where``."""
 
     @wraps(command)
-    def called(
-        file: Path | None,
-        connect: str | None,
-        site: str | None,
-        cell: str | None,
-        ca: Path | None,
-        certificate: Path | None,
-        key: Path | None,
-        verify: Path | None,
-        **more: Any,
-    ) -> Any:
-        return command(where=Where(file, connect, site, cell, _tls_of(ca, certificate, key), verify), **more)
+    def called(ca: Path | None, certificate: Path | None, key: Path | None, **more: Any) -> Any:
+        about = {name: more.pop(name) for name in ("file", "connect", "site", "cell", "verify")}
+        return command(where=Where(**about, tls=_tls_of(ca, certificate, key)), **more)
 
     for option in reversed(_OPTIONS):
         called = option(called)

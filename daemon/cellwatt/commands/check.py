@@ -15,9 +15,9 @@ from cellwatt.commands.ranges import span
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
 from cellwatt.errors import ConfigError, Problem
-from cellwatt.record.room import Room, room
+from cellwatt.progress.terminal import show_table
+from cellwatt.record.folder import Obstacles, obstacles
 from cellwatt.runtime.assemble import Prepared, prepare
-from cellwatt.terminal import show_table
 
 
 @click.command(short_help="Check settings files; connects to nothing.")
@@ -59,7 +59,7 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
 
 def warn(file: Path, config: CellConfig) -> Problem | None:
     """Print on stderr settings that are allowed but dangerous, and return what keeps this user from recording here."""
-    found = room(config.record) if config.record is not None else Room()
+    found = obstacles(config.record) if config.record is not None else Obstacles()
     for warning in (*config.warnings, *(f"record: {text}" for text in found.warnings)):
         click.echo(f"{file}: warning: {warning}", err=True)
     return Problem(config.record_place, "record.folder", found.refusal) if found.refusal else None

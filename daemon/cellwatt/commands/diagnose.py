@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from pydantic import TypeAdapter, ValidationError
 
-from cellwatt.diagnose import gather
+from cellwatt.diagnose import bundle_of
 from cellwatt.quantity import Seconds
 
 
@@ -27,7 +27,7 @@ def command(file: Path | None, out: Path | None, record: str | None, log: Path |
     seconds = _seconds(record)
     out = out or Path(f"cellwatt-diagnosis-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.zip")
     with tempfile.TemporaryDirectory() as folder:
-        bundle = gather(file, log, seconds, Path(folder))
+        bundle = bundle_of(file, log, seconds, Path(folder))
         click.echo(bundle.listing(), nl=False)
         bundle.write(out)
     click.echo(f"wrote {out}; read it before you give it to others, it names your plant and its addresses")

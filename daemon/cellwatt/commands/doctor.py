@@ -16,9 +16,8 @@ from cellwatt.commands.check import warn
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.commands.ranges import summary
 from cellwatt.config import load
-from cellwatt.runtime.examine import Examination, examine
-from cellwatt.runtime.examine_meters import examine_meters
-from cellwatt.terminal import show_table
+from cellwatt.progress.terminal import show_table
+from cellwatt.runtime.examine import Examination, examine, examine_meters
 
 COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 

@@ -15,8 +15,8 @@ from cellwatt.commands import EXIT_USAGE, completion
 from cellwatt.config.installed import Part, installed
 from cellwatt.config.reference import Field, markdown, reference
 from cellwatt.config.wording import did_you_mean
+from cellwatt.progress.terminal import show_table
 from cellwatt.runtime.assemble import typical_streams
-from cellwatt.terminal import show_table
 
 
 @click.command(short_help="List what is installed, and every key of one.")

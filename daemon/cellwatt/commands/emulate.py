@@ -18,7 +18,7 @@ from cellwatt.emulation.cell import emulator_of
 from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import Mishap, addressed, mishap
 from cellwatt.errors import CellwattError, ConfigError, why
-from cellwatt.kept import Kept
+from cellwatt.processor import RunDelay
 
 _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loop", "options": "--option"}
 
@@ -134,7 +134,7 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
         await serving
         return
     say({"ready": ready.result()})
-    kept = Kept()
+    kept = RunDelay()
 
     async def answer(message: dict[str, Any]) -> dict[str, Any]:
         return _answer(emulator, message, kept)
@@ -153,7 +153,7 @@ def _begin_later(planned: Mishap, emulator: Emulator) -> None:
     asyncio.get_running_loop().call_later(max(delay, 0.0), begin, planned, emulator)
 
 
-def _answer(emulator: Emulator, message: dict[str, Any], kept: Kept) -> dict[str, Any]:
+def _answer(emulator: Emulator, message: dict[str, Any], kept: RunDelay) -> dict[str, Any]:
     match message:
         case {"fault": str(text)}:
             _begin_later(mishap(text, type(emulator)), emulator)

@@ -21,7 +21,7 @@ from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import addressed
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.files import read_bytes, write_file
-from cellwatt.terminal import show_table
+from cellwatt.progress.terminal import show_table
 
 
 def emulate_cell(

@@ -20,9 +20,9 @@ from cellwatt.commands.units import with_units
 from cellwatt.errors import RecordingError
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
+from cellwatt.record.header import recorded_section
 from cellwatt.record.scan import Damage
 from cellwatt.record.tables import Table, write_lines
-from cellwatt.record.units import recorded_units
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
 
@@ -67,7 +67,7 @@ def command(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
-    export = Export(out, form, force, recorded_units(recording.header.settings, units))
+    export = Export(out, form, force, recorded_section(recording.header.settings, "units", Units).but(units))
     written, damage = export.run(recording, only)
     if not written:
         raise recording.lacks_frames()

@@ -14,8 +14,9 @@ from cellwatt.commands.units import with_units
 from cellwatt.logs.opening import is_log
 from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import stage
-from cellwatt.record.units import recorded_units
+from cellwatt.record.header import recorded_section
 from cellwatt.tables import is_table
+from cellwatt.units import Units
 
 
 @click.command(short_help="Draw a recording as an HTML page.")
@@ -49,7 +50,8 @@ def command(
         from cellwatt.runtime.plotted import report
 
         opened = open_recording(recording)
-        page = report(opened, start, end, channels, recorded_units(opened.header.settings, units))
+        chosen = recorded_section(opened.header.settings, "units", Units).but(units)
+        page = report(opened, start, end, channels, chosen)
     with stage(f"writing {out}"):
         page.write(out)
     click.echo(json.dumps({"file": str(out)}) if as_json else f"wrote {out}")

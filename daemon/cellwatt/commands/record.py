@@ -15,10 +15,9 @@ import click
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import RecordingError
-from cellwatt.log_lines import log_to_stderr
+from cellwatt.progress.log_lines import log_to_stderr
 from cellwatt.record import Recording, RecordSettings
-from cellwatt.record.claim import claimed
-from cellwatt.record.retention import listing
+from cellwatt.record.folder import claimed, listing
 from cellwatt.record.settings import default_folder
 from cellwatt.runtime.processes.supervisor import Supervisor
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
-from pydantic import ValidationError
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.commands.inputs import INPUT
@@ -23,10 +22,10 @@ from cellwatt.frames import Frames
 from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import aside
 from cellwatt.record import Recording
+from cellwatt.record.header import recorded_section
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames, run_stages
-from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
 @click.command(short_help="Run a recording through the stages again.")
@@ -53,12 +52,10 @@ def command(recording: tuple[Path, ...], settings: Path | None, speed: float, ve
         raise opened.lacks_frames()
     _check_sources(opened)
     frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
-    kept: list[Frames] = []
-    items = run_stages(_keeping(frames, kept), _chains(opened, config))
-    summary: dict[str, Any] = {"frames": 0, "results": _show(items, as_json)}
-    summary["frames"] = sum(len(block) for block in kept)
+    made, counts = _show(run_stages(frames, _chains(opened, config)), as_json)
+    summary: dict[str, Any] = {"frames": sum(map(len, made)), "results": counts}
     if verify:
-        summary["verified"] = asdict(held := compare(opened.frames(), kept))
+        summary["verified"] = asdict(held := compare(opened.frames(), made))
         summary["identical"] = held.identical
         if not as_json:
             click.echo(_verdict(held))
@@ -74,13 +71,9 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
     if config is not None:
         return config.frames
     try:
-        written = parse_yaml(recording.header.settings)
-        frames = written.get("frames") if isinstance(written, dict) else None
-        return FrameSettings.model_validate(frames or {})
-    except NotYamlError as error:
-        raise RecordingError(f"the settings in the recording cannot be read: {str(error).splitlines()[0]}") from error
-    except ValidationError:
-        raise RecordingError("the frames of the recording came from the environment: give them by --settings") from None
+        return recorded_section(recording.header.settings, "frames", FrameSettings)
+    except RecordingError as error:
+        raise RecordingError(f"{error}: give them by --settings") from error
 
 
 def _check_sources(recording: Recording) -> None:
@@ -97,17 +90,12 @@ def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
     return make_chains(config, layout_of(recording.header.streams, config.frames))
 
 
-def _keeping(frames: Iterable[Frames], kept: list[Frames]) -> Iterator[Frames]:
-    for block in frames:
-        kept.append(block)
-        yield block
-
-
-def _show(items: Iterable[Frames | Result], as_json: bool) -> dict[str, int]:
-    """Print results; how many of each kind."""
-    counts: Counter[str] = Counter()
+def _show(items: Iterable[Frames | Result], as_json: bool) -> tuple[list[Frames], dict[str, int]]:
+    """Print results; gives the frames, and how many results of each kind."""
+    made, counts = list[Frames](), Counter[str]()
     for item in items:
         if isinstance(item, Frames):
+            made.append(item)
             continue
         kind = type(item).__name__.lower()
         counts[kind] += 1
@@ -117,7 +105,7 @@ def _show(items: Iterable[Frames | Result], as_json: bool) -> dict[str, int]:
         elif isinstance(item, Alarm):
             with aside():
                 click.echo(f"{item.severity if item.active else 'cleared'}: {item.statement}")
-    return dict(counts)
+    return made, dict(counts)
 
 
 def _verdict(held: Comparison) -> str:

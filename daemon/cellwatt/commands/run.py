@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from cellwatt.config import load
-from cellwatt.log_lines import log_to_stderr
+from cellwatt.progress.log_lines import log_to_stderr
 from cellwatt.runtime.processes.supervisor import Supervisor
 
 

@@ -13,7 +13,7 @@ import click
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.errors import ConfigError
-from cellwatt.terminal import show_table
+from cellwatt.progress.terminal import show_table
 
 try:
     from cellwatt.secure.folder import Folder, Member, Role
@@ -172,14 +172,16 @@ _USE: dict[Role, str] = {
 }
 
 
+_THEN: dict[Role, str] = {
+    "router": "start zenohd again",
+    "cell": "put its zenoh.yaml in force: cellwatt check, then reload (SIGHUP)",
+    "viewer": "begin its link anew",
+}
+
+
 def _give_out(folder: Folder, changed: Sequence[str]) -> None:
     for name in changed:
-        member = folder.members[name]
-        then = {
-            "router": "start zenohd again",
-            "cell": "put its zenoh.yaml in force: cellwatt check, then reload (SIGHUP)",
-        }
-        click.echo(f"  copy the folder {name} again; {then.get(member.role, 'begin its link anew')}")
+        click.echo(f"  copy the folder {name} again; {_THEN[folder.members[name].role]}")
 
 
 def _may(member: Member) -> str:

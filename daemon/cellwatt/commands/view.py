@@ -14,13 +14,14 @@ from pydantic import ValidationError
 
 from cellwatt.commands.cell_link import Where, cell_options
 from cellwatt.commands.numbers import SECONDS
-from cellwatt.config import CellConfig, load, read_settings
-from cellwatt.config.fields import anchored
+from cellwatt.config import CellConfig, load
 from cellwatt.errors import ConfigError, why
+from cellwatt.files import read_text
 from cellwatt.outlet import revealed
 from cellwatt.outlets.page import PageSettings
 from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.subscriber import LinkSettings
+from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
 @click.command(short_help="Show a live cell, or a recording, in a browser.")
@@ -64,12 +65,12 @@ def command(
         _write_layout(layout, config)
         return
     own = None if config is None or "page" not in config.outlets else config.outlets["page"].settings
-    if page is not None:  # relative paths in it start at its folder
-        values = anchored(PageSettings, revealed(read_settings(page, PageSettings)), page.absolute().parent)
+    if page is not None:
+        values = _written(page)
     else:
         values = revealed(own) if isinstance(own, PageSettings) else {}
         values.pop("listen", None)  # there the cell's own page is
-    settings = _settings(values, listen, arms)
+    settings = _settings(values, listen, arms, page)
     if (plant := where.whole_site) is not None:
         if foxglove:
             raise click.UsageError("--foxglove shows one cell: give --cell, too")
@@ -98,7 +99,20 @@ def _write_layout(out: Path, config: CellConfig | None) -> None:
     click.echo(f"wrote {out}: in the app, import it as a layout")
 
 
-def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str]) -> PageSettings:
+def _written(file: Path) -> dict[str, Any]:
+    """Settings of the page in a file; relative paths in it start at its folder."""
+    from cellwatt.config.fields import anchored
+
+    try:
+        values = parse_yaml(read_text(file))
+    except (OSError, UnicodeDecodeError, NotYamlError) as error:
+        raise ConfigError(f"{file}: {error}") from None
+    if not isinstance(values, dict):
+        raise ConfigError(f"{file}: expected settings of the page (users: …, certificate: …)")
+    return {str(key): value for key, value in anchored(PageSettings, values, file.absolute().parent).items()}
+
+
+def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str], file: Path | None) -> PageSettings:
     shapes = dict(values.get("arms") or {})
     for arm in arms:
         source, separator, path = arm.partition("=")
@@ -108,8 +122,9 @@ def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str]) -
     try:
         return PageSettings.model_validate({**values, "arms": shapes, **({"listen": listen} if listen else {})})
     except ValidationError as error:
+        where = f"{file}: " if file is not None else ""
         told = (f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors())
-        raise ConfigError("; ".join(text.removeprefix(": ") for text in told)) from None
+        raise ConfigError(where + "; ".join(text.removeprefix(": ") for text in told)) from None
 
 
 def _run(

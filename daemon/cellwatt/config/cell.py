@@ -9,14 +9,14 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from cellwatt.address import without
 from cellwatt.config.places import KeyPath
+from cellwatt.door.signing import unusable
 from cellwatt.driver import SourceSettings
 from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
+from cellwatt.host import without
 from cellwatt.outlet import OutletSettings
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
-from cellwatt.signing import unusable
 from cellwatt.stage import StageSettings
 from cellwatt.units import Units
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import yaml
 
-from cellwatt.address import HIDDEN, blank, secrets_of, without
 from cellwatt.config.environment import expand
 from cellwatt.config.nodes import (
     LONGEST,
@@ -32,6 +31,7 @@ from cellwatt.config.nodes import (
 )
 from cellwatt.config.places import KeyPath, Mark, Place
 from cellwatt.errors import ConfigError, Problem
+from cellwatt.host import HIDDEN, blank, secrets_of, without
 
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")

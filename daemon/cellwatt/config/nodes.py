@@ -8,10 +8,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import yaml
 
-from cellwatt.address import blank
 from cellwatt.config.places import KeyPath, Mark, dotted
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.files import COMPUTED, read_bytes
+from cellwatt.host import blank
 from cellwatt.yaml_file import MOST_VALUES, TooMuchError, check_bounds
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from cellwatt.address import blank
 from cellwatt.config.cell import CellConfig
 from cellwatt.config.places import KeyPath
+from cellwatt.host import blank
 
 _SHORTEST_SECRET = 8
 """Characters from which on a value from the environment is also hidden inside other texts."""

@@ -3,7 +3,7 @@
 A setting of the type ``SecretStr`` is one. In free settings (a mapping of anything) it is what stands below the keys
 that ``SecretKeys`` in their declaration names. A secret is told nowhere: the text of the file as recordings hold it,
 the settings that outlets publish and messages about mistakes have ``***`` in its place. Secrets within addresses are
-known by their form (``cellwatt.address``).
+known by their form (``cellwatt.host``).
 """
 
 from __future__ import annotations

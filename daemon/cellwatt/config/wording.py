@@ -12,12 +12,12 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from cellwatt.address import blank
 from cellwatt.config.document import Document, of_value
 from cellwatt.config.fields import fields_at
 from cellwatt.config.nodes import LONGEST_VALUE, quoted, shortened
 from cellwatt.config.places import MOST, KeyPath
 from cellwatt.errors import Problem
+from cellwatt.host import blank
 
 _LONGEST_WORD = 100  # characters of a key that is compared with others
 _MOST_SIBLINGS = 200  # unknown keys that may be a missing one misspelt

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from cellwatt.address import without
 from cellwatt.errors import CellwattError, why
+from cellwatt.host import without
 
 _README: Final = """\
 This is a bundle for a bug report about cellwatt, written by `cellwatt diagnose`.

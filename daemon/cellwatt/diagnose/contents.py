@@ -6,32 +6,29 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Final
 
-from cellwatt.address import HIDDEN
 from cellwatt.config import CellConfig, load, public_config
-from cellwatt.config.document import Document, read
+from cellwatt.config.document import read
 from cellwatt.diagnose import pc
 from cellwatt.diagnose.bundle import Bundle
 from cellwatt.errors import CellwattError, ConfigError, RecordingError
 from cellwatt.files import read_bytes
+from cellwatt.host import HIDDEN
 from cellwatt.outlets.zenoh.reach import ask_cell
 from cellwatt.record.cut import cut
+from cellwatt.record.folder import Obstacles, RecordFile, listing, obstacles
 from cellwatt.record.header import DAMAGED
-from cellwatt.record.opening import survey
-from cellwatt.record.retention import Kept, listing
-from cellwatt.record.room import Room, room
+from cellwatt.record.survey import survey
 from cellwatt.runtime.assemble import prepare
 from cellwatt.version import __version__
 
 _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 """Parts of keys below which a wrong file may hold secrets that no settings class has declared."""
-_PLAIN: Final = ("version", "site", "cell", "driver", "stage")
 
 
 @dataclass(slots=True)
@@ -50,7 +47,7 @@ def examine(file: Path) -> Findings:
         config = load(file)
     except ConfigError as error:
         return _wrong(file, [str(problem) for problem in error.problems])
-    disk = room(config.record) if config.record is not None else Room()
+    disk = obstacles(config.record) if config.record is not None else Obstacles()
     warnings = [*config.warnings, *disk.warnings]
     told = [*_unprepared(config), *([disk.refusal] if disk.refusal else []), *(f"warning: {text}" for text in warnings)]
     return Findings(config, public_config(config), told, dict(config.secrets))
@@ -73,20 +70,7 @@ def _wrong(file: Path, problems: list[str]) -> Findings:
     for path, place in document.places.items():
         if place.written and any(word in str(key).lower() for key in path for word in _SUSPECT):
             secrets[place.written] = HIDDEN
-    return Findings(None, {"outline": _outline(document)}, problems, secrets)
-
-
-def _outline(document: Document) -> Any:
-    return _masked(document.value, "")
-
-
-def _masked(value: Any, key: str) -> Any:
-    """Keys and lengths alone: in a wrong file nobody knows which values are secrets."""
-    if isinstance(value, Mapping):
-        return {str(k): _masked(v, str(k)) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_masked(v, "") for v in value]
-    return value if value is None or key in _PLAIN else HIDDEN
+    return Findings(None, {}, problems, secrets)
 
 
 LINES: Final = 2000
@@ -98,7 +82,7 @@ _EXAMINED: Final = 100
 """Recordings, the newest ones, that are opened for a verdict."""
 
 
-def gather(file: Path | None, log: Path | None, record: float, folder: Path) -> Bundle:
+def bundle_of(file: Path | None, log: Path | None, record: float, folder: Path) -> Bundle:
     """Gather the bundle for a settings file, or for the PC alone.
 
     ``log`` replaces the journal. The last ``record`` s of the record are cut into ``folder``; 0 leaves them out.
@@ -110,7 +94,7 @@ def gather(file: Path | None, log: Path | None, record: float, folder: Path) -> 
         found = examine(file)
         config, bundle.secrets = found.config, found.secrets
         bundle.add("check.txt", "what cellwatt check says", lambda: "\n".join(found.check))
-        bundle.add("settings.json", "the settings without secrets", lambda: found.shown or _unreadable())
+        bundle.add("settings.json", "the settings without secrets", lambda: found.shown or _wrong_file())
     disk = config.record.folder if config is not None and config.record is not None else None
     bundle.add("pc.json", "cores, clocks, memory, limits and disk of this PC", lambda: pc.facts(disk))
     if log is not None or file is not None:
@@ -149,8 +133,8 @@ def _versions() -> dict[str, Any]:
     }
 
 
-def _unreadable() -> str:
-    raise CellwattError("the file cannot be read as YAML, see check.txt")
+def _wrong_file() -> str:
+    raise CellwattError("the file is wrong, and may hold secrets anywhere: see check.txt")
 
 
 def _log(file: Path | None, log: Path | None) -> str:
@@ -169,7 +153,7 @@ def _log(file: Path | None, log: Path | None) -> str:
     return done.stdout
 
 
-def _recordings(kept: list[Kept]) -> list[dict[str, Any]]:
+def _recordings(kept: list[RecordFile]) -> list[dict[str, Any]]:
     newest = kept[-_EXAMINED:]
     return [
         {
@@ -182,7 +166,7 @@ def _recordings(kept: list[Kept]) -> list[dict[str, Any]]:
     ]
 
 
-def _verdict(kept: Kept) -> str:
+def _verdict(kept: RecordFile) -> str:
     if kept.path.name.endswith(DAMAGED):
         return "damaged, set aside"
     try:
@@ -193,7 +177,7 @@ def _verdict(kept: Kept) -> str:
     return damage or ("whole" if found.closed else "open")
 
 
-def _last(config: CellConfig, kept: list[Kept], seconds: float, to: Path) -> Path:
+def _last(config: CellConfig, kept: list[RecordFile], seconds: float, to: Path) -> Path:
     """The end of the record; of a cell that stopped, what it recorded last."""
     ends = [end for k in kept[-3:] if (end := _end(k))]
     if config.record is None or not ends:
@@ -201,7 +185,7 @@ def _last(config: CellConfig, kept: list[Kept], seconds: float, to: Path) -> Pat
     return cut(config.record.folder, config.cell, max(ends) - round(seconds * 1e9), max(ends), to).path
 
 
-def _end(kept: Kept) -> int:
+def _end(kept: RecordFile) -> int:
     try:
         return survey(kept.path).contents.end
     except RecordingError:

@@ -15,48 +15,30 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
     if certificate is None and authority is None:
         return ()
     try:
-        from cellwatt import certificates  # noqa: F401
+        from cellwatt.door import certificates
     except ImportError:
         return ("nobody looks when the certificates end: that needs pip install 'cellwatt[secure]'",)
+    found: list[str] = []
     now = datetime.now(UTC)
-    own = [] if certificate is None else _own(certificate, key, now)
-    return tuple(own + _authorities(authority, now))
-
-
-def _own(file: Path, key_file: Path | None, now: datetime) -> list[str]:
-    from cellwatt.certificates import belongs, read
-
-    certificate, key = _bytes(file), _bytes(key_file)
-    if certificate is None:
-        return []
-    try:
-        first, *_ = read(certificate)
-    except ValueError:
-        return [f"certificate: {file} is no certificate"]
-    found = _time(f"certificate: {file}", first.not_valid_before_utc, first.not_valid_after_utc, now)
-    try:
-        if key is not None and not belongs(first, key):
-            found.append(f"key: {key_file} is not the key of {file}")
-    except (ValueError, TypeError):
-        found.append(f"key: {key_file} is no private key that can be read without a password")
-    if key_file is not None and key is not None and key_file.stat().st_mode & 0o007:
-        found.append(f"key: {key_file} may be read by everybody on this PC: chmod 600")
-    return found
-
-
-def _authorities(path: Path | None, now: datetime) -> list[str]:
-    """Warnings about authorities; one valid authority is enough, as there are two during a change."""
-    from cellwatt.certificates import read
-
-    data = _bytes(path)
-    if data is None:
-        return []
-    try:
-        all_of_them = read(data)
-    except ValueError:
-        return [f"root_ca: {path} is no certificate"]
-    last = max(all_of_them, key=lambda c: c.not_valid_after_utc)
-    return _time(f"root_ca: {path}", last.not_valid_before_utc, last.not_valid_after_utc, now)
+    # Of authorities one that is valid is enough: there are two during a change.
+    for what, file, most in (("certificate", certificate, 1), ("root_ca", authority, None)):
+        if (data := _bytes(file)) is None:
+            continue
+        try:
+            last = max(certificates.read(data)[:most], key=lambda c: c.not_valid_after_utc)
+        except ValueError:
+            found.append(f"{what}: {file} is no certificate")
+            continue
+        found += _time(f"{what}: {file}", last.not_valid_before_utc, last.not_valid_after_utc, now)
+        if what == "certificate" and key is not None and (secret := _bytes(key)) is not None:
+            try:
+                if not certificates.belongs(last, secret):
+                    found.append(f"key: {key} is not the key of {file}")
+            except (ValueError, TypeError):
+                found.append(f"key: {key} is no private key that can be read without a password")
+            if key.stat().st_mode & 0o007:
+                found.append(f"key: {key} may be read by everybody on this PC: chmod 600")
+    return tuple(found)
 
 
 def _time(what: str, begin: datetime, end: datetime, now: datetime) -> list[str]:

@@ -17,9 +17,9 @@ from typing import Final
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from cellwatt.address import blank
 from cellwatt.errors import CellwattError, why
 from cellwatt.fetch.remote import File, Remote
+from cellwatt.host import blank
 from cellwatt.progress import Stage, stage
 
 KEPT: Final = 30 * 86400.0

@@ -11,8 +11,8 @@ from pathlib import PurePosixPath
 from typing import IO, Any
 from urllib.parse import urlsplit
 
-from cellwatt.address import blank
 from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.host import blank
 from cellwatt.outlets.historian.store import s3_options
 
 _URL = re.compile(r"[a-z][a-z0-9+.-]*(?:::|://)")

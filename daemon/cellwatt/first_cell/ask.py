@@ -16,9 +16,9 @@ from cellwatt.errors import ConfigError
 from cellwatt.first_cell.find import look, serial_ports, told
 from cellwatt.first_cell.plan import SourcePlan, address_settings, check_name, in_yaml, questions, unreachable
 from cellwatt.first_cell.write import arms_of, source_config
+from cellwatt.progress.terminal import show_table
 from cellwatt.registry import driver as find_driver
 from cellwatt.runtime.assemble import streams_of
-from cellwatt.terminal import show_table
 
 _UNNAMED = "device"
 

@@ -9,7 +9,7 @@ from cellwatt.logs import bag, lerobot
 from cellwatt.logs.choice import chosen
 from cellwatt.logs.log import Log
 from cellwatt.record.foreign import ForeignError
-from cellwatt.record.opening import in_folder, survey
+from cellwatt.record.survey import in_folder, survey
 
 
 def is_log(path: Path) -> bool:

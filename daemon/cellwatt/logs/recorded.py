@@ -23,7 +23,7 @@ from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.files import CHUNK
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt.turns import counted_on
+from cellwatt.tables.unwrap import unwrapped
 
 SOURCE = "log"
 CHANNELS = {"position": "position", "velocity": "velocity", "torque": "torque", "command": "target_position"}
@@ -105,7 +105,7 @@ def _batches(log: Log, stream: Stream, start: int, sequence: int) -> Iterator[Ba
     values = np.hstack([*log.quantities.values()])
     for i, channel in enumerate(stream.channels):
         if channel.unit == "rad" and "position" in channel.name:  # no frame between the ends of a turn
-            values[:, i] = counted_on(values[:, i])
+            values[:, i] = unwrapped(values[:, i])
     since = log.time - log.time[0]
     time = start + np.round(since * 1e9).astype(np.int64)
     for rows in np.split(np.arange(len(time)), np.flatnonzero(np.diff(since // BLOCK)) + 1):

@@ -10,12 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError
+from cellwatt.frames import cut
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record import Recording
-from cellwatt.record.opening import survey
-from cellwatt.record.retention import Kept, listing
+from cellwatt.record.folder import RecordFile, listing
+from cellwatt.record.survey import survey
 from cellwatt.results import Alarm, Energy, Task
 
 ARCHIVED: Final = {"alarms": Alarm, "tasks": Task, "energies": Energy}
@@ -104,7 +104,7 @@ def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Rec
             return
 
 
-def files_of(folder: Path, cell: str) -> list[Kept]:
+def files_of(folder: Path, cell: str) -> list[RecordFile]:
     """Recordings of a cell in the order in which they were recorded."""
     return [kept for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", ".mcap.part"))]
 

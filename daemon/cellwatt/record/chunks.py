@@ -6,7 +6,7 @@ import struct
 import threading
 import zlib
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import Any, Final, NamedTuple, TypeVar
@@ -125,44 +125,41 @@ class Walk:
         return {channel: len(pairs) // 2 for channel, pairs in self.pairs.items()}
 
 
+def records_in(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, offset and length of the body of each record; they must fill the data exactly. Raises ``ValueError``."""
+    at, end = 0, len(data)
+    while at < end:
+        if at + RECORD.size > end:
+            raise ValueError("a record is cut")
+        opcode, length = RECORD.unpack_from(data, at)
+        if at + RECORD.size + length > end:
+            raise ValueError("the last record is cut")
+        yield opcode, at + RECORD.size, length
+        at += RECORD.size + length
+
+
 def walk(data: bytes) -> Walk:
     """List the records of a chunk, which must fill it exactly."""
-    found, at, end = Walk(), 0, len(data)
+    found = Walk()
     pairs, last = found.pairs, found.last
-    while at < end:
-        try:
-            opcode, length = RECORD.unpack_from(data, at)
-            if opcode == Opcode.MESSAGE:
-                if length < SHORTEST_MESSAGE:
-                    raise ValueError("a message in a chunk is cut")
-                channel, sequence, time = MESSAGE_HEAD.unpack_from(data, at + 9)
-                if channel not in pairs:
-                    pairs[channel] = array("Q")
-                    found.first[channel] = sequence
-                last[channel] = sequence
-                pairs[channel].extend((time, at))
-            else:
-                found.definitions += definition(opcode, data[at + 9 : at + 9 + length])
-        except struct.error:
-            raise ValueError("a record in a chunk is cut") from None
-        at += 9 + length
-    if at != end:
-        raise ValueError("the last record of a chunk is cut")
+    for opcode, at, length in records_in(data):
+        if opcode != Opcode.MESSAGE:
+            found.definitions += definition(opcode, data[at : at + length])
+            continue
+        if length < SHORTEST_MESSAGE:
+            raise ValueError("a message in a chunk is cut")
+        channel, sequence, time = MESSAGE_HEAD.unpack_from(data, at)
+        if channel not in pairs:
+            pairs[channel] = array("Q")
+            found.first[channel] = sequence
+        last[channel] = sequence
+        pairs[channel].extend((time, at - RECORD.size))
     return found
 
 
 def definitions(data: bytes) -> list[Schema | Channel]:
     """Schema and channel records that stand one behind the other; others are passed over."""
-    found: list[Schema | Channel] = []
-    at = 0
-    while at < len(data):
-        try:
-            opcode, length = RECORD.unpack_from(data, at)
-        except struct.error:
-            raise ValueError("a definition is cut") from None
-        found += definition(opcode, data[at + 9 : at + 9 + length])
-        at += 9 + length
-    return found
+    return [found for opcode, at, length in records_in(data) for found in definition(opcode, data[at : at + length])]
 
 
 def definition(opcode: int, body: bytes) -> list[Schema | Channel]:

@@ -12,11 +12,11 @@ from pathlib import Path
 from cellwatt.errors import RecordingError, why
 from cellwatt.record.encoder import Encoder, Item, Redeclared
 from cellwatt.record.files import CHUNK
+from cellwatt.record.folder import listing
 from cellwatt.record.header import PART, Header
 from cellwatt.record.openfile import OpenFile
-from cellwatt.record.opening import utc
 from cellwatt.record.reader import Recording
-from cellwatt.record.retention import listing
+from cellwatt.record.survey import utc
 
 
 @dataclass(frozen=True, slots=True)

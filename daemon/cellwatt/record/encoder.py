@@ -8,10 +8,11 @@ from typing import Any
 
 from mcap.records import Schema
 
+from cellwatt import protobuf
 from cellwatt.batch import Batch
 from cellwatt.channel import Channel
 from cellwatt.frames import FrameChannel, Frames
-from cellwatt.record import messages, protobuf
+from cellwatt.record import messages
 from cellwatt.record.openfile import OpenFile
 from cellwatt.record.rows import BlockRows, rows_of, value_fields
 from cellwatt.results import Event, Result, series_of

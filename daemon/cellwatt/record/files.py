@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from cellwatt.record.encoder import Encoder, Item, Redeclared
+from cellwatt.record.folder import listing
 from cellwatt.record.header import FileName, Header
 from cellwatt.record.openfile import DisplacedError, OpenFile
-from cellwatt.record.retention import listing
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.upkeep import Upkeep, is_full
 

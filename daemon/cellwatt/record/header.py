@@ -8,19 +8,22 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, TypeVar
 
-from pydantic import Field, TypeAdapter
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from cellwatt.channel import Stream
+from cellwatt.errors import RecordingError
 from cellwatt.version import __version__
+from cellwatt.yaml_file import NotYamlError, parse_yaml
+
+Section = TypeVar("Section", bound=BaseModel)
 
 PART = ".part"
 """Ends the name of a file that was not closed yet."""
 DAMAGED = ".damaged"
 """Ends the name of bytes set aside because they could not be read."""
 
-_PLAIN = ("site", "cell", "session", "robot", "settings", "version", "number")
 _NAME = re.compile(
     r"(?P<cell>.+)_(?P<second>\d{8}T\d{6})_(?P<ns>\d{9})Z_(?P<number>\d{6,})\.mcap(\.part)?(\.\d+)?(\.damaged)?"
 )
@@ -45,9 +48,7 @@ class Header:
 
     def to_json(self) -> str:
         """The header as JSON text."""
-        declared = {source: [asdict(s) for s in streams] for source, streams in self.streams.items()}
-        plain = {n: getattr(self, n) for n in _PLAIN}
-        return json.dumps({**plain, "streams": declared})
+        return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Header:
@@ -88,3 +89,14 @@ class FileName:
 def plain_cell(cell: str) -> str:
     """A cell's name as it stands in file names."""
     return re.sub(r"[^\w.-]+", "-", cell)
+
+
+def recorded_section(settings: str, name: str, model: type[Section]) -> Section:
+    """A section of a recording's ``settings``, the text in its header. Raises ``RecordingError``."""
+    try:
+        written = parse_yaml(settings)
+        return model.model_validate((written.get(name) if isinstance(written, dict) else None) or {})
+    except NotYamlError as error:
+        raise RecordingError(f"the settings in the recording cannot be read: {str(error).splitlines()[0]}") from error
+    except ValidationError:
+        raise RecordingError(f"{name} in the recording's settings are wrong, or came from the environment") from None

@@ -8,25 +8,23 @@ import threading
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import FileIO
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
-from cellwatt.frames import Frames
-from cellwatt.record import decoder
-from cellwatt.record.container import Chunk, Chunks
-from cellwatt.record.decoder import Track
+from cellwatt.frames import Frames, cut
+from cellwatt.record import decoder, seal
+from cellwatt.record.container import Chunk, Chunks, Contents
+from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, topic_of
-from cellwatt.record.known import Known, known_as, look_at, tracks_in
-from cellwatt.record.opening import survey
+from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.reader import chunk_data, numbered_items
-from cellwatt.record.retention import listing
+from cellwatt.record.survey import Survey, read_summary, survey
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
 
@@ -36,6 +34,49 @@ ATTEMPTS = 5
 """Repetitions of a search if the files change under it."""
 CACHED_FILES = 2
 """Files whose list of chunks is kept in memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileIndex:
+    """Index of a file: ``firsts`` maps topics and series to their channel and first sequence number."""
+
+    kept: RecordFile
+    state: str
+    start: int
+    end: int
+    messages: int
+    firsts: Mapping[str, tuple[int, int]]
+    seal: Mapping[str, Any] | None = None
+    """Signature of the cell for it, see ``record.seal``."""
+
+
+def tracks_in(contents: Contents) -> dict[int, Track]:
+    """Readers of the channels; another thread may define more meanwhile."""
+    return tracks_of(dict(contents.channels))[0]
+
+
+def look_at(kept: RecordFile) -> FileIndex:
+    """Read what a file says of itself; one that its writer left open waits for its repair."""
+    nothing = FileIndex(kept, "unreadable", 0, 0, 0, {})
+    try:
+        if kept.path.suffix == ".mcap":
+            found: Survey = survey(kept.path, chunks=False)
+            known = index_of(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
+            return replace(known, seal=seal.read(kept.path))
+        if not kept.closed:
+            with open_file(kept.path) as file:
+                summary = read_summary(file, chunks=False)
+            return index_of(kept, summary, "closing") if summary else FileIndex(kept, "left open", 0, 0, 0, {})
+    except (OSError, ValueError, RecordingError):
+        pass
+    return nothing
+
+
+def index_of(kept: RecordFile, contents: Contents, state: str) -> FileIndex:
+    """The index of a file from its contents."""
+    firsts = {t.series: (number, t.first) for number, t in tracks_in(contents).items() if t.series is not None}
+    return FileIndex(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
+
 
 T = TypeVar("T")
 
@@ -72,35 +113,25 @@ class History:
         self._folder = folder
         self._recorder = recorder
         self._lock = threading.Lock()
-        self._known: dict[Path, Known] = {}
+        self._known: dict[Path, FileIndex] = {}
         self._chunks: OrderedDict[Path, tuple[Chunks, dict[int, Track]]] = OrderedDict()
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
-        """Recorded samples ``first`` … ``first + count`` of a stream, in order, what is left of them.
+        """Recorded samples ``first`` … ``first + count`` of a stream, in order.
+
+        If none is left of them, the first ``count`` after them.
 
         Reads files and may wait for a flush: never call it on the event loop. Raises ``RepairingError``.
         """
-        return self._within(_Topic(topic_of(source, stream), Batch), session, first, count)
-
-    def later(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
-        """The first ``count`` recorded samples of a stream from ``first`` on, wherever these begin.
-
-        Reads files: never call it on the event loop. Raises ``RepairingError``.
-        """
-        return self._later(_Topic(topic_of(source, stream), Batch), session, first, count)
+        return self._asked(_Topic(topic_of(source, stream), Batch), session, first, count)
 
     def frames(self, session: int, first: int, count: int) -> list[Frames]:
-        """Recorded frames ``first`` … ``first + count``, in order; if none is left, the first ``count`` after them.
-
-        Reads files and may wait for a flush: never call it on the event loop. Raises ``RepairingError``.
-        """
-        return self._within(_FRAMES, session, first, count) or self._later(_FRAMES, session, first, count)
+        """Recorded frames, as ``history``."""
+        return self._asked(_FRAMES, session, first, count)
 
     def results(self, series: str, session: int, first: int, count: int) -> list[tuple[int, Result | Event]]:
-        """Recorded results or events of a series with their numbers, as ``frames``. Raises ``RepairingError``."""
-        topic = _Topic(series, _Numbered)
-        found = self._within(topic, session, first, count) or self._later(topic, session, first, count)
-        return [(kept.sequence, kept.item) for kept in found]
+        """Recorded results or events of a series with their numbers, as ``history``."""
+        return [(each.sequence, each.item) for each in self._asked(_Topic(series, _Numbered), session, first, count)]
 
     def recordings(self) -> list[dict[str, Any]]:
         """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
@@ -119,28 +150,24 @@ class History:
                 for known in self._settled(self._files)
             ]
 
-    def _within(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
-        stop, repairing = first + count, self._recorder.repairing(session)
-        with self._lock:
-            found = self._settled(lambda: self._find(topic, session, first, stop))
-            if _end(found, first) < stop and self._recorder.flush(FLUSH_TIMEOUT):
-                found = self._settled(lambda: self._find(topic, session, first, stop))
-        return _certain(found, first, repairing)
-
-    def _later(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
+    def _asked(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
         repairing = self._recorder.repairing(session)
         with self._lock:
-            found = self._settled(lambda: self._find_later(topic, session, first, count))
-        return _certain(found, first, repairing)
+            found = self._settled(lambda: self._find(topic, session, first, count))
+            if _end(found, first) < first + count and self._recorder.flush(FLUSH_TIMEOUT):
+                found = self._settled(lambda: self._find(topic, session, first, count))
+        if repairing and (not found or found[0].sequence > first):
+            raise RepairingError(f"what was recorded from {first} on is being repaired: ask again in a while")
+        return found
 
-    def _files(self) -> list[Known]:
+    def _files(self) -> list[FileIndex]:
         """All files of the cell in order, read again only where they changed."""
         live = self._recorder.live()
-        fresh: dict[Path, Known] = {}
+        fresh: dict[Path, FileIndex] = {}
         for kept in listing(self._folder, self._recorder.cell):
             old = self._known.get(kept.path)
             if live is not None and kept.path == live[0]:
-                fresh[kept.path] = known_as(kept, live[1], "open")
+                fresh[kept.path] = index_of(kept, live[1], "open")
             elif old is not None and old.state != "open" and old.kept == kept:
                 fresh[kept.path] = old
             else:
@@ -164,34 +191,21 @@ class History:
         except FileNotFoundError:
             return []
 
-    def _find(self, topic: _Topic[Block], session: int, first: int, stop: int) -> list[Block]:
+    def _find(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
+        """What is left of what is asked for; if nothing is, as many rows of those after it."""
         files = [f for f in self._files() if f.kept.name.session == session and topic.name in f.firsts]
-        begins = [f.firsts[topic.name][1] for f in files]
-        found: list[Block] = []
-        for at in range(max(bisect_right(begins, first) - 1, 0), len(files)):
-            if begins[at] >= stop:
-                break
-            found += self._from_file(files[at], topic, first, stop)
-        return found
+        files = files[max(bisect_right(files, first, key=lambda f: f.firsts[topic.name][1]) - 1, 0) :]
+        if found := self._from_files(files, topic, first, first + count):
+            return found
+        later = next(filter(None, (self._from_file(f, topic, first, sys.maxsize, 1) for f in files)), None)
+        return self._from_files(files, topic, later[0].sequence, later[0].sequence + count) if later else []
 
-    def _find_later(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
-        for known in self._files():
-            if known.kept.name.session == session and topic.name in known.firsts:
-                begin = self._begin_in(known, topic, first)
-                if begin is not None:
-                    return self._find(topic, session, begin, begin + count)
-        return []
-
-    def _begin_in(self, known: Known, topic: _Topic[Block], first: int) -> int | None:
-        """Number of the first row of a file from ``first`` on; ``None`` if it has none."""
-        begin = known.firsts[topic.name][1]
-        if begin >= first:
-            return begin
-        found = self._from_file(known, topic, first, sys.maxsize, most=1)
-        return found[0].sequence if found else None
+    def _from_files(self, files: list[FileIndex], topic: _Topic[Block], first: int, stop: int) -> list[Block]:
+        within = takewhile(lambda f: f.firsts[topic.name][1] < stop, files)
+        return [block for known in within for block in self._from_file(known, topic, first, stop)]
 
     def _from_file(
-        self, known: Known, topic: _Topic[Block], first: int, stop: int, most: int | None = None
+        self, known: FileIndex, topic: _Topic[Block], first: int, stop: int, most: int | None = None
     ) -> list[Block]:
         channel = known.firsts[topic.name][0]
         try:
@@ -206,7 +220,7 @@ class History:
             # Renamed, which is noticed and tried again, or removed to make room: what is left is asked for.
             return []
 
-    def _listed(self, known: Known) -> tuple[Chunks, dict[int, Track]]:
+    def _listed(self, known: FileIndex) -> tuple[Chunks, dict[int, Track]]:
         """Chunks and tracks of a file; of closed ones the last few are kept."""
         path = known.kept.path
         live = self._recorder.live()
@@ -219,13 +233,6 @@ class History:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(path)
         return self._chunks[path]
-
-
-def _certain(found: list[Block], first: int, repairing: bool) -> list[Block]:
-    """What was found from ``first`` on. Raises ``RepairingError`` where a repair may bring what lies before it."""
-    if repairing and (not found or found[0].sequence > first):
-        raise RepairingError(f"what was recorded from {first} on is being repaired: ask again in a while")
-    return found
 
 
 def _end(blocks: Sequence[Batch | Frames | _Numbered], first: int) -> int:

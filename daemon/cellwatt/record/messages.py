@@ -25,14 +25,7 @@ class Health:
 Message = Tick | Event | Interval | Task | Energy | Prediction | Alarm | Health
 
 TOPICS: Mapping[type[Message], str] = {
-    Tick: "/tick",
-    Event: "/event",
-    Interval: "/interval",
-    Task: "/task",
-    Energy: "/energy",
-    Prediction: "/prediction",
-    Alarm: "/alarm",
-    Health: "/health",
+    kind: f"/{kind.__name__.lower()}" for kind in (Tick, Event, Interval, Task, Energy, Prediction, Alarm, Health)
 }
 
 

@@ -18,8 +18,8 @@ from pydantic import TypeAdapter
 
 from cellwatt.alarms import SEVERITIES
 from cellwatt.files import WRITTEN, read_bytes, replace_bytes
+from cellwatt.record.folder import Stored, remove, surplus
 from cellwatt.record.header import plain_cell
-from cellwatt.record.retention import Stored, remove, surplus
 from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import EvidenceSettings
 from cellwatt.results import Alarm

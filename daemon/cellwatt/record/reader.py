@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.batch import Batch, Tick
-from cellwatt.blocks import concatenate, cut
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import Places, paths_of
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, concatenate, cut
 from cellwatt.progress import aside, steps
 from cellwatt.record import decoder
 from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
@@ -27,15 +26,24 @@ from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.messages import TOPICS, Health, time_of
-from cellwatt.record.opening import identity_of, in_folder, in_order, open_recording, open_until, removed, survey_all
 from cellwatt.record.rows import FrameRows, SampleRows
 from cellwatt.record.samples import Samples, join
 from cellwatt.record.scan import Damage, read_at
-from cellwatt.record.summary import Survey, survey_open
+from cellwatt.record.survey import (
+    Survey,
+    identity_of,
+    in_folder,
+    in_order,
+    open_recording,
+    open_until,
+    removed,
+    survey_all,
+    survey_open,
+)
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 
 if TYPE_CHECKING:
-    from cellwatt.record.dataframe import Library
+    from cellwatt.record.tables import Library
 
 log = logging.getLogger(__name__)
 
@@ -247,8 +255,7 @@ class Recording:
         ``CellwattError`` where ``library`` is not installed.
         """
         # pyarrow is heavy, and the daemon's processes that read recordings need none of it.
-        from cellwatt.record.dataframe import data_frame, of_channels
-        from cellwatt.record.tables import frame_rows
+        from cellwatt.record.tables import data_frame, frame_rows, of_channels
 
         frames = self.within(start, end).frames_table()
         if channels is not None:
@@ -262,8 +269,7 @@ class Recording:
 
         ``start``, ``end`` and ``library`` as for ``frame``. Raises ``RecordingError`` where there is no such stream.
         """
-        from cellwatt.record.dataframe import data_frame
-        from cellwatt.record.tables import sample_rows
+        from cellwatt.record.tables import data_frame, sample_rows
 
         samples = self.within(start, end).batches(*stream.partition("/")[::2])
         return data_frame(sample_rows(samples, self.start), self.header, self.start, library)

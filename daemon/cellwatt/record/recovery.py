@@ -25,7 +25,7 @@ from cellwatt.record.container import (
 from cellwatt.record.header import DAMAGED, PART, FileName, Header, plain_cell
 from cellwatt.record.openfile import HEADER, definitions_copy, lock
 from cellwatt.record.scan import Damage, Scan, read_at, scan
-from cellwatt.record.summary import guess_header
+from cellwatt.record.survey import guess_header
 
 
 @dataclass(frozen=True, slots=True)

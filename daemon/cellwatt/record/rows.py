@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from cellwatt import protobuf
 from cellwatt.batch import Batch, Float
 from cellwatt.channel import Channel, Stream
 from cellwatt.frames import FrameChannel, Frames, Layout
-from cellwatt.record import protobuf
-from cellwatt.record.protobuf import Field, Kind
+from cellwatt.protobuf import Field, Kind
 
 Rows = NDArray[np.void]
 

@@ -13,10 +13,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from pydantic import TypeAdapter
+
+from cellwatt.door.signing import Signer, Verifier
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import replace_text
 from cellwatt.record.header import PART, FileName
-from cellwatt.signing import Signer, Verifier
 
 SUFFIX: Final = ".sig"
 RECORDING: Final = "cellwatt: recording of a cell, version 1"
@@ -113,13 +115,14 @@ def _missing(files: Iterable[Path]) -> Iterator[Path]:
             yield folder / str(FileName(session, number, cell))
 
 
+_SEAL: Final = TypeAdapter(Seal)
+
+
 def _read(recording: Path) -> Seal | None:
     try:
         with seal_of(recording).open("rb") as file:
-            plain = json.loads(file.read(_LARGEST))
-        state: State = "repaired" if plain["state"] == "repaired" else "closed"
-        return Seal(str(plain["file"]), int(plain["bytes"]), str(plain["sha256"]), state, str(plain["signature"]))
-    except (OSError, ValueError, OverflowError, KeyError, TypeError, RecursionError):
+            return _SEAL.validate_json(file.read(_LARGEST))
+    except (OSError, ValueError):
         return None
 
 

@@ -12,15 +12,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from cellwatt.door.signing import Signer
 from cellwatt.errors import ConfigError
 from cellwatt.files import sync_folder
 from cellwatt.record import seal
+from cellwatt.record.folder import listing, remove, remove_oldest, surplus
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile, check_place
 from cellwatt.record.recovery import Recovery, left_open, recover
-from cellwatt.record.retention import listing, remove, remove_oldest, surplus
 from cellwatt.record.settings import RecordSettings
-from cellwatt.signing import Signer
 
 log = logging.getLogger(__name__)
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import cut
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.record import messages
 from cellwatt.record.rows import BlockRows, FrameRows, SampleRows, declared_rows, rows_of
 from cellwatt.ring.memory import Record, Ring

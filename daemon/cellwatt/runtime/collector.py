@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from cellwatt.batch import Batch, Tick
-from cellwatt.cell_clock import CellClock
+from cellwatt.clock.cell import CellClock
 from cellwatt.config import CellConfig, SourceConfig
 from cellwatt.driver import Driver
 from cellwatt.gather import next_moment

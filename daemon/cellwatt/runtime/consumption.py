@@ -31,7 +31,7 @@ SPAN: Final = 10**9
 """ns over which the power of now is a mean."""
 
 
-class _Kept(BaseModel):
+class _Saved(BaseModel):
     day: date
     joule: float
     time: int
@@ -100,7 +100,7 @@ class Consumption:
     def read(self, folder: Path) -> None:
         """Go on with the energy of today as an earlier process has written it."""
         try:
-            kept = _Kept.model_validate_json(read_bytes(folder / FILE))
+            kept = _Saved.model_validate_json(read_bytes(folder / FILE))
         except FileNotFoundError:
             return
         except (OSError, ValidationError) as error:

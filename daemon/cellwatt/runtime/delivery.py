@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from cellwatt.address import blank
 from cellwatt.errors import OutletError
+from cellwatt.host import blank
 from cellwatt.outlet import Item, Outlet
 from cellwatt.runtime.allowance import one_line
 from cellwatt.runtime.source import asked_to_end

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from cellwatt.batch import Batch
-from cellwatt.cell_clock import CellClock
 from cellwatt.channel import Quality
-from cellwatt.config import SourceConfig
+from cellwatt.clock.cell import CellClock
+from cellwatt.config import CellConfig, SourceConfig
 from cellwatt.driver import Driver
-from cellwatt.errors import SourceError
+from cellwatt.errors import CellwattError, SourceError
 from cellwatt.registry import driver as find_driver
-from cellwatt.results import Event
+from cellwatt.registry import stage as find_stage
+from cellwatt.results import Alarm, Event
+from cellwatt.runtime.assemble import layout_of
+from cellwatt.runtime.replaying import replay_frames
 from cellwatt.runtime.source import Source
+from cellwatt.stage import CellInfo
 
 log = logging.getLogger(__name__)
 
@@ -189,3 +195,31 @@ def _tell_events(result: Examination, events: list[Event]) -> None:
             _warn(result, text + more)
     if len(told) > MOST_EVENTS:
         _warn(result, f"and events of {len(told) - MOST_EVENTS} more kinds")
+
+
+STAGE = "meter"
+"""The stage that finds it."""
+
+
+def examine_meters(config: CellConfig, found: Sequence[Examination], read: Mapping[str, Sequence[Batch]]) -> None:
+    """Add to the findings of each source with a slow meter what its values stand for, as the stage says.
+
+    The settings are those of the cell's own stage, where it has one. A cell without a slow meter or an arm has nothing
+    to be found.
+    """
+    streams = {name: tuple({b.stream.name: b.stream for b in batches}.values()) for name, batches in read.items()}
+    settings = next((s.settings for s in config.stages.values() if s.kind == STAGE), None)
+    try:
+        kind = find_stage(STAGE)
+        layout = layout_of(streams, config.frames)
+        cell = CellInfo(config.site, config.cell, config.robot, config.folder)
+        stage = kind(STAGE, settings or kind.Settings(), layout, cell)
+    except CellwattError:
+        return
+    entries = sorted(chain.from_iterable(read.values()), key=lambda batch: batch.arrival)
+    said = [r for frames in replay_frames(entries, streams, config.frames) for r in stage.process(frames, ())]
+    for alarm in (r for r in [*said, *stage.close()] if isinstance(r, Alarm)):
+        source = next(e for e in found if e.name == alarm.source)
+        source.findings.append(alarm.statement)
+        if alarm.severity != "info" and source.verdict == "ok":
+            source.verdict = "warning"

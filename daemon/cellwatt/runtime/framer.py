@@ -10,10 +10,9 @@ import numpy as np
 
 from cellwatt.align import Aligner
 from cellwatt.batch import Batch, Tick
-from cellwatt.blocks import cut
 from cellwatt.channel import Stream
 from cellwatt.config import FrameSettings
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 
 
 class Framer:

@@ -8,7 +8,7 @@ from typing import Any
 
 from cellwatt.channel import Stream
 from cellwatt.frames import Layout
-from cellwatt.runtime.watch import Trouble
+from cellwatt.runtime.troubles import Trouble
 
 
 def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
-from cellwatt.runtime.watch import Watch
+from cellwatt.runtime.troubles import Monitor
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ class Teller:
                 self.alarms.take(item)
             elif isinstance(item, Event):
                 self.alarms.note(item)
-        self._watch = Watch(standing.alarm for standing in self.alarms.raised)
+        self._watch = Monitor(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
         self._displaced = 0
         self._warnings = config.warnings
@@ -294,10 +294,7 @@ class Teller:
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
         """See ``CellView.history``."""
-        if self._history is None:
-            return ()
-        asked = source, stream, session, first, count
-        return self._history.history(*asked) or self._history.later(*asked)
+        return self._history.history(source, stream, session, first, count) if self._history is not None else ()
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         """See ``CellView.frame_history``."""

@@ -22,10 +22,11 @@ from typing import Any, Final, Literal
 
 import yaml
 
-from cellwatt.certificates import MEMBER_DAYS, Pair, issue, new_authority, read
+from cellwatt.door.certificates import MEMBER_DAYS, Pair, issue, new_authority, read
+from cellwatt.door.signing import new_key
 from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.files import replace_bytes
 from cellwatt.secure import access
-from cellwatt.signing import new_key
 
 Role = Literal["router", "cell", "viewer"]
 PORT: Final = 7447
@@ -91,7 +92,7 @@ class Folder:
         _check_name(member.name, member.role)
         if member.name in self.members or (self.path / member.name).exists():
             raise ConfigError(f"there is a member {member.name!r} already; remove it first, or choose another name")
-        if unknown := [c for c in member.cells if self.role_of(c) != "cell"]:
+        if unknown := [c for c in member.cells if c not in [cell.name for cell in self.cells]]:
             raise ConfigError(f"no cell {', '.join(unknown)} here; add it first: cellwatt secure cell NAME")
         if member.role == "router" and self.router is not None:
             raise ConfigError(f"{self.router.name} is the router of this site already; one is written for")
@@ -149,10 +150,6 @@ class Folder:
     def cells(self) -> list[Member]:
         """All cells."""
         return [m for m in self.members.values() if m.role == "cell"]
-
-    def role_of(self, name: str) -> Role | None:
-        """Role of a member; ``None`` if nobody has that name."""
-        return self.members[name].role if name in self.members else None
 
     def end_of(self, name: str) -> datetime:
         """Expiry of a member's certificate."""
@@ -257,14 +254,9 @@ def _read(path: Path) -> bytes:
 
 def _write(path: Path, data: bytes, mode: int) -> None:
     """Replace a file atomically; nobody but the owner can ever read a private key."""
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        part.unlink(missing_ok=True)
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-            file.write(data)
-            os.fchmod(file.fileno(), mode)
-            os.fsync(file.fileno())
-        part.rename(path)
+        path.with_name(f"{path.name}.part").unlink(missing_ok=True)  # the new one must not have its rights
+        replace_bytes(path, data, mode)
     except OSError as error:
         raise CellwattError(f"{path} cannot be written: {why(error)}") from None

@@ -11,7 +11,7 @@ messages have ``backfilled`` set. Messages that the cell no longer has are deliv
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.outlets.zenoh.order import Gap
 from cellwatt.outlets.zenoh.received import Health
-from cellwatt.subscriber.message import EVERYTHING, Message
+from cellwatt.subscriber.inbox import EVERYTHING, Message
 from cellwatt.subscriber.subscriber import Subscriber
 
 __all__ = ["EVERYTHING", "Gap", "Health", "LinkSettings", "Message", "Subscriber"]

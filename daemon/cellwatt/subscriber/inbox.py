@@ -11,8 +11,10 @@ import logging
 import math
 import threading
 import time
+import zlib
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from cellwatt.batch import Batch
@@ -20,10 +22,9 @@ from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.encode import schema_in
 from cellwatt.outlets.zenoh.follow import Following
-from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, Address, parse
-from cellwatt.outlets.zenoh.mailbox import Mailbox
+from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, KINDS, Address, parse
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Part
+from cellwatt.outlets.zenoh.order import Gap, Part
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.outlets.zenoh.received import (
     Health,
@@ -35,59 +36,43 @@ from cellwatt.outlets.zenoh.received import (
     read_sessions,
 )
 from cellwatt.outlets.zenoh.signing import Witness
-from cellwatt.results import Alarm
-from cellwatt.subscriber.message import Message
+from cellwatt.results import Alarm, Event, Result
+from cellwatt.subscriber.mailbox import Mailbox
 
 if TYPE_CHECKING:
     import zenoh
-import zlib
-from typing import TYPE_CHECKING
-
-from cellwatt.outlets.zenoh.order import HELD_BYTES
-
-if TYPE_CHECKING:
-    import zenoh
-
-
-_MOST: Final = 1000
-"""Messages that wait, and topics; a cell has some ten streams and sends each schema once a second."""
-
-
-class Schemas:
-    """The last schema of each topic, and the messages that need another one, which is on its way."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, dict[int, bytes]] = {}
-        self._waiting: dict[str, list[zenoh.Sample]] = {}
-        self._held, self._size = 0, 0
-
-    def of(self, topic: str) -> dict[int, bytes]:
-        """The schema of a topic by its CRC-32; empty if none came yet."""
-        return self._known.get(topic, {})
-
-    def hold(self, topic: str, sample: zenoh.Sample) -> bool:
-        """Keep a message until the next schema of its topic comes; return False if there is no room."""
-        if self._held >= _MOST or self._size + len(sample.payload) > HELD_BYTES:
-            return False
-        self._waiting.setdefault(topic, []).append(sample)
-        self._held += 1
-        self._size += len(sample.payload)
-        return True
-
-    def learn(self, topic: str, schema: bytes) -> list[zenoh.Sample]:
-        """Take a topic's schema; return the messages that waited for it, oldest first."""
-        if topic in self._known or len(self._known) < _MOST:
-            self._known[topic] = {zlib.crc32(schema): schema}
-        waited = self._waiting.pop(topic, [])
-        self._held -= len(waited)
-        self._size -= sum(len(sample.payload) for sample in waited)
-        return waited
-
 
 log = logging.getLogger("cellwatt.subscriber")
 
+EVERYTHING: Final = KINDS
+"""All topics of a cell."""
+_MOST: Final = 1000
+"""Topics of which the last schema is known."""
 _QUEUE_BYTES: Final = 256 * 1024 * 1024  # of messages that wait for the consumer
 _QUIET: Final = 10.0  # s, least time between two log lines about bad messages
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message of the cell with its place in the order.
+
+    ``sequence`` is the number of the first sample (raw, frame) or of the result within ``topic`` and ``session``.
+    ``backfilled`` if it was asked for later, because it was missed or happened before the subscription began.
+    """
+
+    topic: str
+    session: int
+    sequence: int
+    backfilled: bool
+    content: Batch | Frames | Result | Event | Health | Gap
+
+    @property
+    def count(self) -> int:
+        """Number of samples in it; 1 for a result."""
+        content = self.content
+        if isinstance(content, Gap):
+            return content.count
+        return len(content) if isinstance(content, Batch | Frames) else 1
 
 
 class Inbox:
@@ -103,15 +88,13 @@ class Inbox:
         self.following = following
         self.witness = witness
         self.counts = counts
-        self._schemas = Schemas()
+        self._schemas: dict[str, dict[int, bytes]] = {}
+        """The last schema of each topic, by its CRC-32."""
         self.mailbox: Mailbox[Message] = Mailbox(queue_size, _QUEUE_BYTES)
         self.lock = threading.Lock()
         self.look = threading.Event()
         self._wants_health = health
         self._health_reached = (0, 0)
-        self._cell: int | None = None  # session of the daemon, as confirmed by the cell
-        self._stranger: tuple[Mark, Health] | None = None  # health of a session that the cell has not confirmed
-        self._asked_about: tuple[Mark, Health] | None = None
         self._warned_at = -math.inf
 
     @contextlib.contextmanager
@@ -123,10 +106,6 @@ class Inbox:
                     yield
             except Exception as error:
                 self.mailbox.end(error)
-
-    def status_is_asked(self) -> None:
-        """Note that the next status answers about the unconfirmed health message held now. Call it under ``lock``."""
-        self._asked_about = self._stranger
 
     # live messages ----------------------------------------------------------------------------------
 
@@ -149,60 +128,44 @@ class Inbox:
     def _take(self, address: Address, sample: zenoh.Sample) -> None:
         topic = address.topic
         try:
-            mark, content = read_message(sample, address.kind, self._schemas.of(topic))
-        except UnknownSchemaError:
-            self.counts["let go"] += not self._schemas.hold(topic, sample)
+            mark, content = read_message(sample, address.kind, self._schemas.get(topic, {}))
+        except UnknownSchemaError:  # it is on its way; then this message is asked for again
+            self.counts["let go"] += 1
             return
-        if isinstance(content, Batch | Frames) and not mark.schema:
-            for waited in self._schemas.learn(topic, schema_in(sample.payload.to_bytes())):
-                with self._counted():
-                    self._take(address, waited)
+        room = topic in self._schemas or len(self._schemas) < _MOST
+        if isinstance(content, Batch | Frames) and not mark.schema and room:
+            schema = schema_in(sample.payload.to_bytes())
+            self._schemas[topic] = {zlib.crc32(schema): schema}
         ready = self.following.message(topic, mark, content, len(sample.payload))
         self._deliver(topic, ready)
         if not ready:
             self.look.set()
 
     def _on_health(self, mark: Mark, health: Health) -> None:
-        self.following.hinted(health.positions)
-        if self._cell in (None, health.session):
-            self._deliver_health(mark, health)
-        else:
-            self._stranger = mark, health
-            self.following.doubt()
+        self.following.hinted(health.session, health.positions)
+        if self.following.cell in (None, health.session):  # else once the cell has confirmed that it began anew
+            self._health_reached = mark.session, mark.sequence
+            if self._wants_health:
+                self.mailbox.put(Message(HEALTH, mark.session, mark.sequence, False, health))
         self.look.set()
 
     # answers, under ``guarded`` ---------------------------------------------------------------------
 
     def on_status(self, replies: list[zenoh.Reply]) -> None:
         """Take the answers to ``@/status``."""
-        now = time.monotonic()
-        try:
-            told = [read_health(reply.ok)[1] for reply in replies if reply.ok is not None]
-            if told:
-                self._on_told(told[0], now)
-                return
-        except ProtocolError:
+        now, refused = time.monotonic(), self.following.counts["refused"]
+        told: Health | None = None
+        for reply in replies:
+            if reply.ok is not None and told is None:
+                with self._counted():
+                    told = read_health(reply.ok)[1]
+        if told is None:
             self.following.untold(now)
-            raise
-        self.following.untold(now)
-
-    def _on_told(self, health: Health, now: float) -> None:
-        """Take the positions that the cell confirms, and accept or refuse what waited for them."""
-        refused = self.following.counts["refused"]
-        self._cell = health.session
-        for topic, part in self.following.told(health.session, health.positions, now):
+            return
+        for topic, part in self.following.told(told.session, told.positions, now):
             self._deliver(topic, [part])
-        if self._stranger is not None:
-            if self._stranger is not self._asked_about:
-                self.following.doubt()  # it came after we had asked
-            else:
-                if self._stranger[1].session == self._cell:
-                    self._deliver_health(*self._stranger)
-                else:
-                    self.following.counts["refused"] += 1
-                self._stranger = None
         if (lies := self.following.counts["refused"] - refused) > 0:
-            self._warn(f"refused {lies} messages that the cell does not know of: who else publishes under its name?")
+            self._warn(f"refused {lies} claims that the cell does not know of: who else publishes under its name?")
 
     def on_standing(self, replies: list[zenoh.Reply]) -> None:
         """Take the alarms that are active now."""
@@ -246,11 +209,6 @@ class Inbox:
         for part in parts:
             message = Message(topic, part.session, part.sequence, part.backfilled, part.content)
             self.mailbox.put(message, part.size)
-
-    def _deliver_health(self, mark: Mark, health: Health) -> None:
-        self._health_reached = mark.session, mark.sequence
-        if self._wants_health:
-            self.mailbox.put(Message(HEALTH, mark.session, mark.sequence, False, health))
 
     @contextlib.contextmanager
     def _counted(self) -> Iterator[None]:

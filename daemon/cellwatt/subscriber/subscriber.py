@@ -1,26 +1,31 @@
-"""The public subscriber: opens the link, hands out messages, and keeps the consumer's positions."""
+"""The public subscriber: opens the link, asks for what is missing, hands out messages and keeps the positions."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import secrets
 import threading
+import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import ConfigError, OutletError
 from cellwatt.outlets.zenoh.follow import Following, Positions
-from cellwatt.outlets.zenoh.keys import HEALTH, KINDS, CellKeys
+from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, KINDS, CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.signing import Witness
-from cellwatt.subscriber.asking import Asker
-from cellwatt.subscriber.inbox import Inbox
-from cellwatt.subscriber.message import EVERYTHING, Message
+from cellwatt.subscriber.inbox import EVERYTHING, Inbox, Message
 
 if TYPE_CHECKING:
     import zenoh
+
+
+_TICK: Final = 0.05  # s, between two looks at what is missing
+_TIMEOUT: Final = 5.0  # s, for the answer to one question
 
 
 class Subscriber:
@@ -61,7 +66,10 @@ class Subscriber:
         self._reached: dict[str, tuple[int, int]] = {}
         self._stopped = threading.Event()
         self._session: zenoh.Session | None = None
-        self._asker: Asker | None = None
+        self._standing_asked = following.joined
+        # No daemon thread: the threads in which Zenoh calls back inherit that, and one of them inside Zenoh
+        # while the interpreter ends aborts the process.
+        self._asking = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
 
     def receive(self, timeout: float | None = None) -> Message:
         """Take the next message. Raises ``TimeoutError``, or ``OutletError`` after ``close``."""
@@ -87,8 +95,8 @@ class Subscriber:
     def counts(self) -> dict[str, int]:
         """Number of samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and of bad messages.
 
-        ``unreadable`` messages were not a cell's, ``refused`` ones claimed something that the cell did not confirm,
-        and ``let go`` ones found no room; true messages among these are asked for again.
+        ``unreadable`` messages were not a cell's, ``let go`` ones found no room or came before their schema, and
+        ``refused`` are claims that the cell did not confirm; true messages among these are asked for again.
         """
         following = self._inbox.following
         return {**(following.counts + self._inbox.counts), "duplicates": following.duplicates}
@@ -107,20 +115,80 @@ class Subscriber:
         self._session = open_session(self._link, self._stopped.is_set)
         for wanted in dict.fromkeys((*self._want, HEALTH)):
             self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._inbox.on_sample)
-        self._asker = Asker(self._session, self._keys, self._inbox)
-        self._asker.start()
+        self._inbox.look.set()
+        self._asking.start()
 
     def close(self) -> None:
         """Close the session; consumers that wait for messages return."""
         import zenoh
 
         self._stopped.set()
+        self._inbox.look.set()
         self._inbox.mailbox.end()
         if self._session is not None:
             with contextlib.suppress(zenoh.ZError):  # closed already
                 self._session.close()  # type: ignore[no-untyped-call]
-        if self._asker is not None:
-            self._asker.stop()
+        if self._asking.is_alive():
+            self._asking.join()
+
+    def _work(self) -> None:
+        """Ask the cell for everything that is missing, until ``close``."""
+        import zenoh
+
+        inbox = self._inbox
+        try:
+            while not self._stopped.is_set():
+                inbox.look.wait(_TICK)
+                inbox.look.clear()
+                if not inbox.mailbox.full:
+                    self._ask_what_is_missing()
+        except zenoh.ZError as error:
+            inbox.mailbox.end(OutletError(f"Zenoh session: {error}"))
+        except BaseException as error:
+            inbox.mailbox.end(error)
+            raise
+
+    def _ask_what_is_missing(self) -> None:
+        inbox, now = self._inbox, time.monotonic()
+        with inbox.lock:
+            following = inbox.following
+            telling = following.asks_told(now)
+            questions = following.questions(now)
+            standing = following.joined and not self._standing_asked and following.wants(ALARM)
+            self._standing_asked |= standing
+            sessions = following.asks_sessions(now)
+        if telling:
+            self._ask(self._keys.question("status"), "@/status", inbox.on_status)
+        if sessions:
+            self._ask(self._keys.question("recordings"), "@/recordings", inbox.on_recordings)
+        if standing:
+            self._ask(self._keys.live(f"{ALARM}/**"), ALARM, inbox.on_standing)
+        for question in questions:
+            self._ask(question.selector(self._keys), question.topic, partial(inbox.on_answer, question))
+
+    def _ask(self, selector: str, topic: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
+        """Ask about a topic; call ``then`` with the replies once all have arrived."""
+        import zenoh
+
+        replies: list[zenoh.Reply] = []
+        witness = self._inbox.witness
+        if witness.asks_for_proof:  # so that no older answer can be passed off as this one
+            selector += f"{';' if '?' in selector else '?'}nonce={secrets.token_hex(8)}"
+
+        def done() -> None:
+            with self._inbox.guarded():
+                then([reply for reply in replies if witness.reply(topic, selector, reply)])
+            self._inbox.look.set()
+
+        assert self._session is not None
+        self._session.get(
+            selector,
+            zenoh.handlers.Callback(replies.append, done),
+            timeout=_TIMEOUT,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=zenoh.Priority.DATA_LOW,
+        )
 
     def __enter__(self) -> Subscriber:
         try:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
 from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
-from cellwatt.turns import counted_on, wraps
+from cellwatt.tables.unwrap import unwrapped, wraps
 from cellwatt.units import named
 
 Float = NDArray[np.float64]
@@ -236,7 +236,7 @@ class Table:
 
     def _values(self, name: str) -> Float:
         values = self._scaled(name)
-        return counted_on(values) if self._counted_on(name) else values
+        return unwrapped(values) if self._counted_on(name) else values
 
     def _counted_on(self, name: str) -> bool:
         known = self._understood.get(name)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from cellwatt.protobuf_classes import Messages, Table
+from cellwatt.protobuf import Messages, Table
 
 _TABLE: Table = {
     "EgmHeader": {"seqno": (1, "uint32"), "tm": (2, "uint32"), "mtype": (3, "enum")},

@@ -17,7 +17,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from cellwatt.kept import Kept
+from cellwatt.processor import RunDelay
 from cellwatt_drivers.shared.child import take_stdout, write_all
 
 _SHORTEST = 0.004
@@ -42,7 +42,7 @@ def main(host: str, every: int, attributes: Sequence[str]) -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     waiting = b""
     written = 0.0
-    kept, held, last = Kept(), 0, 0
+    kept, held, last = RunDelay(), 0, 0
     while True:
         state = robot.read_once()
         stamp = round(state.time.to_sec() * 1e3)

@@ -5,13 +5,34 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from cellwatt.gather import next_moment
 from cellwatt.receipt import receive_into, stamp_receipts
 
-if TYPE_CHECKING:
-    from cellwatt_drivers.ur.session import Session
+
+class Reads(Protocol):
+    """Takes what a connection receives, as an ``asyncio.BufferedProtocol`` does."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:
+        """The connection stands."""
+        ...
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Room for the next bytes; never empty."""
+        ...
+
+    def buffer_updated(self, nbytes: int, waited: int) -> None:
+        """So many bytes came; the newest had waited in this PC for ``waited`` ns."""
+        ...
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection is gone; without an error where this side closed it."""
+        ...
+
+    def eof_received(self) -> None:
+        """The other side closed the connection."""
+        ...
 
 
 class GatheringTransport(asyncio.Transport):
@@ -21,7 +42,7 @@ class GatheringTransport(asyncio.Transport):
     small: what the kernel does not take at once breaks the connection.
     """
 
-    def __init__(self, opened: socket.socket, session: Session, gather: Callable[[], float]) -> None:
+    def __init__(self, opened: socket.socket, session: Reads, gather: Callable[[], float]) -> None:
         super().__init__()
         self._socket = opened
         self._session = session

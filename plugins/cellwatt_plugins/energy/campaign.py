@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,52 +19,27 @@ from cellwatt_plugins.energy.drive import Drive, motion_features
 from cellwatt_plugins.energy.equations import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest
-from cellwatt_plugins.energy.identify import (
-    Belief,
-    Identified,
-    Observed,
-    begin,
-    identify,
-    modelled,
-    residual,
-)
+from cellwatt_plugins.energy.identify import Belief, Identified, Observed, begin, identify
 from cellwatt_plugins.energy.recordings import Recorded
-from cellwatt_plugins.energy.repetitions import Repetition, find_repetitions
+from cellwatt_plugins.energy.repetitions import find_repetitions
 from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
-from cellwatt_plugins.energy.run_energy import Learnt, Whole, run_energy
-from cellwatt_plugins.energy.split import edges, total_energy
+from cellwatt_plugins.energy.run_energy import Learnt, edges, run_energy, total_energy
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.accumulate import Accumulated
 
 Float = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Laid:
-    """Complete repetitions of a run, ``notes`` on the others, and how far its clocks are apart."""
-
-    repetitions: tuple[Repetition, ...]
-    notes: tuple[str, ...]
-    offset: Offset
-
-
-def laid_over(run: Recorded, known: tuple[Arm, Drive]) -> Laid:
-    """Look at one run with a first guess of the arm's drive.
+def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
+    """Find the repetitions of a run, and its clocks' offset with a first guess of the arm's drive.
 
     Raises ``RecordingError`` where no repetition is complete, or power does not follow the motion.
     """
     arm, guess = known
     kept, notes = find_repetitions(run.motion)
     feature = motion_features(arm, run.motion)
-    offset = align(run.reading, modelled(run, feature, guess), _sorts_of_power(run, feature, arm.joints))
-    return Laid(tuple(kept), tuple(notes), offset)
-
-
-def _sorts_of_power(run: Recorded, feature: Float, joints: int) -> Accumulated:
-    """Every kind of power over all joints, as columns."""
-    motion = run.motion
-    kinds = feature.reshape(len(feature), -1, joints).sum(axis=2)
-    return Accumulated(float(motion.time[0]), motion.step, kinds)
+    one = Observed(run, feature, Offset(0.0, 0.0), tuple(kept), tuple(notes))
+    kinds = feature.reshape(len(feature), -1, arm.joints).sum(axis=2)  # each kind of power, of all joints
+    return replace(one, offset=align(run.reading, one.modelled(guess), one.integral(kinds)))
 
 
 HOLD = (0.3, 0.6)
@@ -88,8 +63,6 @@ class Outcome:
 
     findings: Findings
     identified: Identified
-    repetitions: tuple[tuple[Repetition, ...], ...]
-    """Of each run, in the order of ``identified.observed``."""
     inputs: tuple[Path, ...] = ()
     """The files that it was made from; the report names them with their digests."""
 
@@ -104,27 +77,20 @@ class Outcome:
         from cellwatt.report import Provenance
         from cellwatt_plugins.energy.report import report
 
-        page = report(self.findings, self.identified, self.repetitions, Provenance.here(self.inputs), units or Units())
-        page.write(Path(path))
+        report(self.findings, self.identified, Provenance.here(self.inputs), units or Units()).write(Path(path))
 
 
 def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
     """The pipeline of ECDP on one arm. Raises ``RecordingError`` where a run cannot be used."""
     guess = begin(arm, _fixed_power(arm, rest)[0])
-    laid = spread(laid_over, runs, "repetitions and clocks of runs", shared=(arm, guess))
-    observed = [
-        Observed(run, motion_features(arm, run.motion), one.offset, len(one.repetitions))
-        for run, one in zip(runs, laid, strict=True)
-    ]
-    repetitions = tuple(one.repetitions for one in laid)
+    prepared = spread(observed, runs, "repetitions and clocks of runs", shared=(arm, guess))
     with stage("fitting the arm"):
         belief, rigid = _belief(arm, rest, runs)
     with stage("fitting the drives"):
-        identified = identify(observed, guess, belief)
+        identified = identify(prepared, guess, belief)
     fixed = _fixed(arm, rest, identified)
-    whole = [Whole(o, one.repetitions, one.notes) for o, one in zip(identified.observed, laid, strict=True)]
     learnt = Learnt(arm, fixed, identified.drive, identified.drawn(np.random.default_rng(3), DRAWS))
-    energies = tuple(spread(run_energy, whole, "energy of runs", shared=learnt))
+    energies = tuple(spread(run_energy, identified.observed, "energy of runs", shared=learnt))
     findings = Findings(
         robot=arm.description.robot,
         fixed=fixed,
@@ -135,11 +101,11 @@ def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
         friction=_friction(arm, rigid),
         returned=identified.drive.returned,
         returned_uncertainty=float(np.sqrt(identified.covariance[-1, -1])),
-        model_error_percent=_model_error(identified, repetitions),
+        model_error_percent=_model_error(identified),
         notes=_notes(arm, identified),
         covariance=_covariance(identified),
     )
-    return Outcome(findings, identified, repetitions)
+    return Outcome(findings, identified)
 
 
 def _fixed_power(arm: Arm, rest: AtRest) -> tuple[float, float]:
@@ -186,7 +152,7 @@ def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
 
 def fixed_uncertainty(identified: Identified) -> float:
     """W: of the fixed power, where it wandered from run to run by more than is expected beforehand too."""
-    means = [float(residual(one, identified.drive)[1].mean()) for one in identified.observed]
+    means = [float(one.residual(identified.drive).mean()) for one in identified.observed]
     wandering = float(np.std(means) / np.sqrt(len(means)))
     return max(float(np.sqrt(identified.covariance[0, 0])), wandering)
 
@@ -206,12 +172,12 @@ def _average_shares(runs: Sequence[RunEnergy]) -> dict[str, float]:
     return dict(zip(groups, shares.tolist(), strict=True))
 
 
-def _model_error(identified: Identified, repetitions: Sequence[Sequence[Repetition]]) -> float:
+def _model_error(identified: Identified) -> float:
     """Percent, rms over the runs, of measured less modelled energy."""
     errors = []
-    for one, those in zip(identified.observed, repetitions, strict=True):
-        measured = total_energy(one, identified.drive, those)
-        said = modelled(one.run, one.feature, identified.drive).between(*edges(those))
+    for one in identified.observed:
+        measured = total_energy(one, identified.drive)
+        said = one.modelled(identified.drive).between(*edges(one))
         errors.append(100 * float((measured - said).mean() / measured.mean()))
     return float(np.sqrt(np.mean(np.square(errors))))
 

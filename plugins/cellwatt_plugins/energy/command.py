@@ -16,7 +16,6 @@ from cellwatt.commands.inputs import INPUT, Input
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.commands.units import with_units
-from cellwatt.errors import CellwattError
 from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
 from cellwatt.report.blocks import Table
@@ -28,20 +27,7 @@ SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 """Groups as the terminal calls them."""
 
 
-class _Disaggregate(click.Command):
-    def invoke(self, ctx: click.Context) -> object:
-        try:
-            return super().invoke(ctx)
-        except ModuleNotFoundError as error:
-            package = (error.name or "").partition(".")[0]
-            if package.startswith("cellwatt"):
-                raise
-            raise CellwattError(
-                f"disaggregate needs {package}: install it with pip install 'cellwatt[energy]'"
-            ) from error
-
-
-@click.command(cls=_Disaggregate, short_help="Split a robot's energy by consumer.")
+@click.command(short_help="Split a robot's energy by consumer.")
 @click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option(
     "--controller",

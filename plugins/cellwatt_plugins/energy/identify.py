@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from cellwatt.progress import steps
 from cellwatt_plugins.energy.clock import Offset, inside, refine, windows
 from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, supply_power
 from cellwatt_plugins.energy.recordings import Recorded
+from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.accumulate import Accumulated
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
@@ -63,13 +65,47 @@ class Belief:
 
 @dataclass(frozen=True)
 class Observed:
-    """One run, prepared: features at the robot's rate and their running integrals come from here."""
+    """One run with its features, on the analyzer's clock; its complete ``repetitions``, and ``notes`` on the others."""
 
     run: Recorded
     feature: Float
     """(N, 5 n), see ``features``."""
     offset: Offset
-    repetitions: int
+    repetitions: tuple[Repetition, ...]
+    notes: tuple[str, ...] = ()
+
+    def integral(self, samples: Float) -> Accumulated:
+        """Running integral of samples (N,) or (N, k) at the robot's rate."""
+        return Accumulated(float(self.run.motion.time[0]), self.run.motion.step, samples)
+
+    def modelled(self, drive: Drive) -> Accumulated:
+        """Running integral of the supply power that a drive would take."""
+        return self.integral(supply_power(drive, bus_power(drive, self.feature)))
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Values of the analyzer whose whole time the robot recorded."""
+        return inside(self.run.reading, self.offset.seconds, self.integral(self.feature[:, 0]))
+
+    @cached_property
+    def windows(self) -> tuple[Float, Float]:
+        """Beginning and end (M,) s, robot's clock, of the values ``inside``."""
+        start, end = windows(self.run.reading, self.offset.seconds)
+        return start[self.inside], end[self.inside]
+
+    @property
+    def power(self) -> Float:
+        """The values ``inside``, (M,) W."""
+        return self.run.reading.power[self.inside]
+
+    def means(self, integral: Accumulated, later: float = 0.0) -> Float:
+        """Means (M,) or (M, k) over the values ``inside``, were the analyzer's clock ``later`` s ahead."""
+        start, end = self.windows
+        return integral.between(start - later, end - later) / self.run.reading.step
+
+    def residual(self, drive: Drive) -> Float:
+        """Measured less modelled power, (M,) W."""
+        return self.power - self.means(self.modelled(drive))
 
 
 @dataclass(frozen=True)
@@ -96,12 +132,6 @@ def begin(arm: Arm, fixed: float) -> Drive:
     return Drive(fixed, np.ones(n), np.full(n, 0.7), np.full(n, 0.3), np.zeros(n), np.zeros(n), RETURNED[0])
 
 
-def modelled(run: Recorded, feature: Float, drive: Drive) -> Accumulated:
-    """Running integral of the supply power that a drive would take."""
-    motion = run.motion
-    return Accumulated(float(motion.time[0]), motion.step, supply_power(drive, bus_power(drive, feature)))
-
-
 def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Identified:
     """Fit the drive to all runs, each run weighted by how well the model explains it."""
     runs = list(observed)
@@ -114,23 +144,11 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
         drive = _drive(found[:shared])
         own = found[shared:].reshape(len(runs), -1)
         scatter = [
-            _weighed(table, np.concatenate([found[:shared], mine]), belief.noise, one.repetitions)
+            _weighed(table, np.concatenate([found[:shared], mine]), belief.noise, len(one.repetitions))
             for table, mine, one in zip(tables, own, runs, strict=True)
         ]
-        runs = [replace(one, offset=_realigned(one, drive)) for one in runs]
+        runs = [replace(o, offset=refine(o.run.reading, o.modelled(drive), o.offset.seconds)) for o in runs]
     return Identified(drive, covariance, tuple(runs), tuple(scatter))
-
-
-def residual(one: Observed, drive: Drive) -> tuple[NDArray[np.bool_], Float]:
-    """Return which readings of the analyzer lie within the robot's recording, and measured less modelled power, W."""
-    model = modelled(one.run, one.feature, drive)
-    used = inside(one.run.reading, one.offset.seconds, model)
-    start, end = (edge[used] for edge in windows(one.run.reading, one.offset.seconds))
-    return used, one.run.reading.power[used] - model.between(start, end) / one.run.reading.step
-
-
-def _realigned(one: Observed, drive: Drive) -> Offset:
-    return refine(one.run.reading, modelled(one.run, one.feature, drive), one.offset.seconds)
 
 
 def _weighed(table: tuple[Float, Float], found: Float, noise: float, repetitions: int) -> float:
@@ -150,17 +168,11 @@ def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
     bus = bus_power(drive, one.feature)
     share = np.where(bus > 0, 1.0, drive.returned)[:, None]
     columns = np.hstack([np.ones((len(bus), 1)), one.feature * share, np.minimum(bus, 0.0)[:, None]])
-    motion, reading = one.run.motion, one.run.reading
-    sums = Accumulated(float(motion.time[0]), motion.step, columns)
-    used = inside(reading, one.offset.seconds, sums)
-    start, end = (edge[used] for edge in windows(reading, one.offset.seconds))
-    design = sums.between(start, end) / reading.step
-    supply = modelled(one.run, one.feature, drive)
-    h = reading.step / 10
-    slope = (supply.between(start - h, end - h) - supply.between(start + h, end + h)) / (2 * h * reading.step)
+    design, supply, h = one.means(one.integral(columns)), one.modelled(drive), one.run.reading.step / 10
+    slope = (one.means(supply, h) - one.means(supply, -h)) / (2 * h)
     warmer = design[:, 1 + n : 1 + 2 * n] @ drive.copper
     # Linear about the present value of ``returned``, whose column is how power changes with it.
-    value = reading.power[used] + drive.returned * design[:, -1]
+    value = one.power + drive.returned * design[:, -1]
     return np.column_stack([design, slope, np.ones(len(slope)), warmer]), value
 
 

@@ -36,8 +36,6 @@ class Known:
     """Share of a task's energy by which the model may miss it, one standard deviation."""
     viscous: tuple[float, ...]
     """Nm s/rad of each joint."""
-    coulomb: tuple[float, ...]
-    """Nm of each joint."""
     late: float
     """s by which power comes later than the joints."""
     covariance: Float
@@ -76,7 +74,6 @@ def _known(found: Findings, arm: Arm) -> Known:
         brakes_uncertainty=fixed.brakes_uncertainty,
         model_error=found.model_error_percent / 100,
         viscous=tuple(joint.viscous for joint in found.friction),
-        coulomb=tuple(joint.coulomb for joint in found.friction),
         late=_late(found.runs),
         covariance=_covariance(fixed, found.covariance, arm),
     )

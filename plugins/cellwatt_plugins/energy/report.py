@@ -1,8 +1,7 @@
-"""The page of ``disaggregate``: Tables II and III and Figs 6 to 8 of ECDP, and what was identified of the joints."""
+"""The page of ``disaggregate``: Tables II and III and Figs 6 to 8 of ECDP."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -14,7 +13,6 @@ from cellwatt.units import Unit, Units
 from cellwatt_plugins.energy.drive import bus_power, supply_power
 from cellwatt_plugins.energy.findings import Findings, Fixed, RunEnergy
 from cellwatt_plugins.energy.identify import Identified
-from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.wording import amount, unsure
 
 GROUPS: Final = {
@@ -28,10 +26,6 @@ OVER_TIME = (
     "The first repetition, and measured values of all. Each is a mean over the analyzer's interval: where power "
     "changes faster, dots lie inside the peaks."
 )
-JOINTS = (
-    "Identified over all runs together: the factor on torque, resistance, switching and iron losses by measured power; "
-    "friction (viscous, Coulomb, offset, windage) by the corrected torque."
-)
 PAPER_FASTEST = 250.0
 """mm/s: the fastest speed of the paper, drawn over time beside the fastest of the campaign."""
 _PERCENT: Final = Unit("%")
@@ -39,17 +33,8 @@ ROW = 22
 """Pixels of a bar."""
 
 
-def report(
-    found: Findings,
-    identified: Identified,
-    repetitions: Sequence[Sequence[Repetition]],
-    provenance: Provenance,
-    units: Units,
-) -> Report:
-    """Return the page of a campaign; ``repetitions`` are those of each of ``identified.observed``.
-
-    Energies and powers are shown in ``units``, what was identified of the joints in SI units.
-    """
+def report(found: Findings, identified: Identified, provenance: Provenance, units: Units) -> Report:
+    """Return the page of a campaign: energies and powers in ``units``."""
     energy, power = units.of("J"), units.of("W")
     runs = found.runs
     said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
@@ -61,11 +46,9 @@ def report(
         sections=[
             Section("Fixed power", [_fixed(found, power)], "Drawn whatever the robot does."),
             Section("Average power of each run", [_bars(found, power)], f"{power.name}, over one repetition."),
-            Section("Share of each consumer", [_bars(found, None)], "Percent of the run's energy."),
-            Section("Over time", _curves(found, identified, repetitions, power), OVER_TIME),
+            Section("Over time", _curves(found, identified, power), OVER_TIME),
             Section("Energies of one repetition", [_energies(found, energy)], _columns_told(found, energy)),
             Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
-            Section("Joints", [_joints(found)], JOINTS),
             Section("Notes", [Notes(said)]),
         ],
         provenance=provenance,
@@ -94,26 +77,30 @@ def _columns_told(found: Findings, energy: Unit) -> str:
     )
 
 
-def _bars(found: Findings, power: Unit | None) -> Figure:
-    """Stacked bars, one a run: Figs 7 and 8, in a unit of power or in percent."""
-    unit = "%" if power is None else power.name
-    labels = [_name(run) for run in found.runs]
-    scales = [100 / run.total if power is None else 1 / run.seconds / power.factor for run in found.runs]
-    sizes = np.array([_parts(run) for run in found.runs]) * np.array(scales)[:, None]
-    traces = [bars(name, labels, sizes[:, i], colour, unit) for i, (name, colour) in enumerate(GROUPS.items())]
+def _bars(found: Findings, power: Unit) -> Figure:
+    """Stacked bars of mean power, one a run, with the electronics' share (Figs 7 and 8)."""
+    runs = found.runs
+    labels = [_name(run) for run in runs]
+    sizes = np.array([_parts(run) for run in runs]) / np.array([[run.seconds * power.factor] for run in runs])
+    traces = [bars(name, labels, sizes[:, i], colour, power.name) for i, (name, colour) in enumerate(GROUPS.items())]
     ends = np.maximum(sizes, 0.0).sum(axis=1)
+    shares = [f"electronics {100 * run.electronics / run.total:.0f} %" for run in runs]
     said = [
-        f"electronics {p[0]:.0f} %" if power is None else f"{amount(run.total / run.seconds, power, 0)} {unit}"
-        for run, s, p in zip(found.runs, scales, sizes, strict=True)
+        f"{amount(run.total / run.seconds, power, 0)} {power.name}, {share}"
+        for run, share in zip(runs, shares, strict=True)
     ]
     marks = [
         {**note(f" {text}", float(end), i, up="y"), "xanchor": "left", "yanchor": "middle"}
         for i, (text, end) in enumerate(zip(said, ends, strict=True))
     ]
-    x = Axis(unit, (0.0, 1.14 * float(ends.max())))
+    x = Axis(power.name, (0.0, 1.3 * float(ends.max())))
     rows = [[Panel(traces, x, Axis(names=True, grid=False), marks)]]
-    label = f"Stacked bars of each run's energy by consumer, {unit}"
-    return Figure(label, rows, (ROW * len(labels),), layout={"barmode": "stack", "bargap": 0.22})
+    return Figure(
+        "Stacked bars of each run's mean power by consumer",
+        rows,
+        (ROW * len(labels),),
+        layout={"barmode": "stack", "bargap": 0.22},
+    )
 
 
 def _parts(run: RunEnergy) -> tuple[float, ...]:
@@ -122,28 +109,22 @@ def _parts(run: RunEnergy) -> tuple[float, ...]:
     return run.electronics, run.brakes, run.mechanical_losses, left, run.regeneration or 0.0
 
 
-def _curves(
-    found: Findings, identified: Identified, repetitions: Sequence[Sequence[Repetition]], power: Unit
-) -> list[Block]:
+def _curves(found: Findings, identified: Identified, power: Unit) -> list[Block]:
     """Power over time of the paper's fastest speed and the fastest of all, each payload: Fig. 6."""
     runs = found.runs
     slow = max((run.speed_mm_s for run in runs if run.speed_mm_s <= PAPER_FASTEST), default=None)
     speeds = {slow, max(run.speed_mm_s for run in runs)}
     chosen = [i for i, run in enumerate(runs) if run.speed_mm_s in speeds]
-    return [
-        block
-        for i in chosen
-        for block in (heading(_name(runs[i])), _curve(found.fixed, identified, i, repetitions[i], power))
-    ]
+    return [block for i in chosen for block in (heading(_name(runs[i])), _curve(found.fixed, identified, i, power))]
 
 
 def _name(run: RunEnergy) -> str:
     return f"{run.speed_mm_s:g} mm/s, {run.payload_kg:g} kg"
 
 
-def _curve(fixed: Fixed, identified: Identified, index: int, repetitions: Sequence[Repetition], unit: Unit) -> Figure:
+def _curve(fixed: Fixed, identified: Identified, index: int, unit: Unit) -> Figure:
     one, drive = identified.observed[index], identified.drive
-    first = repetitions[0]
+    first = one.repetitions[0]
     motion, reading = one.run.motion, one.run.reading
     inside = (motion.time >= first.start) & (motion.time <= first.end)
     time = motion.time[inside] - first.start
@@ -151,7 +132,7 @@ def _curve(fixed: Fixed, identified: Identified, index: int, repetitions: Sequen
     supply = supply_power(drive, bus_power(drive, feature))
     mechanical = feature[:, : len(drive.torque)] @ drive.torque
     level = fixed.electronics + fixed.brakes
-    since = np.array([repetition.start for repetition in repetitions])
+    since = np.array([repetition.start for repetition in one.repetitions])
     measured = (reading.time - one.offset.seconds)[None, :] - since[:, None]
     seen = (measured >= 0) & (measured <= time[-1])
     power = np.broadcast_to(reading.power, measured.shape)
@@ -231,19 +212,3 @@ def _payload(found: Findings) -> list[Block]:
     efficiency = found.payload_efficiency_percent
     row = ["ε_P", *(f"{value:.1f} %" for value in efficiency.values())]
     return [Table("Payload efficiency", ["", *(f"{speed} mm/s" for speed in efficiency)], [row])] if efficiency else []
-
-
-def _joints(found: Findings) -> Table:
-    """Table of the identified drive and friction of each joint."""
-    heads = ["Joint", "torque as given", "R Ω", "switching W/A", "eddy currents W s²/rad²", "hysteresis W s/rad"]
-    frictions = ["f<sub>v</sub> Nm s/rad", "f<sub>c</sub> Nm", "f<sub>o</sub> Nm", "f<sub>w</sub> Nm s²/rad²"]
-    rows = [
-        [
-            drive.joint,
-            Html(f"× {drive.torque_gain:.3f}<small> ± {drive.torque_gain_uncertainty:.3f}</small>"),
-            *(f"{v:.3f}" for v in (drive.winding_resistance, drive.switching, drive.iron, drive.hysteresis)),
-            *(f"{v:.2f}" for v in (friction.viscous, friction.coulomb, friction.offset, friction.windage)),
-        ]
-        for drive, friction in zip(found.drives, found.friction, strict=True)
-    ]
-    return Table("Joints", [*heads, *map(Html, frictions)], rows)

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.noise import white_noise
 from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]

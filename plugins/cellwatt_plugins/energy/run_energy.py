@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.clock import windows
-from cellwatt_plugins.energy.drive import Drive, bus_power, supply_power
+from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power, supply_power
 from cellwatt_plugins.energy.equations import (
     brake_energy,
     electrical_losses,
@@ -17,11 +16,8 @@ from cellwatt_plugins.energy.equations import (
     motion_efficiency,
 )
 from cellwatt_plugins.energy.findings import Fixed, RunEnergy
-from cellwatt_plugins.energy.identify import Observed, residual
-from cellwatt_plugins.energy.repetitions import Repetition
-from cellwatt_plugins.energy.split import edges, mechanical, total_energy
+from cellwatt_plugins.energy.identify import Observed
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.accumulate import Accumulated
 
 Float = NDArray[np.float64]
 
@@ -34,12 +30,44 @@ UNEXPLAINED = 0.2
 
 
 @dataclass(frozen=True)
-class Whole:
-    """One run with its complete repetitions, and ``notes`` on the others."""
+class Mechanical:
+    """Energies (R,) J, one a repetition, that do not depend on the analyzer's reading."""
 
-    observed: Observed
-    repetitions: tuple[Repetition, ...]
-    notes: tuple[str, ...] = ()
+    losses: Float
+    """L_M by joint, (R, n)."""
+    positive: Float
+    """E_M+."""
+    negative: Float
+    """Negative mechanical energy: what eq. 11 takes for E_RB."""
+    regeneration: Float
+    """Burnt in the chopper."""
+
+
+def edges(one: Observed) -> tuple[Float, Float]:
+    """Beginnings and ends (R,) s, robot's clock."""
+    return np.array([r.start for r in one.repetitions]), np.array([r.end for r in one.repetitions])
+
+
+def mechanical(one: Observed, drive: Drive) -> Mechanical:
+    """Mechanical groups and regeneration of each repetition (eqs 4, 5, 10, 11, 18)."""
+    n = len(drive.torque)
+    power = one.feature[:, :n] * drive.torque
+    chopper = chopper_power(drive, bus_power(drive, one.feature))
+    columns = np.column_stack([power, np.maximum(power, 0.0).sum(axis=1), np.maximum(-power, 0.0).sum(axis=1), chopper])
+    energy = one.integral(columns).between(*edges(one))
+    return Mechanical(energy[:, :n], energy[:, n], energy[:, n + 1], energy[:, n + 2])
+
+
+def total_energy(one: Observed, drive: Drive) -> Float:
+    """Measured energy (R,) J of each repetition.
+
+    The analyzer's values do not begin and end with the repetitions: within a value the model says how its energy
+    is spread, and what the model misses of the value is spread evenly.
+    """
+    (starts, ends), (low, high) = edges(one), one.windows
+    shared = np.minimum(high, ends[:, None]) - np.maximum(low, starts[:, None])
+    spread = np.maximum(shared, 0.0) @ one.residual(drive)
+    return np.asarray(one.modelled(drive).between(starts, ends) + spread)
 
 
 @dataclass(frozen=True)
@@ -52,12 +80,9 @@ class Learnt:
     draws: Sequence[Drive]
 
 
-def run_energy(run: Whole, learnt: Learnt) -> RunEnergy:
+def run_energy(one: Observed, learnt: Learnt) -> RunEnergy:
     """Groups of one run as means over its repetitions (eqs 4, 5, 9 … 14, 17 … 19)."""
-    one, repetitions, drive, fixed = run.observed, run.repetitions, learnt.drive, learnt.fixed
-    best = _groups(one, drive, fixed, repetitions)
-    spread = _uncertainty(one, learnt, repetitions)
-    said = list(run.notes)
+    best, spread, said = _groups(one, learnt), _uncertainty(one, learnt), list(one.notes)
     if best["mechanical_losses"] < 0:
         said.append(
             f"mechanical losses of {best['mechanical_losses']:.1f} J measured, which cannot be: reported as 0; "
@@ -66,28 +91,26 @@ def run_energy(run: Whole, learnt: Learnt) -> RunEnergy:
         for name in ("electrical_losses_with_regeneration", "electrical_losses"):
             best[name] += best["mechanical_losses"]
         best["mechanical_losses"] = 0.0
-    reason = _refusal(one, drive, best, spread)
-    if reason:
-        said.append(reason)
-    return RunEnergy(
+    reason = _refusal(one, learnt.drive, best, spread)
+    found = RunEnergy(
         run=one.run.name,
         speed_mm_s=one.run.speed,
         payload_kg=one.run.payload,
-        repetitions=len(repetitions),
-        electrical_losses=None if reason else best.pop("electrical_losses"),
-        regeneration=None if reason else best.pop("regeneration"),
+        repetitions=len(one.repetitions),
         analyzer_offset_s=one.offset.seconds,
-        path_speed_mm_s=repetitions[0].path_speed(learnt.arm, one.run.motion),
+        path_speed_mm_s=one.repetitions[0].path_speed(learnt.arm, one.run.motion),
         uncertainty={**spread, "analyzer_offset_s": one.offset.uncertainty},
-        notes=tuple(said),
-        **{name: value for name, value in best.items() if name not in ("electrical_losses", "regeneration")},
+        notes=(*said, reason) if reason else tuple(said),
+        **best,
     )
+    return replace(found, electrical_losses=None, regeneration=None) if reason else found
 
 
-def _groups(one: Observed, drive: Drive, fixed: Fixed, repetitions: Sequence[Repetition]) -> dict[str, float]:
-    seconds = float(np.mean([repetition.seconds for repetition in repetitions]))
-    moved = mechanical(one, drive, repetitions)
-    total = float(total_energy(one, drive, repetitions).mean())
+def _groups(one: Observed, learnt: Learnt) -> dict[str, float]:
+    drive, fixed = learnt.drive, learnt.fixed
+    seconds = float(np.mean([repetition.seconds for repetition in one.repetitions]))
+    moved = mechanical(one, drive)
+    total = float(total_energy(one, drive).mean())
     electronics = electronics_energy(fixed.controller, fixed.robot_electronics, seconds)
     brakes = brake_energy(fixed.brakes, seconds)
     losses = float(moved.losses.sum(axis=1).mean())
@@ -108,16 +131,16 @@ def _groups(one: Observed, drive: Drive, fixed: Fixed, repetitions: Sequence[Rep
     }
 
 
-def _uncertainty(one: Observed, learnt: Learnt, repetitions: Sequence[Repetition]) -> dict[str, float | None]:
+def _uncertainty(one: Observed, learnt: Learnt) -> dict[str, float | None]:
     """One standard deviation of each group: parameters (draws), repetitions (their scatter), fixed power, edges."""
     fixed, drive = learnt.fixed, learnt.drive
-    drawn = [mechanical(one, draw, repetitions) for draw in learnt.draws]
-    own = mechanical(one, drive, repetitions)
-    totals = total_energy(one, drive, repetitions)
-    each = np.array([r.seconds for r in repetitions])
-    seconds, edge = float(each.mean()), float(np.mean([r.uncertainty for r in repetitions]))
+    drawn = [mechanical(one, draw) for draw in learnt.draws]
+    own = mechanical(one, drive)
+    totals = total_energy(one, drive)
+    each = np.array([r.seconds for r in one.repetitions])
+    seconds, edge = float(each.mean()), float(np.mean([r.uncertainty for r in one.repetitions]))
     power_e = float(np.hypot(fixed.controller_uncertainty, fixed.robot_electronics_uncertainty))
-    rest, at_edges = fixed.electronics + fixed.brakes, _power_at_edges(one, drive, repetitions)
+    rest, at_edges = fixed.electronics + fixed.brakes, _power_at_edges(one, drive)
     losses = _combined([d.losses.sum(axis=1) for d in drawn], own.losses.sum(axis=1))
     regeneration = _combined([d.regeneration for d in drawn], own.regeneration)
     positive = _combined([d.positive for d in drawn], own.positive)
@@ -150,10 +173,10 @@ def _combined(drawn: Sequence[Float], own: Float) -> float:
     return float(np.hypot(np.std([values.mean() for values in drawn]), _scatter(own)))
 
 
-def _power_at_edges(one: Observed, drive: Drive, repetitions: Sequence[Repetition]) -> float:
+def _power_at_edges(one: Observed, drive: Drive) -> float:
     """Power in W at rest where repetitions begin and end: an edge that is off moves so much energy."""
     motion = one.run.motion
-    at = np.clip(np.searchsorted(motion.time, np.concatenate(edges(repetitions))), 0, len(motion.time) - 1)
+    at = np.clip(np.searchsorted(motion.time, np.concatenate(edges(one))), 0, len(motion.time) - 1)
     return float(supply_power(drive, bus_power(drive, one.feature[at])).mean())
 
 
@@ -162,8 +185,8 @@ def _refusal(one: Observed, drive: Drive, best: dict[str, float], spread: dict[s
     wide = 100 * (spread["regeneration"] or 0.0) / best["total"]
     if wide > TOO_WIDE:
         return f"regeneration is only known to ±{wide:.1f} % of the total: not told apart from electrical losses"
-    used, missed = residual(one, drive)
-    braking = _braking(one, drive)[used]
+    missed = one.residual(drive)
+    braking = one.means(one.integral(np.maximum(-bus_power(drive, one.feature), 0.0)))
     seen = braking > BRAKING
     if not seen.any():
         return ""
@@ -175,11 +198,3 @@ def _refusal(one: Observed, drive: Drive, best: dict[str, float], spread: dict[s
             "the split of electrical losses and regeneration is not told"
         )
     return ""
-
-
-def _braking(one: Observed, drive: Drive) -> Float:
-    """Braking power on the bus (N,) W, mean over each value of the analyzer."""
-    bus = bus_power(drive, one.feature)
-    motion, reading = one.run.motion, one.run.reading
-    sums = Accumulated(float(motion.time[0]), motion.step, np.maximum(-bus, 0.0))
-    return sums.between(*windows(reading, one.offset.seconds)) / reading.step

@@ -19,7 +19,7 @@ from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
-from cellwatt_plugins.faults.learn import Cell, learn
+from cellwatt_plugins.faults.learn import learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
 from cellwatt_plugins.faults.trace import Trace
@@ -131,10 +131,10 @@ def faults(
     if recording.joints != learnt.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     from cellwatt_plugins.faults.cycles.findings import judge_recording
-    from cellwatt_plugins.faults.cycles.watch import known_of
+    from cellwatt_plugins.faults.cycles.known import known_of
 
     evidence: list[Evidence] = []
-    found = judge_recording(recording, known_of(learnt, file, Path(robot), false_alarms), evidence.append)
+    found = judge_recording(recording, known_of(learnt, file, Path(robot), false_alarms), evidence)
     inputs = (*paths_of(recordings), *paths_of(meter), file, Path(robot))
     return Judged(tuple(found), recording, tuple(evidence), inputs)
 
@@ -172,14 +172,15 @@ def learn_from(
     columns, channel = list(layout.joints("position", arm)), layout.index(power)
     if any(frames.layout != layout for frames in blocks):
         raise RecordingError("the channels or the rate of the frames change from one recording to the next")
-    found: Sequence[Result] = segment.of_recording(blocks)
+    found: list[Result] = [result for frames in blocks for result in segment.process(frames, ())]
+    found += segment.close()
     source = layout.channels[columns[0]].source
-    head = Cell(robot, source, power, layout.step * 1e-9)
     tasks = [r for r in found if isinstance(r, Task)]
     values = np.concatenate([frames.values for frames in blocks])
     trace = Trace(np.concatenate([frames.time for frames in blocks]), values[:, columns], values[:, channel])
     with stage("learning intervals"):
-        return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
+        learned = learn(layout.step * 1e-9, trace, [r for r in found if isinstance(r, Interval)], tasks)
+    return Reference(1, robot, source, power, len(columns), learned), tasks
 
 
 class _Described(BaseModel):

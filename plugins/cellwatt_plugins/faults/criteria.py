@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellwatt.quantity import Fraction, Radians, Watts
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -15,13 +19,17 @@ Codes = NDArray[np.int8]
 Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_fault"]
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance:
-    """Permitted distance from the reference: ``position`` rad, ``power`` relative, and at least ``floor`` W."""
+class Tolerance(BaseModel):
+    """Distance from the healthy reference that is still healthy."""
 
-    position: float = math.radians(1.0)
-    power: float = 0.10
-    floor: float = 5.0
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    position: Radians = Field(default=math.radians(1.0), gt=0)
+    """Encoder position."""
+    power: Fraction = Field(default=0.10, gt=0)
+    """Power, relative to the reference …"""
+    floor: Watts = Field(default=5.0, ge=0)
+    """… but at least this."""
 
     def watts(self, reference: Float) -> Float:
         """epsilon_p of equation (16), W, for reference powers (n,) W ("±10 % over the reference", section V.D)."""
@@ -51,21 +59,14 @@ def outside(value: Float, low: Float, high: Float) -> Float:
 
 def sustained(codes: Codes, frames: int) -> int:
     """The code that holds for ``frames`` neighbours in a row first, 0 if none does: one frame alone proves nothing."""
-    run = 0
-    previous = 0
-    for code in codes.tolist():
-        run = run + 1 if code and code == previous else 1
-        previous = code
-        if code and run >= frames:
-            return int(code)
-    return 0
+    return next((code for code, length in _runs(codes) if length >= frames), 0)
 
 
 def longest(codes: Codes) -> int:
     """Length of the longest run of one nonzero code."""
-    best = run = previous = 0
-    for code in codes.tolist():
-        run = 0 if not code else run + 1 if code == previous else 1
-        previous = code
-        best = max(best, run)
-    return best
+    return max((length for _, length in _runs(codes)), default=0)
+
+
+def _runs(codes: Codes) -> Iterator[tuple[int, int]]:
+    """Each nonzero code with how many neighbours in a row have it."""
+    return ((code, sum(1 for _ in run)) for code, run in groupby(codes.tolist()) if code)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +16,6 @@ from cellwatt_plugins.faults.reference import (
     LEAD,
     TAIL,
     Pattern,
-    Reference,
     ReferenceInterval,
     TaskReference,
     Variant,
@@ -35,18 +33,8 @@ LEAST_WAY = math.radians(2.0)
 """An interval in which no joint covers more than this is not compared."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """Cell of a reference: names that go into its head; ``step`` s of its patterns."""
-
-    robot: str | None
-    arm: str
-    power: str
-    step: float
-
-
-def learn(cell: Cell, trace: Trace, intervals: Sequence[Interval], tasks: Sequence[Task]) -> Reference:
-    """The reference of every task variant seen ``FEWEST`` times or more.
+def learn(step: float, trace: Trace, intervals: Sequence[Interval], tasks: Sequence[Task]) -> tuple[TaskReference, ...]:
+    """Every task variant seen ``FEWEST`` times or more, in patterns of ``step`` s.
 
     ``intervals`` closed, ``tasks`` as the segment stage gives them, both for the frames of ``trace``. Raises
     ``ModelError`` where nothing recurs often enough.
@@ -56,7 +44,7 @@ def learn(cell: Cell, trace: Trace, intervals: Sequence[Interval], tasks: Sequen
     for name in sorted({t.name for t in tasks}):
         runs = [t for t in tasks if t.name == name]
         cycles = _alike([[by_number[n] for n in run.intervals if n in by_number] for run in runs])
-        variants = _variants(cell, trace, cycles)
+        variants = _variants(step, trace, cycles)
         if variants:
             learned.append(TaskReference(f"task_{len(learned) + 1}", runs[0].signature, tuple(variants)))
     if not learned:
@@ -68,7 +56,7 @@ def learn(cell: Cell, trace: Trace, intervals: Sequence[Interval], tasks: Sequen
         raise ModelError(
             f"no task was seen {FEWEST} times or more at one speed (most: {seen}): record more healthy cycles"
         )
-    return Reference(1, cell.robot, cell.arm, cell.power, trace.position.shape[1], tuple(learned))
+    return tuple(learned)
 
 
 def _alike(cycles: Sequence[Sequence[Interval]]) -> list[Sequence[Interval]]:
@@ -78,7 +66,7 @@ def _alike(cycles: Sequence[Sequence[Interval]]) -> list[Sequence[Interval]]:
     return [cycle for cycle, found in zip(cycles, sets, strict=True) if found == common]
 
 
-def _variants(cell: Cell, trace: Trace, cycles: Sequence[Sequence[Interval]]) -> list[Variant]:
+def _variants(step: float, trace: Trace, cycles: Sequence[Sequence[Interval]]) -> list[Variant]:
     """The cycles of one task, by speed, fastest first; ``cycles`` with their intervals at rest."""
     kept = [group for group in by_speed(cycles, _moving_time, 1 + SAME_SPEED) if len(group) >= FEWEST]
     if not kept:
@@ -89,7 +77,7 @@ def _variants(cell: Cell, trace: Trace, cycles: Sequence[Sequence[Interval]]) ->
             speed=round(fastest / float(np.median([_moving_time(c) for c in group])), 3),
             cycles=len(group),
             intervals=tuple(
-                _interval(cell, trace, [_moves(c)[k] for c in group]) for k in range(len(_moves(group[0])))
+                _interval(step, trace, [_moves(c)[k] for c in group]) for k in range(len(_moves(group[0])))
             ),
         )
         for group in kept
@@ -124,11 +112,11 @@ def _moving_time(cycle: Sequence[Interval]) -> float:
     return sum(interval.end - interval.start for interval, _ in _moves(cycle)) * 1e-9
 
 
-def _interval(cell: Cell, trace: Trace, runs: Sequence[tuple[Interval, float]]) -> ReferenceInterval:
+def _interval(step: float, trace: Trace, runs: Sequence[tuple[Interval, float]]) -> ReferenceInterval:
     """One interval of the task out of its runs in every cycle."""
     intervals = [interval for interval, _ in runs]
     duration = float(np.median([i.end - i.start for i in intervals])) * 1e-9
-    t = np.asarray(-LEAD + cell.step * np.arange(round((LEAD + duration + TAIL) / cell.step) + 1), dtype=np.float64)
+    t = np.asarray(-LEAD + step * np.arange(round((LEAD + duration + TAIL) / step) + 1), dtype=np.float64)
     moving = intervals[0].moving
     powers = [_sampled(trace, i.start, t, trace.power) for i in intervals]
     positions: Mapping[int, list[Float]] = {
@@ -141,8 +129,8 @@ def _interval(cell: Cell, trace: Trace, runs: Sequence[tuple[Interval, float]]) 
         duration=duration,
         rest=float(np.median([rest for _, rest in runs])),
         cycles=len(runs),
-        power=_pattern(cell.step, powers),
-        position={j: _pattern(cell.step, rows) for j, rows in positions.items()},
+        power=_pattern(step, powers),
+        position={j: _pattern(step, rows) for j, rows in positions.items()},
     )
 
 

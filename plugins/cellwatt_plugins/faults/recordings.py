@@ -23,12 +23,10 @@ SOURCE = "table"
 """Source name of a table's channels."""
 APART = 10 * 10**9
 """Time between one table and the next, ns: nothing goes on from one to the other."""
-BLOCK = 4096
-"""Frames in a block."""
 
 
 def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Iterator[Frames]:
-    """Blocks of frames of several files in the order given; ``meters`` logged the power of tables in the same place.
+    """Frames of several files in the order given; ``meters`` logged the power of tables in the same place.
 
     Raises ``RecordingError``.
     """
@@ -43,8 +41,7 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Itera
     for read in spread(_read, with_meters(paths, meters), "reading tables"):
         frames = _from(read, start)
         start = int(frames.time[-1]) + APART
-        for i in range(0, len(frames), BLOCK):
-            yield _part(frames, i, i + BLOCK)
+        yield frames
 
 
 def _read(files: tuple[Path, Path | None]) -> Frames:
@@ -95,15 +92,3 @@ def _channels(joints: int) -> tuple[FrameChannel, ...]:
     names = (f"{SOURCE}.joint_{joint}.position" for joint in range(1, joints + 1))
     positions = [FrameChannel(name, "rad", "continuous", "linear") for name in names]
     return (*positions, FrameChannel(f"{SOURCE}.supply.power", "W", "continuous", "average"))
-
-
-def _part(frames: Frames, first: int, last: int) -> Frames:
-    part = slice(first, last)
-    return Frames(
-        frames.layout,
-        frames.sequence + first,
-        frames.time[part],
-        frames.values[part],
-        frames.quality[part],
-        frames.bound[part],
-    )

@@ -51,7 +51,8 @@ from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
 from cellwatt.frames import Layout
-from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredModel
+from cellwatt_plugins.faults.cycles.pattern import Pattern as CyclePattern
+from cellwatt_plugins.faults.cycles.stored import StoredModel
 
 Float = NDArray[np.float64]
 
@@ -156,7 +157,7 @@ class Reference:
     joints: Annotated[int, Field(ge=1)]
     tasks: tuple[TaskReference, ...]
     power_model: StoredModel | None = None
-    cycles: tuple[StoredCycle, ...] = ()
+    cycles: tuple[CyclePattern, ...] = ()
 
 
 def save(reference: Reference, path: Path) -> None:
@@ -206,11 +207,15 @@ def _content(reference: Reference) -> dict[str, Any]:
     content = asdict(reference)
     if reference.power_model is None:
         del content["power_model"], content["cycles"]
+    for cycle in content.get("cycles", ()):
+        del cycle["window"]  # the meter's
     return content
 
 
 def _plain(value: Any) -> Any:
-    """Lists for tuples and rounded numbers, so that the file is short."""
+    """Lists for tuples, columns by joint, and rounded numbers, so that the file is short."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist() if value.ndim == 1 else dict(enumerate(value.T.tolist(), start=1))
     if isinstance(value, Mapping):
         return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, tuple | list):

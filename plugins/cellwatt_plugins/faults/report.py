@@ -8,20 +8,15 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.report import Axis, Block, Card, Figure, Folded, Panel, Provenance, Report, Section, Table, Tile
+from cellwatt.report import Axis, Block, Figure, Folded, Panel, Provenance, Report, Section, Table, Tile
 from cellwatt.report.drawing import cells, colours, dots, line, note, stretch
 from cellwatt.report.figure import Json
 from cellwatt.report.numbers import fixed
-from cellwatt.report.theme import BAD, FOUND, GOOD, MEASURED, MODEL, NOISE, REFIT, SIMULATION
-from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence, FaultFinding
+from cellwatt.report.theme import BAD, FOUND, MEASURED, MODEL, NOISE, SIMULATION
+from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence
 
-STATES: Final = {
-    "healthy": (GOOD, "good"),
-    "changed": (FOUND, "simulation"),
-    "new_task": (REFIT, "refit"),
-    "fault": (BAD, "bad"),
-}
-"""Colour and role of each status."""
+STATES: Final = {"healthy": "good", "changed": "simulation", "new_task": "refit", "fault": "bad"}
+"""Role of each status."""
 KINDS: Final = {"joint": SIMULATION, "encoder": MODEL, "joint_and_encoder": BAD}
 ROW = 24
 """Pixels of a joint or an interval."""
@@ -50,7 +45,7 @@ def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints:
         facts=[f"{len(cycles)} cycles", f"{cycles[-1].end - cycles[0].start:.0f} s" if cycles else "0 s"],
         verdict=_verdict(cycles),
         tone="open" if faulty else "good",
-        tiles=[Tile(status.replace("_", " "), str(count[status]), "", role) for status, (_, role) in STATES.items()],
+        tiles=[Tile(status.replace("_", " "), str(count[status]), "", role) for status, role in STATES.items()],
         tiles_remark="Cycles by what was found.",
         sections=[
             Section("Suspected joints and intervals", suspects, SUSPECTS),
@@ -75,25 +70,12 @@ def _verdict(cycles: Sequence[CycleFinding]) -> str:
 
 
 def _suspects(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints: int) -> Figure:
-    """Over the cycles: their status, the joints that are named, and the difference in each interval."""
+    """Over the cycles: the joints that are named, and the difference in each interval."""
     numbers = {id(cycle): n for n, cycle in enumerate(cycles, start=1)}
     x = Axis("cycle", (0.3, len(cycles) + 0.7), grid=False)
-    states = [
-        dots(
-            status.replace("_", " "),
-            [n for n, c in enumerate(cycles, 1) if c.status == status],
-            [1.0] * sum(c.status == status for c in cycles),
-            colour,
-            size=8,
-            opacity=1,
-            symbol="square",
-        )
-        for status, (colour, _) in STATES.items()
-    ]
-    rows = [[Panel(states, x, Axis(ticks={1.0: "cycle"}, span=(0.5, 1.5), grid=False))]]
     ticks = {float(j): f"joint {j}" for j in range(1, joints + 1)}
-    rows.append([Panel(_named(cycles), x, Axis(ticks=ticks, span=(joints + 0.6, 0.4)))])
-    heights = [16, ROW * joints]
+    rows = [[Panel(_named(cycles), x, Axis(ticks=ticks, span=(joints + 0.6, 0.4)))]]
+    heights = [ROW * joints]
     most = max((len(each.moves) for each in evidence), default=0)
     if most:
         shades = _intervals(evidence, [numbers[id(e.finding)] for e in evidence], len(cycles), most)
@@ -141,7 +123,7 @@ def _intervals(evidence: Sequence[Evidence], numbers: Sequence[int], count: int,
 
 
 def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: Sequence[int]) -> list[Block]:
-    """The faulty cycles, those that move most power first: cards of the faults and the residual."""
+    """The faulty cycles, those that move most power first: what is known of the faults, and the residual."""
     known = {id(each.finding): each for each in evidence}
     order = sorted(faulty, key=lambda n: -max(fault.size_watt for fault in cycles[n - 1].faults))[:MOST_TOLD]
     out: list[Block] = []
@@ -150,18 +132,11 @@ def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: 
     for rank, number in enumerate(order):
         cycle = cycles[number - 1]
         shown = known.get(id(cycle))
-        blocks: list[Block] = [_card(fault) for fault in cycle.faults]
+        blocks: list[Block] = [fault.statement for fault in cycle.faults]
         blocks += [_residual(shown, number)] if shown is not None else []
         named = ", ".join(f"joint {f.joint}" if f.joint else "a joint" for f in cycle.faults)
         out.append(Folded(f"Cycle {number}, {cycle.task} at {cycle.start:.1f} s: {named}", blocks, rank < OPEN))
     return out
-
-
-def _card(fault: FaultFinding) -> Card:
-    sure = f"{100 * fault.confidence:.0f} % sure" if fault.confidence < 0.995 else "more than 99 % sure"
-    kind = fault.kind.replace("_", " ") + (f" or {fault.or_kind}" if fault.or_kind else "")
-    other = [f"Could also be joint {' or '.join(map(str, fault.alternatives))}."] if fault.alternatives else []
-    return Card(f"Joint {fault.joint}" if fault.joint else "A joint", [fault.statement, *other], kind, sure, "open")
 
 
 def _residual(each: Evidence, number: int) -> Figure:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from cellwatt.errors import ConfigError, ModelError
+from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
-from cellwatt.quantity import Fraction, Radians, Watts
+from cellwatt.quantity import Fraction
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
@@ -23,7 +22,7 @@ from cellwatt_plugins.faults.reference import columns_of, load
 from cellwatt_plugins.faults.trace import Trace
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.faults.cycles.watch import CycleStage
+    from cellwatt_plugins.faults.cycles.live import CycleStage
 
 EVERY = 3
 """A running interval is looked at every so many grid points."""
@@ -32,19 +31,6 @@ LONGEST = 600 * 10**9
 """Frames kept, ns: at least, and at most for an interval that still runs …"""
 MARGIN = 10**9
 """… and so much before."""
-
-
-class ToleranceSettings(BaseModel):
-    """Distance from the healthy reference that is still healthy."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
-
-    position: Radians = Field(default=math.radians(1.0), gt=0)
-    """Encoder position."""
-    power: Fraction = Field(default=0.10, gt=0)
-    """Power, relative to the reference …"""
-    floor: Watts = Field(default=5.0, ge=0)
-    """… but at least this."""
 
 
 class FaultsSettings(StageSettings):
@@ -59,7 +45,7 @@ class FaultsSettings(StageSettings):
     robot: Path | None = None
     """Description of the robot (``robot.yaml``), as given to `cellwatt reference`: whole cycles are judged by the
     physics of the arm, and ``tolerance``, ``confirm`` and ``jitter`` are not used."""
-    tolerance: ToleranceSettings = ToleranceSettings()
+    tolerance: Tolerance = Tolerance()
     """Distance from the healthy reference that is still healthy."""
     confirm: int = Field(default=5, ge=2, le=100)
     """Frames in a row that must be outside."""
@@ -88,8 +74,7 @@ class FaultsStage(Stage[FaultsSettings]):
         self._source = layout.channels[self._positions[0]].source
         if settings.robot is None and not self._reference.tasks:
             raise ModelError(f"reference {path}: has whole cycles only: set robot to the description of the robot")
-        t = settings.tolerance
-        rules = Rules(Tolerance(t.position, t.power, t.floor), settings.confirm, settings.jitter * layout.step * 1e-9)
+        rules = Rules(settings.tolerance, settings.confirm, settings.jitter * layout.step * 1e-9)
         self._judge = Judge(self._reference, rules)
         self._alarms = IntervalAlarms(name, self._source, self._reference, settings.clear)
         self._trace = Trace.empty(len(self._positions))
@@ -119,12 +104,10 @@ class FaultsStage(Stage[FaultsSettings]):
         return [] if self._cycles is None else self._cycles.close()
 
     def _watched(self, path: Path, robot: Path) -> CycleStage:
-        """The judge of whole cycles, which needs packages that the rest does not."""
-        try:
-            from cellwatt_plugins.faults.cycles.watch import CycleStage, known_of
-        except ModuleNotFoundError as error:
-            need = f"stage {self.name!r}: robot needs the package {error.name}"
-            raise ConfigError(f"{need}: pip install 'cellwatt[explain]'") from error
+        """The judge of whole cycles; what it imports is nothing that a cell without ``robot`` needs."""
+        from cellwatt_plugins.faults.cycles.known import known_of
+        from cellwatt_plugins.faults.cycles.live import CycleStage
+
         alarms = CycleAlarms(self.name, self._source, self.settings.clear)
         known = known_of(self._reference, path, robot, self.settings.false_alarms)
         return CycleStage(known, self.layout.step, alarms)

@@ -7,19 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place as FilePlace
 from cellwatt.scheduler import spread
 from cellwatt_plugins.fleet.adjusted import Told
-from cellwatt_plugins.fleet.courses import Courses, Place, Usual, courses_of_kind, told_of, usual_of
-from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly
+from cellwatt_plugins.fleet.courses import Courses, Place, courses_of_kind, told_of, usual_speed
+from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly, findings_of
 from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
 from cellwatt_plugins.fleet.kinds import FEWEST
 from cellwatt_plugins.fleet.lake import Lake, find, monday
-from cellwatt_plugins.fleet.statements import findings_of
 from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
+
+Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class _Cell:
     """All of one cell."""
 
     weeks: Sequence[Week]
-    usual: Usual
+    speed: Float
     told: Mapping[tuple[str, int], Told]
 
 
@@ -72,9 +74,9 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
         least_percent=100 * least,
         tests=sum(len(each.trends) for each in results),
         findings=findings_of(results, lake.robots),
-        cells=[_summary(name, lake.robots, cells.get(name), every) for name in lake.robots],
+        cells=[_summary(name, lake.robots, cells.get(name)) for name in lake.robots],
         skipped=[*lake.skipped, *(skipped for week in every for skipped in week.skipped)],
-        notes=list(_notes(kinds, groups)),
+        notes=_notes(kinds, groups),
         smallest=_smallest(results),
         courses=[_weekly(each, place) for each in results for place in sorted(each.own)],
     )
@@ -88,14 +90,12 @@ def _cells(every: Sequence[Week]) -> dict[str, _Cell]:
             by_cell.setdefault(week.cell, []).append(week)
     out = {}
     for name, weeks in by_cell.items():
-        usual = usual_of(weeks)
-        out[name] = _Cell(weeks, usual, told_of(weeks, usual))
+        speed = usual_speed(weeks)
+        out[name] = _Cell(weeks, speed, told_of(weeks, speed))
     return out
 
 
-def _summary(
-    name: str, robots: Mapping[str, RobotDescription], cell: _Cell | None, every: Sequence[Week]
-) -> CellSummary:
+def _summary(name: str, robots: Mapping[str, RobotDescription], cell: _Cell | None) -> CellSummary:
     kind = robots[name].robot
     if cell is None:
         return CellSummary(name, kind, 0, 0, 0.0, False, "no recording of it can be used")
@@ -104,7 +104,7 @@ def _summary(
     seconds = sum(week.seconds for week in cell.weeks)
     few = len(cell.weeks) < LONG_ENOUGH
     said = f"too few weeks: {len(cell.weeks)}, expected {LONG_ENOUGH} or more" if few else ""
-    still = [j.name for j, s in zip(robots[name].joints, cell.usual.speed, strict=True) if not np.isfinite(s)]
+    still = [j.name for j, s in zip(robots[name].joints, cell.speed, strict=True) if not np.isfinite(s)]
     said = said or (f"hardly moves: {', '.join(still)}" if still else "")
     return CellSummary(name, kind, len(cell.weeks), len(repetitions), float(seconds), heat, said)
 

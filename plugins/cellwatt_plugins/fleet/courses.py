@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.fleet.adjusted import UNTOUCHED, Course, Told, apart, course_of, shrunk, warmth_of
 from cellwatt_plugins.fleet.repetitions import programs
-from cellwatt_plugins.fleet.weekly import Repetition, Week
+from cellwatt_plugins.fleet.weekly import Week
 
 Float = NDArray[np.float64]
 
@@ -30,18 +30,6 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Usual:
-    """A cell's joints at their usual speed, (n,) each."""
-
-    speed: Float
-    """rad/s."""
-    coulomb: Float
-    """Nm, the median of the weeks."""
-    viscous: Float
-    """Nm s/rad, likewise."""
-
-
-@dataclass(frozen=True)
 class Courses:
     """Courses of one quantity of the arms of one kind that can be compared."""
 
@@ -57,13 +45,14 @@ class Courses:
         return len({place.cell for place in self.by_place})
 
 
-def usual_of(weeks: Sequence[Week]) -> Usual:
-    """Return a cell's usual speed, and its friction there. Weeks that hold nothing are passed over."""
-    columns = [known_median(np.array([getattr(w, name) for w in weeks])) for name in ("speed", "coulomb", "viscous")]
-    return Usual(*columns)
+def usual_speed(weeks: Sequence[Week]) -> Float:
+    """Return the speed (n,) rad/s at which friction is told, the median of the weeks; NaN where none is known."""
+    speeds = np.array([week.speed for week in weeks])
+    known = np.isfinite(speeds)
+    return np.array([np.median(s[k]) if k.any() else np.nan for s, k in zip(speeds.T, known.T, strict=True)])
 
 
-def told_of(weeks: Sequence[Week], usual: Usual) -> dict[tuple[str, int], Told]:
+def told_of(weeks: Sequence[Week], speed: Float) -> dict[tuple[str, int], Told]:
     """Return what the repetitions of one cell say, by quantity and joint (from 1; of the whole arm: 0)."""
     pairs = [(week, repetition) for week in weeks for repetition in week.repetitions]
     number = programs([repetition.signature for _, repetition in pairs])
@@ -73,14 +62,14 @@ def told_of(weeks: Sequence[Week], usual: Usual) -> dict[tuple[str, int], Told]:
     if pairs and all(repetition.temperature is not None for _, repetition in pairs):
         heat = np.array([repetition.temperature for _, repetition in pairs])
 
-    def told(value: Callable[[Week, Repetition], float], joint: int | None = None) -> Told:
-        values = np.array([value(*pair) for pair in pairs], np.float64)
+    def told(logs: Sequence[float], joint: int | None = None) -> Told:
         warmth = None if heat is None or joint is None else heat[:, joint]
-        return Told(values, week, recording, number, warmth).by_recording()
+        return Told(np.array(logs, np.float64), week, recording, number, warmth).by_recording()
 
-    out = {("energy", 0): told(lambda _, each: _log(each.energy))}
-    for i in range(len(usual.speed)):
-        out["friction", i + 1] = told(lambda w, each, i=i: _log(_level(w, usual, i) * each.friction[i]), i)  # type: ignore[misc]
+    out = {("energy", 0): told([_log(each.energy) for _, each in pairs])}
+    for i in range(len(speed)):
+        logs = [_log((w.coulomb[i] + w.viscous[i] * speed[i]) * each.friction[i]) for w, each in pairs]
+        out["friction", i + 1] = told(logs, i)
     return {key: each for key, each in out.items() if len(each.values)}
 
 
@@ -107,15 +96,5 @@ def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Told]
     return [Courses(kind, quantity, heated, by) for (quantity, heated), by in sorted(by_quantity.items())]
 
 
-def _level(week: Week, usual: Usual, joint: int) -> float:
-    return float(week.coulomb[joint] + week.viscous[joint] * usual.speed[joint])
-
-
 def _log(value: float | None) -> float:
     return float(np.log(value)) if value is not None and value > 0 else float("nan")
-
-
-def known_median(table: Float) -> Float:
-    """Median (n,) of the rows of ``table`` (W, n) that are known; NaN where none is."""
-    known = np.isfinite(table)
-    return np.array([np.median(c[k]) if k.any() else np.nan for c, k in zip(table.T, known.T, strict=True)])

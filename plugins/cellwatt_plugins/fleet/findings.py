@@ -1,12 +1,20 @@
-"""Results of a fleet as they are written to fleet.json."""
+"""Results of a fleet in words and in weeks, as they are written to fleet.json."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
-from cellwatt_plugins.fleet.lake import Skipped
+import numpy as np
+from scipy.special import stdtrit
+
+from cellwatt_plugins.fleet.courses import Place
+from cellwatt_plugins.fleet.judge import Judged
+from cellwatt_plugins.fleet.lake import Skipped, monday
+from cellwatt_plugins.fleet.slopes import Trend
+from cellwatt_plugins.fleet.trend import Step
+from cellwatt_plugins.robot import RobotDescription
 
 Cause = Literal["wears", "rises", "falls", "stepped_up", "stepped_down"]
 
@@ -98,3 +106,64 @@ class Fleet:
     def as_json(self) -> dict[str, Any]:
         """Return the content of fleet.json."""
         return asdict(self)
+
+
+NAMES: Final = {"friction": "friction", "energy": "energy of a repetition"}
+CAUSES: Final[dict[tuple[str, bool], str]] = {
+    ("friction", True): "a damage, or another lubricant",
+    ("friction", False): "service, or a new gear",
+}
+"""Usual causes of a step, by whether it goes up."""
+
+
+def findings_of(every: Sequence[Judged], robots: Mapping[str, RobotDescription]) -> list[Finding]:
+    """Return all findings, wear first, then by size."""
+    found = []
+    for each in every:
+        found += [_of_trend(each, each.trends[place], robots[place.cell]) for place in sorted(each.sure)]
+        found += [_of_step(each, place, step, robots[place.cell]) for place, step in each.steps]
+    return sorted(found, key=lambda f: (f.what != "wears", f.quantity != "friction", -abs(f.percent), f.cell))
+
+
+def _of_trend(each: Judged, trend: Trend, robot: RobotDescription) -> Finding:
+    quantity, place, rises = each.courses.quantity, trend.place, trend.slope > 0
+    low, high = (_percent(end * trend.span) for end in trend.interval())
+    size, warm = _percent(trend.slope * trend.span), each.courses.with_temperature
+    wears = rises and quantity == "friction" and (warm or not each.alone)
+    who = f"{_joint(place, robot)}{' wears:' if wears else ''} its" if quantity == "friction" else "the arm's"
+    first, last = (monday(week).isoformat() for week in (trend.line.first, trend.line.last))
+    said = f"{who} {NAMES[quantity]} {'rose' if rises else 'fell'} by {_by(size, low, high)} from {first} to {last}."
+    heat = ", nor is its temperature known" if quantity == "friction" and not warm else ""
+    remark = f"fewer than 5 arms of {each.courses.kind} can be compared: a season may look like this{heat}"
+    what: Cause = "wears" if wears else "rises" if rises else "falls"
+    return Finding(
+        place.cell, each.courses.kind, place.joint or None, quantity, what, size, low, high, _percent(trend.slope),
+        first, last, trend.chance, f"{place.cell}: {said}", (remark,) if each.alone else (),
+    )  # fmt: skip
+
+
+def _of_step(each: Judged, place: Place, step: Step, robot: RobotDescription) -> Finding:
+    quantity, rises = each.courses.quantity, step.size > 0
+    wide = float(stdtrit(max(len(each.own[place].weeks) - 3, 3), 0.975)) * step.error
+    low, size, high = (_percent(x) for x in (step.size - wide, step.size, step.size + wide))
+    week = monday(step.week).isoformat()
+    who = f"{NAMES[quantity]}{f' of {_joint(place, robot)}' if place.joint else ''} {'rose' if rises else 'fell'}"
+    why = CAUSES.get((quantity, rises), "another program, tool, payload or controller setting")
+    said = f"{place.cell}: {who} by {_by(size, low, high)} at once in the week of {week}: {why}."
+    return Finding(
+        place.cell, each.courses.kind, place.joint or None, quantity, "stepped_up" if rises else "stepped_down", size,
+        low, high, None, week, week, step.chance, said,
+    )  # fmt: skip
+
+
+def _percent(difference: float) -> float:
+    """A difference of logs in per cent."""
+    return 100.0 * float(np.expm1(difference))
+
+
+def _by(size: float, low: float, high: float) -> str:
+    return f"{abs(size):.0f} % ({min(abs(low), abs(high)):.0f} to {max(abs(low), abs(high)):.0f} %)"
+
+
+def _joint(place: Place, robot: RobotDescription) -> str:
+    return robot.joints[place.joint - 1].name

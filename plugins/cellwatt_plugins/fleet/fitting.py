@@ -7,6 +7,7 @@ the part that turns over with the direction of motion, so that wrong masses hard
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -48,7 +49,7 @@ def links_of(arm: Arm) -> list[Prior]:
     out = []
     for i in range(arm.joints):
         links = links_prior(every[PER_LINK * i :], arm.description.tolerances.link)
-        prior = Prior(links.mean, links.covariance + _last(load.covariance, len(links.mean)))
+        prior = Prior(links.mean, links.covariance + np.pad(load.covariance, (len(links.mean) - PER_LINK, 0)))
         assert prior.precision.shape  # made once
         out.append(prior)
     return out
@@ -74,12 +75,6 @@ def fit_joint(
     return JointFit(found[0], found[1], float(np.abs(qd[slides]).mean()), 1 + level)
 
 
-def _last(block: Float, size: int) -> Float:
-    out = np.zeros((size, size))
-    out[-len(block) :, -len(block) :] = block
-    return out
-
-
 def _solved(matrix: Float, target: Float, prior: Prior, size: float) -> Float:
     """Most probable coefficients, with the noise that they leave."""
     products = Products.of(matrix, target)
@@ -98,10 +93,8 @@ def _by_repetition(
     out = np.full(len(ends), np.nan)
     weight = np.diag(1 / np.square([OFF, OFF, 0.2 * size]))
     noise = float(np.mean(np.square(left[slides])))
-    first = 0
-    for k, last in enumerate(ends.tolist()):
+    for k, (first, last) in enumerate(pairwise([0, *ends.tolist()])):
         rows = np.arange(first, last)[slides[first:last]]
-        first = last
         if len(rows) >= FEWEST // 2:
             own = columns[rows]
             out[k] = np.linalg.solve(own.T @ own + noise * weight, own.T @ left[rows])[0]

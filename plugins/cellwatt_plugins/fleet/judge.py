@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -29,61 +29,55 @@ class Judged:
     common: Mapping[int, Common | None]
     """By joint."""
     own: Mapping[Place, Course]
-    trends: Mapping[Place, Trend]
-    """Of all courses that are long enough."""
-    sure: frozenset[Place]
+    """Those that are long enough."""
+    trends: Mapping[Place, Trend] = field(default_factory=dict)
+    sure: frozenset[Place] = frozenset()
     """Places whose trend is sure."""
-    steps: Sequence[tuple[Place, Step]]
+    steps: Sequence[tuple[Place, Step]] = ()
     """Those that are sure, and trends that are rather told as one."""
-    smallest: float
+    smallest: float = float("nan")
     """Slope a week that half the joints would show; NaN where there are none."""
+
+    @classmethod
+    def of(cls, courses: Courses) -> Judged:
+        """Take out what is common; nothing is judged yet."""
+        common: dict[int, Common | None] = {}
+        own: dict[Place, Course] = {}
+        for joint in sorted({place.joint for place in courses.by_place}):
+            those = {place: course for place, course in courses.by_place.items() if place.joint == joint}
+            common[joint] = shared = common_course(those)
+            own |= {place: course if shared is None else less_common(course, shared) for place, course in those.items()}
+        return cls(courses, common, {place: each for place, each in own.items() if len(each.weeks) >= LONG_ENOUGH})
 
     @property
     def alone(self) -> bool:
         """True where the kind has too few arms to tell what is common."""
         return self.courses.cells < FEWEST
 
-
-def judged(groups: Sequence[Courses], chance: float, least: float) -> list[Judged]:
-    """Judge all courses of a fleet at a ``chance`` of one false statement in all; less than ``least`` is not told."""
-    out = []
-    for quantity, share in SHARES.items():
-        every = [_Prepared.of(group) for group in groups if group.quantity == quantity]
-        out += _judged_together(every, share * chance, least) if every else []
-    return out
-
-
-@dataclass(frozen=True)
-class _Prepared:
-    group: Courses
-    common: Mapping[int, Common | None]
-    own: Mapping[Place, Course]
-
-    @classmethod
-    def of(cls, group: Courses) -> _Prepared:
-        common: dict[int, Common | None] = {}
-        own: dict[Place, Course] = {}
-        for joint in sorted({place.joint for place in group.by_place}):
-            those = {place: course for place, course in group.by_place.items() if place.joint == joint}
-            common[joint] = shared = common_course(those)
-            own |= {place: course if shared is None else less_common(course, shared) for place, course in those.items()}
-        return cls(group, common, {place: course for place, course in own.items() if len(course.weeks) >= LONG_ENOUGH})
-
-    def steps(self, rho: float, chance: float, least: float) -> dict[Place, list[Step]]:
+    def steps_by_place(self, rho: float, chance: float, least: float) -> dict[Place, list[Step]]:
         """Steps of a kind's arms; weeks of one arm are not calmer than those of half the others."""
         scatters = [found.scatter for course in self.own.values() if (found := line(course, rho)) is not None]
-        usual = float(np.median(scatters)) if scatters and self.group.cells >= FEWEST else 0.0
+        usual = float(np.median(scatters)) if scatters and not self.alone else 0.0
         return {
             place: [s for s in steps_in(course, rho, chance, usual) if abs(np.expm1(s.size)) >= least]
             for place, course in self.own.items()
         }
 
 
-def _judged_together(every: Sequence[_Prepared], chance: float, least: float) -> list[Judged]:
+def judged(groups: Sequence[Courses], chance: float, least: float) -> list[Judged]:
+    """Judge all courses of a fleet at a ``chance`` of one false statement in all; less than ``least`` is not told."""
+    out = []
+    for quantity, share in SHARES.items():
+        every = [Judged.of(group) for group in groups if group.quantity == quantity]
+        out += _judged_together(every, share * chance, least)
+    return out
+
+
+def _judged_together(every: Sequence[Judged], chance: float, least: float) -> list[Judged]:
     """One quantity in all kinds: one correlation from week to week, and one chance of a false statement."""
     rho = persistence([course for each in every for course in each.own.values()])
     level = chance / 2 / max(sum(len(each.own) for each in every), 1)
-    steps = [each.steps(rho, level, least) for each in every]
+    steps = [each.steps_by_place(rho, level, least) for each in every]
     lined = [trends_of(each.own, own_steps, rho) for each, own_steps in zip(every, steps, strict=True)]
     clear = _holm([trend for trends in lined for trend in trends.values()], chance / 2)
     out = []
@@ -96,7 +90,7 @@ def _judged_together(every: Sequence[_Prepared], chance: float, least: float) ->
                 sure.remove(place)
                 told.append((place, step))
         smallest = float(np.median([-float(stdtrit(t.free, level / 2)) * t.error for t in trends.values()] or [np.nan]))
-        out.append(Judged(each.group, each.common, each.own, trends, frozenset(sure), told, smallest))
+        out.append(replace(each, trends=trends, sure=frozenset(sure), steps=told, smallest=smallest))
     return out
 
 

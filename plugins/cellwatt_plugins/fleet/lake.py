@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from fnmatch import fnmatchcase
@@ -42,11 +42,16 @@ class CellWeek:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A recording, or a part of it, that is left out."""
+    """A recording that is left out."""
 
     cell: str
     place: str
     why: str
+
+    @classmethod
+    def of(cls, cell: str, path: Path, error: CellwattError) -> Skipped:
+        """The recording in a file, left out for an error."""
+        return cls(cell, str(path), str(error).removeprefix(f"{path}: "))
 
 
 @dataclass(frozen=True)
@@ -58,14 +63,6 @@ class Lake:
     robots: dict[str, RobotDescription]
     """Description by cell."""
     skipped: Sequence[Skipped]
-
-
-@dataclass(frozen=True)
-class _File:
-    path: Path
-    folder: Path
-    """Of its cell."""
-    cell: str
 
 
 def monday(week: int) -> date:
@@ -85,82 +82,65 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
     robot.yaml above the recording. Raises ``RecordingError`` where there is none, ``ConfigError`` where a description
     is missing or wrong.
     """
-    files = _named(list(_files(lake)), lake)
-    if not files:
+    folders = {path: _folder(path, lake) for path in sorted(lake.rglob("*")) if _is_recording(path, lake)}
+    cells = {path: cell for path, cell in _cells(folders, lake).items() if cell}
+    if not cells:
         raise RecordingError(f"{lake}: no recordings there: put .mcap, .parquet or .csv into a folder for each cell")
     given = [_pattern(text) for text in robots]
-    robot_of = {file.cell: _robot(file, lake, given) for file in files}
+    robot_of = {cell: _robot(cell, folders[path], lake, given) for path, cell in cells.items()}
     described = {path: load_robot(path) for path in dict.fromkeys(robot_of.values())}
     _one_each(described)
     weeks: dict[tuple[str, int], list[Path]] = {}
     skipped = []
-    for file in files:
+    for path, cell in cells.items():
         try:
-            weeks.setdefault((file.cell, week_of(_day(file.path))), []).append(file.path)
+            weeks.setdefault((cell, week_of(_day(path))), []).append(path)
         except CellwattError as error:
-            skipped.append(Skipped(file.cell, str(file.path), str(error).removeprefix(f"{file.path}: ")))
+            skipped.append(Skipped.of(cell, path, error))
     first = 0 if last is None else max((week for _, week in weeks), default=0) - last + 1
     found = [CellWeek(c, robot_of[c], w, tuple(paths)) for (c, w), paths in sorted(weeks.items()) if w >= first]
     return Lake(found, {cell: described[path] for cell, path in sorted(robot_of.items())}, skipped)
 
 
-def _files(lake: Path) -> Iterator[_File]:
-    """Recordings in order, each with the folder of its cell."""
-    for path in sorted(lake.rglob("*")):
-        inside = path.relative_to(lake).parts
-        if not _is_recording(path) or inside[0] in RESULTS:
-            continue
-        folder = path.parent
-        while folder != lake and _is_day(folder.name):
-            folder = folder.parent
-        name = folder.name.partition("cell=")[2] or folder.name
-        if folder == lake:
-            told = FileName.parse(path.name)
-            name = told.cell if told is not None else ""
-        if name:
-            yield _File(path, folder, unquote(name))
-
-
-def _is_recording(path: Path) -> bool:
-    if path.name.startswith(".") or path.name.endswith(".damaged"):
+def _is_recording(path: Path, lake: Path) -> bool:
+    if path.name.startswith(".") or path.suffix == ".damaged" or path.relative_to(lake).parts[0] in RESULTS:
         return False
     return path.suffix in TABLES or ".mcap" in path.suffixes
 
 
-def _is_day(name: str) -> bool:
-    return name.startswith("day=") or _DAY.fullmatch(name) is not None
+def _folder(path: Path, lake: Path) -> Path:
+    """The folder of a recording's cell: above those that are called like a day."""
+    folder = path.parent
+    while folder != lake and (folder.name.startswith("day=") or _DAY.fullmatch(folder.name)):
+        folder = folder.parent
+    return folder
 
 
-def _named(files: list[_File], lake: Path) -> list[_File]:
-    """The same, with the path in place of the name where two folders have one name."""
-    folders = {file.folder: file.cell for file in files if file.folder != lake}
-    twice = {name for name, count in Counter(folders.values()).items() if count > 1}
-    return [
-        _File(file.path, file.folder, file.folder.relative_to(lake).as_posix()) if file.cell in twice else file
-        for file in files
-    ]
+def _cells(folders: Mapping[Path, Path], lake: Path) -> dict[Path, str]:
+    """Cell of each recording, called like its folder; by the path where two folders have one name."""
+    names = {folder: unquote(folder.name.partition("cell=")[2] or folder.name) for folder in folders.values()}
+    names.pop(lake, None)
+    count = Counter(names.values())
+    names = {f: name if count[name] == 1 else f.relative_to(lake).as_posix() for f, name in names.items()}
+    alone = {path: FileName.parse(path.name) for path, folder in folders.items() if folder == lake}
+    own = {path: told.cell for path, told in alone.items() if told is not None}
+    return {path: own.get(path, names.get(folder, "")) for path, folder in folders.items()}
 
 
 def _pattern(text: str) -> tuple[str, Path]:
-    pattern, equals, file = text.rpartition("=")
-    return (pattern if equals else "*"), robot_file(file).absolute()
+    pattern, _, file = text.rpartition("=")
+    return pattern or "*", robot_file(file).absolute()
 
 
-def _robot(file: _File, lake: Path, given: Sequence[tuple[str, Path]]) -> Path:
-    for pattern, path in given:
-        if fnmatchcase(file.cell, pattern):
-            return path
-    folder = file.folder
-    while True:
-        if (path := folder / "robot.yaml").exists():
-            return path
-        if folder == lake:
-            break
-        folder = folder.parent
-    raise ConfigError(
-        f"cell {file.cell}: no description of its robot: give --robot '{file.cell}=FILE', or put a robot.yaml into "
-        f"{file.folder} or a folder above it"
-    )
+def _robot(cell: str, folder: Path, lake: Path, given: Sequence[tuple[str, Path]]) -> Path:
+    above = [each / "robot.yaml" for each in (folder, *folder.parents) if each.is_relative_to(lake)]
+    found = [path for pattern, path in given if fnmatchcase(cell, pattern)] + [path for path in above if path.exists()]
+    if not found:
+        raise ConfigError(
+            f"cell {cell}: no description of its robot: give --robot '{cell}=FILE', or put a robot.yaml into {folder} "
+            "or a folder above it"
+        )
+    return found[0]
 
 
 def _one_each(described: dict[Path, RobotDescription]) -> None:

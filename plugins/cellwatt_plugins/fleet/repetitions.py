@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.fleet.reading import Stretch
-from cellwatt_plugins.robot.stretches import stretches
+from cellwatt_plugins.robot.stretches import at_one_pose, stretches
 
 Float = NDArray[np.float64]
 
@@ -88,7 +88,6 @@ def _rests_at_home(stretch: Stretch) -> list[tuple[int, int]]:
     if len(rests) < 2:
         return []
     poses = np.array([np.median(stretch.position[a:b], axis=0) for a, b in rests])
-    alike = np.all(np.abs(poses[:, None] - poses[None]) < SAME_POSE, axis=2)
-    home = int(np.argmax(alike.sum(axis=1)))
-    chosen = [rest for rest, same in zip(rests, alike[home], strict=True) if same]
+    home = at_one_pose(poses, SAME_POSE, np.ones(len(rests)))
+    chosen = [rest for rest, same in zip(rests, home, strict=True) if same]
     return chosen if len(chosen) > 1 else []

@@ -1,4 +1,4 @@
-"""The fleet's page: the table first, then courses of what was found, all cells by week, and what kinds share."""
+"""The fleet's page: the table first, then courses of what was found."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.report import Axis, Block, Figure, Folded, Notes, Panel, Report, Section, Table, Tile
-from cellwatt.report.drawing import cells as shaded
-from cellwatt.report.drawing import colours, dots, line, ribbon, upright
+from cellwatt.report.drawing import dots, line, ribbon, upright
 from cellwatt.report.numbers import fixed
 from cellwatt.report.theme import BAD, MEASURED, MODEL
 from cellwatt_plugins.fleet.findings import Finding, Fleet, Weekly
@@ -20,15 +19,11 @@ Float = NDArray[np.float64]
 
 IN_A_ROW: Final = 3
 """Panels of courses."""
+TICKS: Final = 4
+"""Of a panel, about."""
 MOST_PANELS: Final = 24
 HEIGHT: Final = 150
 """Pixels of a panel."""
-CELL_HEIGHT: Final = 15
-"""Pixels of a row of all cells."""
-DARKEST: Final = 25.0
-"""Per cent at which a week is darkest."""
-FIRST: Final = 5
-"""Weeks that a joint's later ones are held against."""
 
 
 def report_of(found: Fleet, name: str) -> Report:
@@ -55,7 +50,6 @@ def report_of(found: Fleet, name: str) -> Report:
         sections=[
             Section("What changed", [_table(found.findings)] if found.findings else [], INTERVALS),
             Section("Courses of what was found", _courses(found), COURSES),
-            Section("All cells by week", _all(found), HEAT),
             Section("What was left out, and what to know", _left(found)),
         ],
     )
@@ -65,10 +59,6 @@ INTERVALS: Final = "Each against its own weeks and against the arms of its kind.
 COURSES: Final = (
     "Weekly values with one standard deviation, per cent of their mean, with what the kind does together taken out. "
     "The grey line is what was taken out; the dotted line is a step."
-)
-HEAT: Final = (
-    f"Of each cell, by how much the joint that rose most is above its first {FIRST} weeks, in per cent of friction. "
-    "Blank: no recording. Single dark weeks are noise; what is sure is in the table."
 )
 
 
@@ -131,56 +121,20 @@ def _span(found: Fleet) -> tuple[float, float]:
     return -0.6, _place(found.last, found) + 0.6
 
 
-def _ticks(found: Fleet, about: int = 4) -> dict[float, str]:
+def _ticks(found: Fleet) -> dict[float, str]:
     last = _place(found.last, found)
     start = date.fromisoformat(found.first).toordinal()
-    step = max(1, round(last / about))
+    step = max(1, round(last / TICKS))
     return {float(w): f"{date.fromordinal(start + 7 * w):%d %b}" for w in range(0, last + 1, step)}
-
-
-def _all(found: Fleet) -> list[Block]:
-    friction: dict[str, list[Weekly]] = {}
-    for course in found.courses:
-        if course.quantity == "friction":
-            friction.setdefault(course.cell, []).append(course)
-    if not friction:
-        return []
-    worn = {f.cell for f in found.findings if f.what == "wears"}
-    names = sorted(friction, key=lambda cell: (cell not in worn, cell))
-    count = _place(found.last, found) + 1
-    table = np.array([_risen(friction[name], count, found) for name in names])
-    said = [
-        ["no recording" if np.isnan(v) else f"week {w + 1}: {v:+.1f} %" for w, v in enumerate(row)] for row in table
-    ]
-    shade = np.clip(table, 0.0, None)
-    panel = Panel(
-        [shaded(np.arange(count), [f"{name} ●" if name in worn else name for name in names], shade, said)],
-        Axis(ticks=_ticks(found, 8), grid=False),
-        Axis(names=True, grid=False),
-    )
-    bar = colours(DARKEST, "%", (0, 5, 10, 15, 20, 25), ("0", "5", "10", "15", "20", "25 +"))
-    label = "Rise of friction by cell and week"
-    return [Figure(label, [[panel]], [CELL_HEIGHT * len(names) + 20], legend=False, sides=(90, 14), layout=bar)]
-
-
-def _risen(courses: Sequence[Weekly], count: int, found: Fleet) -> Float:
-    """Friction (weeks,) of the joint that rose most, above its first weeks, per cent; NaN without a recording."""
-    table = np.full((len(courses), count), np.nan)
-    for row, course in zip(table, courses, strict=True):
-        row[[_place(week, found) for week in course.weeks]] = np.array(course.percent) - np.mean(course.percent[:FIRST])
-    ends = [np.mean(np.array(course.percent[-FIRST:])) - np.mean(course.percent[:FIRST]) for course in courses]
-    return np.asarray(table[int(np.argmax(ends))])
 
 
 def _left(found: Fleet) -> list[Block]:
     blocks: list[Block] = []
     notes = [*found.notes, *(f"{c.cell}: {c.statement}" for c in found.cells if c.statement)]
     notes += [f"{f.cell}: {remark}" for f in found.findings for remark in f.remarks]
+    notes += [f"{s.cell}: {s.place} was skipped: {s.why}" for s in found.skipped]
     if notes:
         blocks.append(Notes(notes))
-    if found.skipped:
-        skipped = [(s.cell, s.place, s.why) for s in found.skipped]
-        blocks.append(Table("Skipped recordings", ("Cell", "Recording", "Why it was skipped"), skipped))
     rows = [
         (c.cell, c.kind, str(c.weeks), str(c.repetitions), f"{c.seconds / 60:.0f}", "yes" if c.temperature else "no")
         for c in found.cells

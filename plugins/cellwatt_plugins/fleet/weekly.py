@@ -104,7 +104,7 @@ def _parts(item: CellWeek, arm: Arm) -> tuple[list[_Part], list[Skipped]]:
         try:
             found = read_stretches(path, arm.description)
         except CellwattError as error:
-            skipped.append(Skipped(item.cell, str(path), str(error).removeprefix(f"{path}: ")))
+            skipped.append(Skipped.of(item.cell, path, error))
             continue
         each = [_Part(number, stretch, span) for stretch in found for span in spans_of(stretch)]
         share = max(room // min(4, len(item.files)), 1)

@@ -6,11 +6,11 @@ from os import PathLike
 from pathlib import Path
 
 from cellwatt.errors import CellwattError, ModelError
-from cellwatt.onnx_file import OnnxFile, refused
 from cellwatt_plugins.models.metadata import KEY, Metadata, encode, metadata_of
 from cellwatt_plugins.models.network import Network, check_intact
 from cellwatt_plugins.models.seal import KEY as SEAL_KEY
 from cellwatt_plugins.models.seal import sealed
+from cellwatt_plugins.onnx_file import OnnxFile, refused
 
 
 def describe(path: str | PathLike[str], metadata: Metadata) -> None:

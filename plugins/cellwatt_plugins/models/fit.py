@@ -7,8 +7,8 @@ from pathlib import Path, PurePath
 
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Layout
-from cellwatt.onnx_file import refused
 from cellwatt_plugins.models.metadata import Metadata
+from cellwatt_plugins.onnx_file import refused
 
 
 def check_robot(metadata: Metadata, robot: str | None, path: Path) -> None:

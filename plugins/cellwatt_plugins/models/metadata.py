@@ -23,7 +23,7 @@ from pydantic.dataclasses import dataclass
 from cellwatt.channel import UNITS
 from cellwatt.config import reads_version
 from cellwatt.errors import ModelError
-from cellwatt.onnx_file import OnnxFile
+from cellwatt_plugins.onnx_file import OnnxFile
 
 KEY = "cellwatt"
 VERSION: Final = 1

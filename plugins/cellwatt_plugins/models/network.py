@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.files import COMPUTED, read_bytes
-from cellwatt.onnx_file import OnnxFile, refused
 from cellwatt_plugins.models.metadata import Metadata, metadata_of
 from cellwatt_plugins.models.seal import broken, uncovered
+from cellwatt_plugins.onnx_file import OnnxFile, refused
 
 Array = NDArray[np.floating[Any]]
 """Numbers in the precision of the model."""

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place
-from cellwatt.onnx_file import refused
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.network import Network, open_network
 from cellwatt_plugins.models.window import whole
+from cellwatt_plugins.onnx_file import refused
 
 Float = NDArray[np.float64]
 

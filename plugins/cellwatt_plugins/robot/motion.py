@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
-from cellwatt.noise import white_noise
+from cellwatt_plugins.noise import white_noise
 
 Float = NDArray[np.float64]
 

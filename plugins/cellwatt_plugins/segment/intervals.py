@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.results import Interval
-from cellwatt_plugins.segment.motion import Change, Motion, Sample, Thresholds
+from cellwatt_plugins.segment.motion import Change, Motion, Sample
+from cellwatt_plugins.segment.settings import SegmentSettings
 
 Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
@@ -44,12 +45,12 @@ class Segmenter:
     source: str
     joints: int
     step: int
-    thresholds: Thresholds = field(default_factory=Thresholds)
+    thresholds: SegmentSettings = field(default_factory=SegmentSettings)
 
     def __post_init__(self) -> None:
         self._motion = Motion(self.joints, self.step, self.thresholds)
         self._minimum = round(self.thresholds.minimum_length * 1e9)
-        self.gap = max(round(self.thresholds.gap * 1e9), self.step + self.step // 2)
+        self._gap = max(round(self.thresholds.gap * 1e9), self.step + self.step // 2)
         self._reach = max(2, round(TURN_REACH * 1e9 / self.step))
         self._number = 0
         self._out: list[Interval] = []
@@ -62,16 +63,12 @@ class Segmenter:
         self._uncounted: deque[Sample] = deque()
         self._turned: Sample | None = None
 
-    def hear(self, positions: Float) -> None:
-        """Learn the encoders' noise from positions (n, joints) rad that came before the first frames."""
-        self._motion.noise.hear(positions)
-
     def update(self, time: Nanoseconds, positions: Float) -> list[Interval]:
         """Return what n more frames settle: ``time`` (n,) ns, ``positions`` (n, joints) rad, NaN missing."""
         good = ~np.isnan(positions).any(axis=1)
         when, pose = time[good], positions[good]
         last = self._motion.time[-1:] if len(self._motion.time) else when[:1]
-        for piece in np.split(np.arange(len(when)), np.flatnonzero(np.diff(when, prepend=last) > self.gap)):
+        for piece in np.split(np.arange(len(when)), np.flatnonzero(np.diff(when, prepend=last) > self._gap)):
             if len(piece):
                 self._cut_if_lost(int(when[piece[0]]))
                 for sample in self._motion.feed(when[piece], pose[piece]):
@@ -90,7 +87,7 @@ class Segmenter:
         return out
 
     def _cut_if_lost(self, now: int) -> None:
-        if len(self._motion.time) and now - self._motion.time[-1] > self.gap:
+        if len(self._motion.time) and now - self._motion.time[-1] > self._gap:
             self._cut()
 
     def _cut(self) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.segment.noise import CHUNK, NoiseEstimate
+from cellwatt_plugins.noise import white_noise
+from cellwatt_plugins.segment.settings import SegmentSettings
 
 Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
@@ -24,24 +25,36 @@ TRAIL = 1.0
 """Time in s that a start or stop may be followed back."""
 
 
-@dataclass(frozen=True, slots=True)
-class Thresholds:
-    """Thresholds at which a joint counts as moving, and a set of moving joints as an interval.
+CHUNK = 64
+"""Frames that give one estimate."""
+MEMORY = 8
+"""Estimates of which the smallest counts, so that jerky motion does not pass for noise."""
 
-    A joint starts when its speed (rad/s, over ``window`` s) stays above ``start_speed`` for ``confirm``
-    frames and stops when it stays below ``stop_speed`` as long; both rise with the position noise. Sets of
-    moving joints that last less than ``minimum_length`` s belong to their neighbours; joints that join
-    or leave before or after the others moved by less than ``minimum_travel`` rad belong to the same
-    interval. Positions missing for more than ``gap`` s cut the interval.
+
+@dataclass
+class NoiseEstimate:
+    """``sigma`` (joints,) rad: standard deviation of the position noise; 0 until the first chunk is full.
+
+    Fourth differences take out smooth motion, the median takes out jerks.
     """
 
-    start_speed: float = math.radians(1.0)
-    stop_speed: float = math.radians(0.5)
-    window: float = 0.08
-    confirm: int = 3
-    minimum_length: float = 0.12
-    minimum_travel: float = math.radians(1.0)
-    gap: float = 0.1
+    joints: int
+    filled: int = 0
+    sigma: Float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.sigma = np.zeros(self.joints)
+        self._chunk: Float = np.empty((CHUNK, self.joints))
+        self._estimates: deque[Float] = deque(maxlen=MEMORY)
+
+    def add(self, positions: Float) -> None:
+        """Take n more positions (n, joints) rad, at most ``CHUNK - filled``."""
+        self._chunk[self.filled : self.filled + len(positions)] = positions
+        self.filled += len(positions)
+        if self.filled == CHUNK:
+            self.filled = 0
+            self._estimates.append(white_noise(self._chunk, 4))
+            self.sigma = np.min(self._estimates, axis=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +103,7 @@ class Motion:
     ``robot.motion`` smooths over times that are still to come.
     """
 
-    def __init__(self, joints: int, step: int, thresholds: Thresholds) -> None:
+    def __init__(self, joints: int, step: int, thresholds: SegmentSettings) -> None:
         self.joints = joints
         self.step = step
         self.thresholds = thresholds

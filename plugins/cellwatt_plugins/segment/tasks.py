@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from cellwatt.results import Interval, Task
+from cellwatt_plugins.segment.settings import SegmentSettings
 
 HISTORY = 512
 """Moves remembered; a task longer than half of it is not recognised."""
@@ -16,24 +17,12 @@ REST_MARGIN = 0.04
 """A rest must be this much longer than the others (s) to mark where a task begins."""
 
 
-@dataclass(frozen=True, slots=True)
-class Likeness:
-    """Permitted difference of two runs of a motion: ``displacement`` and start ``pose`` in rad, ``speed`` relative.
-
-    What moves no joint further than ``displacement`` counts as rest.
-    """
-
-    displacement: float = math.radians(2.0)
-    pose: float = math.radians(6.0)
-    speed: float = 0.03
-
-
-def alike(a: Interval, b: Interval, likeness: Likeness) -> bool:
+def alike(a: Interval, b: Interval, likeness: SegmentSettings) -> bool:
     """True if two intervals are the same motion: same joints, from the same pose, by the same angles, at any speed."""
     return (
         a.moving == b.moving
-        and all(abs(x - y) <= likeness.displacement for x, y in zip(a.displacement, b.displacement, strict=True))
-        and all(abs(x - y) <= likeness.pose for x, y in zip(a.pose, b.pose, strict=True))
+        and all(abs(x - y) <= likeness.same_displacement for x, y in zip(a.displacement, b.displacement, strict=True))
+        and all(abs(x - y) <= likeness.same_pose for x, y in zip(a.pose, b.pose, strict=True))
     )
 
 
@@ -74,9 +63,9 @@ class Known:
     repetitions: int = 0
     last: int = 0
 
-    def variant(self, duration: float, likeness: Likeness) -> float:
+    def variant(self, duration: float, likeness: SegmentSettings) -> float:
         """Speed relative to the fastest variant seen; a duration unlike the known ones founds a variant."""
-        near = [d for d in self.durations if abs(duration / d - 1) <= likeness.speed]
+        near = [d for d in self.durations if abs(duration / d - 1) <= likeness.same_speed]
         if not near:
             self.durations.append(duration)
             near = [duration]
@@ -107,7 +96,7 @@ class TaskRecogniser:
     repetition is reported when its last move ends; repetitions before are reported when it is found.
     """
 
-    likeness: Likeness = field(default_factory=Likeness)
+    likeness: SegmentSettings = field(default_factory=SegmentSettings)
 
     def __post_init__(self) -> None:
         self._moves: list[Move] = []
@@ -122,7 +111,7 @@ class TaskRecogniser:
         if not interval.complete:
             self._broken, self._rest = True, 0.0
             return []
-        if max(map(abs, interval.displacement)) <= self.likeness.displacement:
+        if max(map(abs, interval.displacement)) <= self.likeness.same_displacement:
             self._rest += (interval.end - interval.start) * 1e-9
             return []
         self._moves = [*self._moves[1 - HISTORY :], Move(interval, self._rest, self._broken)]
@@ -222,7 +211,7 @@ class TaskRecogniser:
         """True if a run ends in the pose in which it began."""
         first, last = run[0].interval, run[-1].interval
         return all(
-            abs(p + d - q) <= self.likeness.pose
+            abs(p + d - q) <= self.likeness.same_pose
             for p, d, q in zip(last.pose, last.displacement, first.pose, strict=True)
         )
 

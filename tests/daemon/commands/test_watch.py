@@ -27,7 +27,7 @@ QUICKLY = ("--patience", "0.5")
 
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.outlets.zenoh.link._ATTEMPTS", (0.2, 0.2))
+    monkeypatch.setattr("cellwatt.outlets.zenoh.link._ATTEMPT", 0.2)
 
 
 @pytest.mark.parametrize("how", [(), ("--json",), ("--seconds", "0.5")])

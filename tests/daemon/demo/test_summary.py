@@ -13,7 +13,14 @@ from cellwatt.demo.summary import problems_of, sources_of
 
 def source(rate: float, stalled: int) -> dict[str, Any]:
     stream = {"nominal_hz": 50.0, "rate_hz": rate, "samples": 1000, "delivered": 1000, "before_subscriber": 0}
-    return {"lost": 0, "residue": 0, "expected": 1000, "host_stalled": stalled, "kept_s": 0.0, "streams": {"position": stream}}
+    return {
+        "lost": 0,
+        "residue": 0,
+        "expected": 1000,
+        "host_stalled": stalled,
+        "kept_s": 0.0,
+        "streams": {"position": stream},
+    }
 
 
 @pytest.mark.parametrize(

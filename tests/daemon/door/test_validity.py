@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt.certificates import Pair, issue, new_authority
 from cellwatt.door import validity
+from cellwatt.door.certificates import Pair, issue, new_authority
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
 
 NOW = datetime.now(UTC)
@@ -72,13 +72,6 @@ def test_what_is_no_certificate_and_no_key(tmp_path: Path) -> None:
     assert [text.split(":")[0] for text in found] == ["key", "root_ca"]
     (only, _) = warnings(write(tmp_path, Pair(b"none", b""), Pair(b"none", b"none")))
     assert only == f"certificate: {tmp_path}/cert.pem is no certificate"
-
-
-def test_a_key_that_everybody_may_read(tmp_path: Path) -> None:
-    authority = new_authority("plant-1", NOW)
-    settings = write(tmp_path, authority, issue(authority, "weld-3", (), NOW))
-    (tmp_path / "key.pem").chmod(0o644)
-    assert warnings(settings) == (f"key: {tmp_path}/key.pem may be read by everybody on this PC: chmod 600",)
 
 
 def test_a_renewed_certificate_is_a_change_of_the_settings(tmp_path: Path) -> None:

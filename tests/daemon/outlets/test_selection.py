@@ -51,24 +51,10 @@ def same(value):
     return [value] * 4
 
 
-def test_each_frame_is_a_row_at_the_frames_rate_or_above():
-    for rate in (50.0, 500.0):
-        found = rows(Selection(rate=rate), frames([same(1.0), same(2.0), same(0.25)]))
-        assert [r.time for r in found] == [EPOCH + i * LAYOUT.step for i in range(3)]
-        assert [r.sequence for r in found] == [0, 1, 2]
-        assert [r.values["arm.joint_1.position"] for r in found] == [1.0, 2.0, 0.25]
-
-
 def test_a_row_is_there_with_the_last_frame_of_its_span_and_not_before():
     picker = Picker(Selection(rate=10.0), LAYOUT)
     counts = [len(list(picker.rows(frames([same(float(i))], first=i)))) for i in range(12)]
     assert counts == [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]
-
-
-def test_measures_are_averaged_and_states_and_counters_are_the_last():
-    found = rows(Selection(rate=10.0), frames([[i, 10 * i, i, 100 * i] for i in range(1, 6)], first=1))
-    assert [dict(r.values) for r in found] == [dict(zip(SI, (3.0, 30.0, 5.0, 500.0), strict=True))]
-    assert found[0].time == EPOCH + 5 * LAYOUT.step
 
 
 def test_units_are_those_that_are_shown():
@@ -84,30 +70,6 @@ def test_channels_are_chosen_by_pattern_in_the_order_of_the_frames():
     assert picker.unmatched == ("door.*",)
     nothing = Picker(Selection(channels=("door.*",)), LAYOUT)
     assert list(nothing.rows(frames([same(1.0)]))) == []
-
-
-def test_what_is_missing_has_no_value_and_says_so():
-    found = rows(
-        Selection(rate=10.0), frames([[NAN, 1.0, NAN, 4.0], [NAN, 3.0, 2.0, NAN], [NAN, 2.0, NAN, NAN]], first=3)
-    )
-    assert dict(found[0].values) == {"arm.joint_1.temperature": 2.0, "arm.mode": 2.0, "supply.energy": 4.0}
-    assert dict(found[0].quality) == dict(zip(SI, (Quality.MISSING, 0, 1, 1), strict=True))
-    assert all(type(v) is float for v in found[0].values.values())
-    assert all(type(q) is int for q in found[0].quality.values())
-
-
-def test_the_worst_quality_of_a_span_counts_without_that_of_what_is_missing():
-    quality = [[0, 2, 4, 0], [0, 3, 1, 0]]
-    found = rows(Selection(rate=10.0), frames([[1.0, 1.0, NAN, 1.0], [1.0, 1.0, 1.0, 1.0]], first=1, quality=quality))
-    assert list(found[0].quality.values()) == [0, 3, 1, 0]
-
-
-def test_a_hole_in_the_frames_ends_a_row_with_what_there_is():
-    found = rows(Selection(rate=10.0), frames([same(1.0), same(2.0), same(9.0)], at=[1, 2, 33]))
-    assert [(r.time, r.values["arm.joint_1.position"], r.sequence) for r in found] == [
-        (EPOCH + 5 * LAYOUT.step, 1.5, 1),
-        (EPOCH + 35 * LAYOUT.step, 9.0, 2),
-    ]
 
 
 def test_a_dead_band_holds_back_what_moved_less_since_it_was_told():

@@ -12,8 +12,8 @@ from cellwatt.record.decoder import numbered, tracks_of
 from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt.record.opening import survey
 from cellwatt.record.reader import chunk_data
+from cellwatt.record.survey import survey
 
 SESSION = 1_795_255_163_290_084_047
 CELL = "weld-3"

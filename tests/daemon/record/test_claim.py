@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import logging
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from cellwatt import RecordingError
-from cellwatt.record.claim import LOCK, claimed
+from cellwatt.record.folder import LOCK, claimed
 from tests.patience import PATIENCE
 
 HOLD = """
 import os, sys, time
 from pathlib import Path
-from cellwatt.record.claim import claimed
+from cellwatt.record.folder import claimed
 with claimed(Path(sys.argv[1]), "weld-3"):
     child = os.fork()
     if not child:
@@ -96,50 +95,3 @@ def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, caplog: pytest.Lo
         pass
     assert treasure.read_text() == "do not touch"
     assert "cannot be locked against a second daemon" in caplog.text
-
-
-def test_a_folder_that_cannot_be_locked_is_recorded_into_and_told(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    (tmp_path / LOCK).mkdir()
-    with caplog.at_level(logging.WARNING), claimed(tmp_path, "mine"):
-        pass
-    assert "cannot be locked" in caplog.text
-
-
-def test_a_folder_that_cannot_be_made_is_told_by_the_recorder_alone(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    (tmp_path / "file").touch()
-    with caplog.at_level(logging.WARNING), claimed(tmp_path / "file" / "record", "mine"):
-        pass
-    assert caplog.text == ""
-    with claimed(None, "mine"):
-        pass
-
-
-def test_a_folder_that_was_removed_is_held_again(tmp_path: Path) -> None:
-    folder = tmp_path / "record"
-    with claimed(folder, "mine") as claim:
-        assert claim is not None
-        shutil.rmtree(folder)
-        claim.renew()
-        assert not folder.exists(), "the recorder makes it"
-        folder.mkdir()
-        claim.renew()
-        done = subprocess.run(
-            [sys.executable, "-c", HOLD, str(folder)], input="", capture_output=True, text=True, timeout=PATIENCE
-        )
-        assert "is taken: another cellwatt records into it (cell mine" in done.stderr
-
-
-def test_a_folder_that_another_took_meanwhile_is_told_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    folder = tmp_path / "record"
-    with claimed(folder, "mine") as claim:
-        assert claim is not None
-        folder.rename(tmp_path / "away")
-        with another(folder):
-            claim.renew()
-            claim.renew()
-    assert [record.levelno for record in caplog.records] == [logging.WARNING]
-    assert "another cellwatt records into it" in caplog.text

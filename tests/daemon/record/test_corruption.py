@@ -13,9 +13,8 @@ from cellwatt import Batch, RecordingError, Tick
 from cellwatt.record import Recording, recover
 from cellwatt.record.container import Chunk
 from cellwatt.record.header import PART
-from cellwatt.record.openfile import OpenFile
 
-from .making import CELL, HEADER, SESSION, batch_of, name_of, same_entry, write_chunks
+from .making import CELL, SESSION, batch_of, name_of, same_entry, write_chunks
 
 CHUNKS = 80
 PER_CHUNK = 4
@@ -98,17 +97,12 @@ class Case:
 
 CASES = {
     "killed between two chunks": Case(lambda d, c: d, says="nothing lost but what was still in memory"),
-    "torn in a record's length": Case(cut(chunk(LAST, 5)), {LAST}, "the file ends within a record", aside=True),
     "torn behind a record's length": Case(cut(chunk(LAST, 9)), {LAST}, "the file ends within a record", aside=True),
-    "torn in a chunk's head": Case(cut(chunk(LAST, 30)), {LAST}, "the file ends within a record", aside=True),
     "torn in a chunk's data": Case(cut(chunk(LAST, 200)), {LAST}, "the file ends within a record", aside=True),
-    "torn one byte before a chunk's end": Case(cut(index(LAST, -1)), {LAST}, "ends within a record", aside=True),
     "torn between a chunk and its index": Case(cut(index(LAST)), says="recovered"),
     "torn in a chunk's index": Case(cut(index(LAST, 40)), says="the index of a chunk is wrong", aside=True),
-    "torn in the second index of a chunk": Case(lambda d, c: d[:-3], says="index of a chunk is wrong", aside=True),
     "torn long ago": Case(cut(chunk(3, 100)), set(range(3, CHUNKS)), "the file ends within a record", aside=True),
     "zero-filled tail": Case(lambda d, c: d + bytes(8192), says="8192 bytes unreadable"),
-    "last chunk zero-filled": Case(lambda d, c: d[: c[-1].offset] + bytes(5000), {LAST}, "5000 bytes unreadable"),
     "garbage behind the last chunk": Case(lambda d, c: d + GARBAGE, says="4980 bytes unreadable", aside=True),
     "garbage in front of a chunk": Case(insert(chunk(7), GARBAGE), says="4980 bytes unreadable", aside=True),
     "garbage within a chunk": Case(insert(chunk(7, 90), GARBAGE), {7}, "10 of /raw/arm/rtde", aside=True),
@@ -116,30 +110,20 @@ CASES = {
         lambda d, c: d[: c[7].offset + 80] + d[c[7].offset + 81 :], {7}, "10 of", aside=True
     ),
     "bit flip in a chunk's opcode": Case(flip(chunk(7), 0x40), {7}, "no record", aside=True),
-    "bit flip in a chunk's opcode, to another's": Case(flip(chunk(7), 0x03), {7}, "", aside=True),
-    "bit flip in a chunk's length, low": Case(flip(chunk(7, 1)), {7}, "10 of", aside=True),
     "bit flip in a chunk's length, high": Case(flip(chunk(7, 8), 0x80), {7}, "10 of", aside=True),
     "bit flip in a chunk's start": Case(flip(chunk(7, 9)), {7}, "times are wrong", aside=True),
-    "bit flip in a chunk's end": Case(flip(chunk(7, 20)), {7}, "times are wrong", aside=True),
-    "bit flip in a chunk's size": Case(flip(chunk(7, 25)), {7}, "size is wrong", aside=True),
     "bit flip in a chunk's size, high": Case(flip(chunk(7, 32), 0x40), {7}, "length is wrong", aside=True),
     "bit flip in a chunk's checksum": Case(flip(chunk(7, 33)), {7}, "checksum is wrong", aside=True),
     "bit flip in a chunk's compression": Case(flip(chunk(7, 43)), {7}, "compressed with", aside=True),
     "bit flip in the length of a compression's name": Case(flip(chunk(7, 37), 0x40), {7}, "", aside=True),
     "bit flip in a chunk's data length": Case(flip(chunk(7, 45)), {7}, "length is wrong", aside=True),
-    "bit flip in a zstd frame's head": Case(flip(chunk(7, 55)), {7}, "cannot be decompressed", aside=True),
     "bit flip in a chunk's data": Case(flip(chunk(7, 300)), {7}, "lost: 10 of /raw/arm/rtde, 1 of /tick", aside=True),
     "bit flips in neighbouring chunks": Case(
         lambda d, c: flip(chunk(8, 99))(flip(chunk(7, 99))(d, c), c), {7, 8}, "20 of /raw/arm/rtde", aside=True
     ),
-    "bit flip in the last chunk": Case(flip(chunk(LAST, 300)), {LAST}, "unreadable", aside=True),
     "bit flip in the first chunk": Case(flip(chunk(0, 300)), {0}, "10 of /raw/arm/rtde", aside=True),
-    "bit flip in an index's opcode": Case(flip(index(7)), says="the index of a chunk is wrong", aside=True),
-    "bit flip in an index's length": Case(flip(index(7, 1)), says="the index of a chunk is wrong", aside=True),
     "bit flip in an index's times": Case(flip(index(7, 18)), says="the index of a chunk is wrong", aside=True),
-    "bad sector over a chunk": Case(zero(chunk(7), 512), {7}, "10 of", aside=True),
     "bad sector from an index into the next chunk": Case(zero(index(7, 20), 512), {8}, "10 of", aside=True),
-    "magic flipped": Case(flip(lambda c: 3), says="does not begin like an MCAP file", aside=True),
     "magic missing": Case(lambda d, c: d[8:], says="does not begin like", aside=True, unknown_header=True),
     "header record flipped": Case(flip(lambda c: HEADER_RECORD + 1), aside=True, unknown_header=True),
     "origin flipped": Case(flip(lambda c: ATTACHMENT + 90), says="attachment", aside=True, unknown_header=True),
@@ -148,12 +132,9 @@ CASES = {
         zero(lambda c: c[0].offset - 500, 1000), {0}, "lost: 10 of /raw/arm/rtde, 1 of /tick", aside=True
     ),
     "killed before the rename": Case(lambda d, c: d, says="nothing lost", closed=True),
-    "torn in the summary": Case(lambda d, c: d[:-200], says="the summary is damaged", aside=True, closed=True),
     "bit flip in the summary": Case(flip(lambda c: -300), says="the summary is damaged", aside=True, closed=True),
-    "bit flip in the footer": Case(flip(lambda c: -20), says="the summary is damaged", aside=True, closed=True),
     "end magic missing": Case(lambda d, c: d[:-8], says="the summary is damaged", aside=True, closed=True),
     "bit flip in the data's end": Case(flip(end(LAST)), says="unreadable", aside=True, closed=True),
-    "another file behind the end": Case(lambda d, c: d + GARBAGE, says="summary is damaged", aside=True, closed=True),
     "bit flip in a chunk of a closed file": Case(flip(chunk(7, 300)), {7}, "10 of", aside=True, closed=True),
 }
 
@@ -197,9 +178,7 @@ def check_with_the_library(path, messages):
 
 
 CLOSED = {n: c for n, c in CASES.items() if c.closed or "flip" in n}
-TOLD_TWICE = {f"bit flip in a chunk's {what}" for what in ("start", "end", "opcode", "length, low", "length, high")} | {
-    "bit flip in a chunk's opcode, to another's"
-}
+TOLD_TWICE = {f"bit flip in a chunk's {what}" for what in ("start", "opcode", "length, high")}
 """A closed file's summary says the same of each chunk, so that nothing is lost."""
 
 
@@ -244,14 +223,6 @@ def test_a_file_without_a_chunk_leaves_no_recording(name, tmp_path):
         assert report.aside.read_bytes() == NOTHING[name]
 
 
-def test_a_file_torn_before_its_first_chunk_leaves_no_recording(whole, tmp_path):
-    part = tmp_path / (name_of() + PART)
-    part.write_bytes(whole[0][: whole[2][0].offset - 900])
-    report = recover(part)
-    assert report is not None and report.result is None
-    assert report.aside is not None and report.aside.stat().st_size == whole[2][0].offset - 900
-
-
 def test_a_copy_beside_the_closed_file_is_set_aside(whole, tmp_path):
     (tmp_path / name_of()).write_bytes(whole[1])
     part = tmp_path / (name_of() + PART)
@@ -274,13 +245,6 @@ def test_a_duplicate_is_read_once_and_the_fuller_one_wins(whole, tmp_path):
     assert f"{name_of()}: is a copy of copy.mcap, not read again" in map(str, recording.damage)
 
 
-def test_a_file_that_is_being_written_is_left_alone(tmp_path):
-    writing = OpenFile(tmp_path / name_of(), HEADER)
-    assert recover(writing.part) is None
-    assert writing.part.exists()
-    writing.release()
-
-
 def test_chunks_whose_channels_nothing_describes_are_kept_aside(tmp_path):
     file = write_chunks(tmp_path, map(entries_of, range(3)), close=False)
     part = tmp_path / (name_of() + PART)
@@ -290,15 +254,6 @@ def test_chunks_whose_channels_nothing_describes_are_kept_aside(tmp_path):
     assert report is not None and report.result is None
     assert "what its channels are is told nowhere else" in str(report)
     assert report.aside is not None and report.aside.read_bytes() == data
-
-
-def test_repairing_twice_changes_nothing_more(whole, tmp_path):
-    part = tmp_path / (name_of() + PART)
-    part.write_bytes(whole[0][:-50])
-    assert recover(part) is not None
-    data = (tmp_path / name_of()).read_bytes()
-    assert recover(part) is None
-    assert (tmp_path / name_of()).read_bytes() == data
 
 
 def test_an_unreadable_file_beside_good_ones_is_damage_not_an_error(whole, tmp_path):

@@ -1,5 +1,4 @@
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -74,7 +73,7 @@ def test_raw_samples(folder):
 
 
 def test_arrow_where_neither_pandas_nor_polars_is_installed(folder, monkeypatch):
-    monkeypatch.setattr("cellwatt.record.dataframe.find_spec", lambda name: None)
+    monkeypatch.setattr("cellwatt.record.tables.find_spec", lambda name: None)
     table = cw.open(folder).frame()
     assert isinstance(table, pa.Table)
     assert table.schema.field("arm.joint_1.position").metadata == {b"unit": b"rad"}
@@ -84,13 +83,6 @@ def test_arrow_where_neither_pandas_nor_polars_is_installed(folder, monkeypatch)
         cw.open(folder).frame(library="polars")
 
 
-def test_polars(folder):
-    polars = pytest.importorskip("polars")
-    frame = cw.open(folder).frame(library="polars")
-    assert isinstance(frame, polars.DataFrame)
-    assert np.array_equal(frame["arm.joint_1.position"], TRUTH[:, 0])
-
-
 def test_channels_have_units_with_frames_and_without(folder, tmp_path):
     assert cw.open(folder).channels == {f"arm.joint_{i}.position": "rad" for i in (1, 2, 3)}
     (tmp_path / "raw").mkdir()
@@ -98,28 +90,3 @@ def test_channels_have_units_with_frames_and_without(folder, tmp_path):
     raw = cw.open(tmp_path / "raw")
     assert raw.channels == {"supply.joint_1.position": "rad", "supply.joint_2.position": "rad"}
     assert len(raw.times) == 0
-
-
-def test_results_by_kind(folder):
-    recording = cw.open(folder)
-    assert recording.tasks() == [r for r in RESULTS if isinstance(r, cw.Task)]
-    assert recording.alarms() == [r for r in RESULTS if isinstance(r, cw.Alarm)]
-    assert list(recording.results(cw.Energy)) == [r for r in RESULTS if isinstance(r, cw.Energy)]
-    before = recording.alarms()[0].time / 1e9 - recording.start / 1e9 - 1
-    assert not recording.within(end=before).alarms()
-
-
-def test_a_running_interval_is_left_out(tmp_path):
-    closed = replace(next(r for r in RESULTS if isinstance(r, cw.Interval)), closed=True)
-    write_chunks(tmp_path, [[replace(closed, closed=False), closed]])
-    assert cw.open(tmp_path).intervals() == [closed]
-
-
-def test_a_folder_that_is_being_written(tmp_path):
-    """What is durable is read, and goes on being readable when the writer closes its file."""
-    file = write_chunks(tmp_path, [[frames_of(0, 20)]], close=False)
-    recording = cw.open(tmp_path)
-    assert len(recording.frame()) == 20
-    file.part.rename(file.path)
-    assert len(recording.frame()) == 20
-    assert recording.damage == []

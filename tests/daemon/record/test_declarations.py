@@ -11,7 +11,7 @@ from mcap.records import Channel, Schema
 
 from cellwatt.record import Recording
 from cellwatt.record.chunks import parse_attachment
-from cellwatt.record.decoder import items, track_of, tracks_of
+from cellwatt.record.decoder import track_of, tracks_of
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import Header
 from cellwatt.record.openfile import OpenFile
@@ -42,11 +42,6 @@ def test_a_header_that_is_none(text):
     with pytest.raises(ValueError, match="the header is not one") as error:
         header_of(text.encode())
     assert "\n" not in str(error.value)
-
-
-def test_a_header_comes_back():
-    header = Header("s", "c", SESSION, streams={"arm": (ARM,)}, number=3)
-    assert header_of(header.to_json().encode()) == header
 
 
 @pytest.mark.parametrize(
@@ -82,16 +77,6 @@ def test_a_damaged_declaration_costs_its_channel_alone(tmp_path):
     assert [str(d).split(" is declared")[0] for d in recording.damage] == [f"{name_of()}: /raw/arm/other"]
 
 
-def test_a_record_that_ends_behind_its_chunk():
-    rows = track_of(
-        Channel(1, "/raw/a/b", "protobuf", {"source": "a", "declaration": json.dumps(DECLARED), "first": "0"}, 1)
-    )
-    data = rows.rows.encode(batch_of(0, 1), 1).tobytes()
-    assert len(list(items(data, {1: rows}, {1}))) == 1
-    with pytest.raises(ValueError, match="cut"):
-        list(items(data[:-1], {1: rows}, {1}))
-
-
 def test_a_length_beyond_all_memory_is_damage():
     """An attachment of 2⁶⁴ - 1 bytes, its checksum right."""
     body = struct.pack("<QQII", 0, 0, 0, 0) + b"\xff" * 8
@@ -105,13 +90,3 @@ def test_places_that_no_file_has_are_empty(tmp_path):
     with FileIO(path, "rb") as file:
         assert read_at(file, 1 << 62, 1) == b"bc"
         assert read_at(file, 4, 1 << 63) == b""
-
-
-def test_a_first_number_that_is_none_stops_no_scan(tmp_path):
-    file = OpenFile(tmp_path / name_of(), Header("s", CELL, SESSION, number=1))
-    Encoder(file).add(batch_of(0, 3))
-    number = file.define("/tick", "json", Schema(0, b"", "jsonschema", "x"), {"first": "soon"})
-    file.add_message(number, 0, SESSION, b"{}")
-    file.write_chunk()
-    file.release()
-    assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 3

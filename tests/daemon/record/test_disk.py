@@ -52,10 +52,14 @@ async def record(recorder, numbers):
 
 
 @pytest.mark.parametrize(
-    ("code", "state"),
-    [(errno.ENOSPC, "disk full"), (errno.EDQUOT, "disk full"), (errno.EROFS, "read-only"), (errno.EIO, "disk error")],
+    ("code", "state", "room"),
+    [
+        (errno.ENOSPC, "disk full", 5),
+        (errno.EDQUOT, "disk full", 9500),
+        (errno.EROFS, "read-only", 0),
+        (errno.EIO, "disk error", 13001),
+    ],
 )
-@pytest.mark.parametrize("room", [0, 5, 3000, 9000, 9500, 13001])
 async def test_nothing_is_lost_while_memory_lasts(tmp_path, monkeypatch, code, state, room):
     disk = Disk(room, code)
     monkeypatch.setattr(openfile, "create", disk.open)
@@ -72,29 +76,6 @@ async def test_nothing_is_lost_while_memory_lasts(tmp_path, monkeypatch, code, s
     recording = Recording.open(tmp_path)
     assert recording.batches("arm", "rtde").sequence.tolist() == list(range(200))
     assert not recording.damage
-
-
-async def test_what_finds_no_room_in_memory_is_refused_and_counted(tmp_path, monkeypatch):
-    disk = Disk(0)
-    monkeypatch.setattr(openfile, "create", disk.open)
-    async with started(RecordSettings(folder=tmp_path, queue=20e3)) as recorder:
-        taken = [recorder.put(batch_of(n * 10, 10)) for n in range(40)]
-        assert 0 < taken.count(False) < 40
-        assert recorder.stats()["drops"] == {"/raw/arm/rtde": 10 * taken.count(False)}
-        disk.room = 10**9
-        await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
-        assert recorder.put(batch_of(400, 10))
-    stored = Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist()
-    assert stored == [10 * n + i for n, ok in enumerate([*taken, True]) if ok for i in range(10)]
-
-
-async def test_closing_on_a_full_disk_ends_and_counts(tmp_path, monkeypatch):
-    disk = Disk(0)
-    monkeypatch.setattr(openfile, "create", disk.open)
-    async with started(RecordSettings(folder=tmp_path)) as recorder:
-        assert recorder.put(batch_of(0, 7))
-    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 7}
-    assert not list(tmp_path.iterdir())
 
 
 async def test_the_oldest_recording_goes_to_make_room(tmp_path, monkeypatch):
@@ -199,19 +180,6 @@ async def test_a_really_full_disk_is_survived(small_disk):
     assert recorder.stats()["drops"] == {} and not recording.damage
 
 
-async def test_a_ring_on_a_small_disk_goes_on_for_ever(small_disk):
-    settings = RecordSettings(folder=small_disk, file_size=50e3, keep=10e6)
-    async with started(settings) as recorder:
-        for n in range(60):
-            assert recorder.put(batch_of(n * 250, 250))
-            assert await asyncio.to_thread(recorder.flush, PATIENCE)
-    assert recorder.stats()["drops"] == {} and recorder.stats()["removed"]["files"] > 5
-    for part in small_disk.glob(f"*{PART}"):
-        recover(part)
-    stored = Recording.open(small_disk).batches("arm", "rtde").sequence.tolist()
-    assert stored == list(range(stored[0], 60 * 250))
-
-
 def test_a_repair_waits_for_room(tmp_path, monkeypatch):
     write_chunks(tmp_path, [[batch_of(0, 5)]], close=False)
     part = tmp_path / (name_of() + PART)
@@ -228,7 +196,7 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
     assert recover(part).messages == 5
 
 
-@pytest.mark.parametrize("how", ["removed", "moved", "folder removed", "folder moved"])
+@pytest.mark.parametrize("how", ["moved", "folder removed"])
 async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(tmp_path, how):
     folder = tmp_path / "record"
     settings = RecordSettings(folder=folder, sync=0.02, flush=0.01)
@@ -237,14 +205,10 @@ async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(
         (part,) = folder.glob(f"*{PART}")
         away = tmp_path / "away"
         match how:
-            case "removed":
-                part.unlink()
             case "moved":
                 part.rename(away)
             case "folder removed":
                 shutil.rmtree(folder)
-            case "folder moved":
-                folder.rename(away)
 
         async def noticed():
             await record(recorder, [7])

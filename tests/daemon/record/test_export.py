@@ -97,16 +97,6 @@ def test_nothing_is_overwritten_unless_told(folder, tmp_path):
     assert run(folder, "--out", tmp_path / "out", "--force").exit_code == 0
 
 
-def test_damage_is_told(folder, tmp_path, caplog):
-    path = folder / name_of(1)
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2 :] = b""
-    path.write_bytes(data)
-    done = run(folder, "--out", tmp_path / "out")
-    assert done.exit_code == 0
-    assert "cannot be read" in caplog.text
-
-
 @pytest.mark.parametrize("form", ["parquet", "csv"])
 def test_units_asked_for_are_named_and_read_back_by_the_reader_of_tables(folder, tmp_path, form):
     out = tmp_path / "out"

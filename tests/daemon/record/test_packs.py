@@ -12,9 +12,8 @@ from cellwatt import Alarm
 from cellwatt.record import packs
 from cellwatt.record.header import FileName
 from cellwatt.record.packs import Due, listing, name_of, retain, wants
-from cellwatt.record.retention import listing as recordings
 from cellwatt.record.settings import EvidenceSettings
-from tests.daemon.record.making import CELL, SESSION, batch_of, write_chunks
+from tests.daemon.record.making import CELL, SESSION
 
 S = 10**9
 SETTINGS = EvidenceSettings(before=120.0, after=60.0)
@@ -24,10 +23,6 @@ def alarm(name: str = "faults.arm.joint_fault.2", at: float = 0.0, since: float 
     time, begun = (SESSION + round(t * S) for t in (at, at if since is None else since))
     told = {"kind": "joint_fault", "severity": "error", "active": True, "statement": "Joint 2", **more}
     return Alarm(id=name, since=begun, time=time, **told)
-
-
-def test_a_pack_is_named_by_cell_time_and_alarm():
-    assert name_of(CELL, alarm()) == "weld-3_20261121T095923_290Z_faults.arm.joint_fault.2"
 
 
 @given(st.text(max_size=400))
@@ -60,14 +55,6 @@ def test_a_storm_of_alarms_shares_a_pack_until_it_is_long_enough():
     # A new one every 121 s: the first takes alarms of 0 to 120 s.
     assert made == 5
     assert len(due.alarms) + due.more == 600 - 4 * 121
-
-
-def test_an_alarm_after_the_end_of_a_pack_has_its_own():
-    due = Due.of(CELL, alarm(), SETTINGS)
-    assert due.joined(alarm("b", at=61), SETTINGS) is None
-    joined = due.joined(alarm("b", at=59), SETTINGS)
-    assert joined is not None and [a.id for a in joined.alarms] == ["faults.arm.joint_fault.2", "b"]
-    assert joined.name == due.name and joined.end == SESSION + 119 * S
 
 
 @pytest.mark.parametrize(
@@ -121,12 +108,3 @@ def test_budget_and_age_of_packs_count_what_stands_beside_them(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
         ["notes.mcap", *(paths[4].name.replace(".mcap", end) for end in (".mcap", ".html", ".mcap.sig"))]
     )
-
-
-def test_the_record_does_not_count_packs(tmp_path):
-    write_chunks(tmp_path, [[batch_of(0, 5)]])
-    before = recordings(tmp_path, CELL)
-    folder = tmp_path / packs.FOLDER
-    folder.mkdir()
-    made(folder, 1)
-    assert recordings(tmp_path, CELL) == before

@@ -10,10 +10,10 @@ from cellwatt import Alarm, Channel, Event, RecordingError, Stream, Tick
 from cellwatt.record import Recorder, Recording, RecordSettings
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART
-from cellwatt.record.opening import survey
+from cellwatt.record.survey import survey
 from tests.patience import PATIENCE, eventually
 
-from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry, started, write_chunks
+from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_entry, started, write_chunks
 
 
 @pytest.fixture
@@ -49,22 +49,6 @@ def closing_size(folder):
     return path.stat().st_size - (chunk.offset + chunk.length + chunk.index_length)
 
 
-async def test_a_flush_brings_all_taken_so_far_to_the_file(tmp_path):
-    async with started(RecordSettings(folder=tmp_path, flush=3600.0)) as recorder:
-        assert recorder.put(batch_of(0, 3))
-        assert not list(tmp_path.iterdir())
-        assert await asyncio.to_thread(recorder.flush, PATIENCE)
-        (back,) = Recording.open(tmp_path / (name_of() + PART)).entries()
-        assert same_batch(back, batch_of(0, 3))
-        assert await asyncio.to_thread(recorder.flush, PATIENCE)
-
-
-async def test_samples_reach_the_file_without_being_asked_for(recorder, tmp_path):
-    assert recorder.put(batch_of(0, 3))
-    await eventually(lambda: recorder.stats()["samples"].get("/raw/arm/rtde") == 3)
-    assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 3
-
-
 async def test_frames_are_left_out_on_request_and_empty_blocks_are_nothing(tmp_path):
     async with started(RecordSettings(folder=tmp_path, frames=False)) as recorder:
         assert recorder.put(frames_of(0, 4)) and recorder.put(replace(batch_of(0, 1), time=np.empty(0, np.int64)))
@@ -88,16 +72,6 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
         assert recorder.stats()["queue"]["bytes"] <= 100e3
         blocked.set()
     assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 100 * taken.count(True)
-
-
-async def test_a_stopped_recorder_refuses(tmp_path):
-    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
-    assert not recorder.put(batch_of(0, 1))
-    recorder.start()
-    await recorder.close()
-    assert not recorder.put(batch_of(0, 1))
-    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 2}
-    await recorder.close()
 
 
 async def test_files_rotate_by_size(tmp_path):
@@ -177,13 +151,6 @@ async def test_a_start_repairs_what_the_last_run_left(tmp_path):
     assert "was empty" in str(reports[0]) and "10 messages recovered, lost: " in str(reports[1])
     assert recorder.stats()["recovered"] == [str(r) for r in reports]
     assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == [*range(15), 0]
-
-
-async def test_two_sessions_in_one_folder_follow_each_other(tmp_path):
-    for session in (SESSION + 10**9, SESSION):
-        async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=session)) as recorder:
-            assert recorder.put(replace(batch_of(0, 1), arrival=session))
-    assert [b.arrival for b in Recording.open(tmp_path).entries()] == [SESSION, SESSION + 10**9]
 
 
 async def test_recordings_of_several_cells_are_not_mixed(tmp_path):

@@ -5,15 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.record import RecordSettings
+from cellwatt.record.folder import RecordFile, listing, surplus
 from cellwatt.record.header import FileName
-from cellwatt.record.retention import Kept, listing, remove_oldest, surplus
 from cellwatt.record.upkeep import Upkeep
 
 from .making import CELL, SESSION, name_of
 
 
 def kept(number, size, *, age=0.0, closed=True):
-    return Kept(Path(f"{number}"), size, 1000.0 - age, closed, FileName(SESSION, number, CELL))
+    return RecordFile(Path(f"{number}"), size, 1000.0 - age, closed, FileName(SESSION, number, CELL))
 
 
 def numbers(files):
@@ -26,12 +26,6 @@ def test_the_oldest_go_until_the_budget_holds():
     assert numbers(surplus(files, keep=499, age=0, now=1000, reserve=0)) == [1]
     assert numbers(surplus(files, keep=500, age=0, now=1000, reserve=101)) == [1, 2]
     assert numbers(surplus(files, keep=50, age=0, now=1000, reserve=0)) == [1, 2, 3, 4, 5]
-
-
-def test_the_open_file_stays_and_counts():
-    files = [kept(1, 100), kept(2, 100), kept(3, 300, closed=False)]
-    assert numbers(surplus(files, keep=400, age=0, now=1000, reserve=0)) == [1]
-    assert numbers(surplus(files, keep=0, age=1, now=1e9, reserve=0)) == [1, 2]
 
 
 def test_old_files_go_whatever_the_budget():
@@ -63,15 +57,6 @@ def test_only_this_cells_files_are_listed(tmp_path):
     assert [f.name.number for f in files] == [1, 1, 1, 2, 3]
     assert [f.path.name for f in files if not f.closed] == [name_of(3) + ".part"]
     assert listing(tmp_path / "absent", CELL) == []
-
-
-def test_the_oldest_closed_file_makes_room(tmp_path):
-    for name in (name_of(1) + ".part", name_of(2), name_of(3)):
-        (tmp_path / name).write_bytes(b"xyz")
-    assert remove_oldest(tmp_path, CELL).path.name == name_of(2)
-    assert remove_oldest(tmp_path, CELL).path.name == name_of(3)
-    assert remove_oldest(tmp_path, CELL) is None
-    assert [p.name for p in tmp_path.iterdir()] == [name_of(1) + ".part"]
 
 
 def test_a_new_start_keeps_to_the_budget(tmp_path):

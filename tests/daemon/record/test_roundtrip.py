@@ -25,7 +25,6 @@ from .making import (
     bits,
     frames_of,
     name_of,
-    same_batch,
     same_entry,
     started,
     stream_of,
@@ -85,18 +84,6 @@ def test_everything_comes_back_in_order_in_blocks_and_to_the_bit(chunks, tmp_pat
     assert not recording.damage
 
 
-def special_values():
-    patterns = [0x7FF0000000000001, 0x7FF8DEADBEEF0001, 0xFFF0000000000000, 0x8000000000000000, 1, 0x7FF0000000000000]
-    return np.array([patterns], np.uint64).view(np.float64)
-
-
-def test_signalling_nans_infinities_and_denormals_keep_their_bits(tmp_path):
-    batch = replace(batch_of(0, 1), values=special_values())
-    write_chunks(tmp_path, [[batch]])
-    (back,) = Recording.open(tmp_path).entries()
-    assert bits(back.values) == bits(special_values())
-
-
 def test_sequence_numbers_pass_32_bits(tmp_path):
     first = 2**32 - 3
     sent = [batch_of(first, 2), batch_of(first + 2, 4), batch_of(first + 6, 1)]
@@ -104,27 +91,6 @@ def test_sequence_numbers_pass_32_bits(tmp_path):
     back = list(Recording.open(tmp_path).entries())
     assert [b.sequence for b in back] == [2**32 - 3, 2**32 - 1, 2**32 + 3]
     assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == list(range(first, first + 7))
-
-
-def test_batches_with_and_without_device_time_in_one_stream(tmp_path):
-    sent = [batch_of(0, 2), batch_of(2, 3, device=False), batch_of(5, 1)]
-    write_chunks(tmp_path, [sent])
-    recording = Recording.open(tmp_path)
-    assert all(map(same_batch, recording.entries(), sent))
-    assert recording.batches("arm", "rtde").device_time is None
-
-
-def test_frames_come_back_exactly(tmp_path):
-    sent = [frames_of(0, 5), frames_of(5, 1), frames_of(6, 9)]
-    write_chunks(tmp_path, [sent[:2], sent[2:]])
-    recording = Recording.open(tmp_path)
-    assert recording.layout == sent[0].layout
-    back = list(recording.frames())
-    assert [(f.sequence, len(f)) for f in back] == [(0, 5), (5, 1), (6, 9)]
-    table = recording.frames_table()
-    for name in ("time", "values", "quality", "bound"):
-        assert bits(getattr(table, name)) == b"".join(bits(getattr(f, name)) for f in sent), name
-        assert getattr(back[2], name).dtype == getattr(sent[2], name).dtype
 
 
 RESULTS = [
@@ -160,37 +126,6 @@ def test_results_events_and_health_come_back(tmp_path):
     assert list(recording.events()) == [event]
     assert list(recording.health()) == [health]
     assert list(recording.entries()) == []
-
-
-ANY = st.floats(width=64)
-
-
-@settings(deadline=None, max_examples=50)
-@given(
-    energies=st.lists(
-        st.builds(
-            Energy,
-            repetition=st.integers(0, 2**40),
-            start=st.integers(0, 2**63 - 1),
-            end=st.integers(0, 2**63 - 1),
-            total=ANY,
-            groups=st.dictionaries(st.text(max_size=20), ANY, max_size=8),
-            uncertainty=ANY,
-            positive_mechanical=ANY,
-            motion_efficiency_percent=ANY,
-            total_per_part=st.none() | ANY,
-            group_uncertainty=st.dictionaries(st.text(max_size=20), ANY, max_size=8),
-        ),
-        min_size=1,
-        max_size=5,
-    )
-)
-def test_energies_come_back_to_the_bit(energies, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("rec")
-    write_chunks(folder, [energies])
-    recording = Recording.open(folder)
-    assert [repr(energy) for energy in recording.results()] == [repr(energy) for energy in energies]
-    assert recording.counts == {"/energy": len(energies)}
 
 
 def test_an_energy_recorded_before_groups_had_uncertainties_is_read():
@@ -269,15 +204,6 @@ def test_the_header_and_declarations_come_back(tmp_path):
 async def _record(folder, header, batches):
     async with started(RecordSettings(folder=folder), header) as recorder:
         assert all(recorder.put(b) for b in batches)
-
-
-def test_files_of_a_folder_are_read_in_order_of_number(tmp_path):
-    for number in (2, 10, 1):
-        write_chunks(tmp_path, [[batch_of(number * 100, 5)]], number=number)
-    assert [b.sequence for b in Recording.open(tmp_path).entries()] == [100, 200, 1000]
-    renamed = (tmp_path / name_of(1)).rename(tmp_path / "zzz.mcap")
-    assert Recording.open(tmp_path).paths[0] == renamed
-    assert [b.sequence for b in Recording.open([renamed, tmp_path / name_of(2)]).entries()] == [100, 200]
 
 
 def test_a_file_sorted_and_rechunked_by_other_tools_is_still_read(tmp_path):

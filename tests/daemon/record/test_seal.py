@@ -8,7 +8,6 @@ import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -16,11 +15,11 @@ from click.testing import CliRunner
 from cellwatt import RecordingError
 from cellwatt.commands.export import command as export
 from cellwatt.commands.secure import command as secure
-from cellwatt.record import History, Recorder, Recording, RecordSettings
+from cellwatt.record import Recording, RecordSettings
 from cellwatt.record.seal import verify
 from tests.patience import PATIENCE
 
-from .making import HEADER, batch_of, started, write_chunks
+from .making import batch_of, started, write_chunks
 
 
 async def record(settings: RecordSettings, blocks: int) -> None:
@@ -81,15 +80,6 @@ def unsign(file: Path) -> None:
     file.with_name(file.name + ".sig").unlink()
 
 
-def cut(file: Path) -> None:
-    file.write_bytes(file.read_bytes()[:-100])
-
-
-def reword(file: Path) -> None:
-    seal = file.with_name(file.name + ".sig")
-    seal.write_text(seal.read_text().replace('"closed"', '"repaired"'))
-
-
 def fit(file: Path) -> None:
     """The digest in the seal is made that of a changed file; only the signature is not."""
     flip(file)
@@ -102,32 +92,13 @@ def spoil(file: Path) -> None:
     file.with_name(file.name + ".sig").write_bytes(b'{"signature": "zz"' + bytes(range(256)))
 
 
-def rename_badly(file: Path) -> None:
-    """A text that no encoding has."""
-    seal = file.with_name(file.name + ".sig")
-    seal.write_text(json.dumps(json.loads(seal.read_text()) | {"file": "\ud800"}))
-
-
-def enlarge(file: Path) -> None:
-    file.with_name(file.name + ".sig").write_text('{"file": "a", "bytes": Infinity}')
-
-
-def nest(file: Path) -> None:
-    file.with_name(file.name + ".sig").write_text("[" * 1_000_000)
-
-
 @pytest.mark.parametrize(
     ("attack", "problem"),
     [
-        (rename_badly, "is signed by somebody else, or its signature was changed"),
-        (enlarge, "is not signed"),
-        (nest, "is not signed"),
         (flip, "is not what its cell signed: it was changed"),
-        (cut, "is not what its cell signed: it was changed"),
         (exchange, "was signed under another name: "),
         (unsign, "is not signed"),
         (spoil, "is not signed"),
-        (reword, "is signed by somebody else, or its signature was changed"),
         (fit, "is signed by somebody else, or its signature was changed"),
     ],
 )
@@ -147,13 +118,6 @@ def test_a_file_that_was_taken_away_is_told(folder: Path, keys: Path) -> None:
     assert list(told(folder, keys / "cell.pub")) == [middle.name]
     first.unlink()  # the oldest go when room is made: that is nothing
     assert told(folder, keys / "cell.pub") == {}
-
-
-def test_the_key_of_another_cell(folder: Path, keys: Path) -> None:
-    files = [p.name for p in folder.glob("*.mcap")]
-    found = told(folder, keys / "other.pub")
-    assert set(found) == set(files)
-    assert set(found.values()) == {"is signed by somebody else, or its signature was changed"}
 
 
 def test_the_commands_refuse(folder: Path, keys: Path) -> None:
@@ -181,23 +145,6 @@ async def test_a_repaired_file_is_told_as_such(keys: Path) -> None:
         await recorder.recovered()
     ((_, state, problem),) = verify([folder], keys / "cell.pub")
     assert (state, problem) == ("repaired", "")
-
-
-async def listed(folder: Path) -> list[dict[str, Any]]:
-    recorder = Recorder(RecordSettings(folder=folder), HEADER)
-    recorder.start()
-    try:
-        return await asyncio.to_thread(History(folder, recorder).recordings)
-    finally:
-        await recorder.close()
-
-
-def test_the_file_index_shows_the_seal(folder: Path) -> None:
-    entries = asyncio.run(listed(folder))
-    assert len(entries) >= 3
-    for entry in entries:
-        data = (folder / entry["file"]).read_bytes()
-        assert entry["seal"]["sha256"] == hashlib.sha256(data).hexdigest()
 
 
 def test_a_seal_goes_with_its_file(keys: Path) -> None:

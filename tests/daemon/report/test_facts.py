@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt import report
+from cellwatt import __version__, report
 from cellwatt.report.facts import BrokenPageError, facts_in
-from cellwatt.version import __version__
 from tests.daemon.report.reading import check, read
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cellwatt.batch import Tick
-from cellwatt.blocks import cut
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.record.rows import SampleRows
 from cellwatt.results import Alarm, Event, Prediction
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Ring, RingJournal, Skipped, Status
@@ -47,15 +46,6 @@ def test_every_kind_of_item_comes_through(ring):
     assert (got[0].source, got[0].stream) == (items[0].source, items[0].stream)
     assert got[2].layout == LAYOUT
     assert list(reader.items()) == []
-
-
-def test_messages_are_numbered_by_kind_and_figures_are_not_counted(ring):
-    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
-    assert (reader.sequence, reader.count) == (0, 0)
-    for item in (Tick(1), Status({"a": 1}), Tick(2), alarm(), Tick(3)):
-        writer.put(item)
-    assert [reader.sequence for _ in reader.items()] == [0, 0, 1, 0, 2]
-    assert reader.count == 4
 
 
 def test_samples_are_recorded_as_they_stand_in_the_ring(ring):
@@ -141,25 +131,6 @@ def test_what_a_slow_reader_missed_is_told(ring):
     assert got[0].size == reader.skipped > 0
     numbers = [i.sequence for i in got[1:]]
     assert numbers == list(range(3000 - len(numbers), 3000))
-
-
-def test_what_several_outlets_put_into_a_journal_has_one_number():
-    rings = Ring(1 << 16, 1), Ring(1 << 16, 1)
-    journal = RingJournal(*rings)
-    first, second = alarm("a"), alarm("a")
-    assert [journal.put(item) for item in (first, first, second, second)] == [0, 0, 1, 1]
-    assert [number for number, _ in journal.past()] == [0, 1]
-    for ring in rings:
-        ring.close()
-
-
-def test_the_end_is_told_once_all_was_read(ring):
-    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
-    writer.put(Tick(1))
-    writer.end()
-    assert not reader.over
-    assert list(reader.items()) == [Tick(1)]
-    assert reader.over
 
 
 def test_a_journal_numbers_each_series_and_gives_the_last_of_it_back():

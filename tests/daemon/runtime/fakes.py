@@ -195,7 +195,6 @@ class Judge:
 
     def __init__(self) -> None:
         self.seen: list[int] = []
-        self.threads: set[str] = set()
         self.made = 0
         self.refuse: Exception | None = None
         self.gate = threading.Event()
@@ -224,7 +223,6 @@ class FakeStage(Stage[JudgeSettings]):
             raise self.judge.refuse
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        self.judge.threads.add(threading.current_thread().name)
         self.judge.inside.set()
         self.judge.gate.wait()
         given = self.judge.give(frames, upstream)

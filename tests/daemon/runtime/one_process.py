@@ -7,9 +7,8 @@ import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from cellwatt.cell_clock import CellClock
+from cellwatt.clock.cell import CellClock
 from cellwatt.config import CellConfig
-from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
 from cellwatt.runtime.assemble import Prepared, prepare
@@ -65,8 +64,6 @@ class Cell:
         self._lag = 0.0
         self._stopping = asyncio.Event()
         self._workers: list[Worker] = []
-        self._changing = asyncio.Lock()
-        """Held while parts are started, changed or ended."""
 
     async def run(self, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until ``stop``; then drain and close. ``ready`` is called once everything is started."""
@@ -96,25 +93,20 @@ class Cell:
     async def _serve(self, ready: Callable[[], None]) -> None:
         async with asyncio.TaskGroup() as group:
             self._tasks = Tasks(group)
-            async with self._changing:
-                prepared = await asyncio.to_thread(prepare, self._config)
-                load_libraries(self._config)
-                await self.view.start(self._tasks, prepared.streams, prepared.layout)
-                self._collector.start(self._tasks)
-                self._begin_frames(prepared)
-                heart = group.create_task(self._heart(), name="heart")
-                self._look()
+            prepared = await asyncio.to_thread(prepare, self._config)
+            load_libraries(self._config)
+            await self.view.start(self._tasks, prepared.streams, prepared.layout)
+            self._collector.start(self._tasks)
+            self._begin_frames(prepared)
+            heart = group.create_task(self._heart(), name="heart")
+            self._look()
             ready()
             await self._stopping.wait()
-            async with self._changing:
-                await self._shut_down()
+            await self._collector.close(self._tasks)
+            await self._end_frames()
+            self._look()
+            await self.view.close(self._tasks)
             heart.cancel()
-
-    async def _shut_down(self) -> None:
-        await self._collector.close(self._tasks)
-        await self._end_frames()
-        self._look()
-        await self.view.close(self._tasks)
 
     def _give_frames(self, blocks: Iterable[Frames]) -> None:
         for frames in blocks:
@@ -155,18 +147,8 @@ class Cell:
 
     async def reload(self, config: CellConfig) -> str:
         """Apply what changed and nothing else; gives a line that says what was done."""
-        async with self._changing:
-            if self._stopping.is_set():
-                raise CellwattError("the cell is being stopped; nothing was changed")
-            change = Change.between(self._config, config)
-            prepared = await asyncio.to_thread(prepare, config) if change else None
-            if prepared is None:
-                self._config = config
-            else:
-                await self._apply(change, config, prepared)
-        return str(change)
-
-    async def _apply(self, change: Change, config: CellConfig, prepared: Prepared) -> None:
+        change = Change.between(self._config, config)
+        prepared = await asyncio.to_thread(prepare, config)
         await self._collector.stop(self._tasks, change.sources)
         await self.view.stop(self._tasks, change.outlets)
         if change.frames:
@@ -178,3 +160,4 @@ class Cell:
             self._begin_frames(prepared)
             self.view.redeclare(prepared.streams, prepared.layout)
         self.view.take(Event(self.clock.now(), None, "reloaded", str(change)))
+        return str(change)

@@ -7,17 +7,15 @@ from itertools import pairwise
 
 import pytest
 
-from cellwatt import Alarm, OutletError
+from cellwatt import OutletError
 from cellwatt.runtime.delivery import Delivery
-from cellwatt.runtime.watch import Watch
+from cellwatt.runtime.troubles import Monitor
 from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
     DEVICES,
-    JUDGES,
     RECEIVERS,
     FakeOutlet,
     ReceiverSettings,
-    alarm,
     answer,
     config_of,
     fail,
@@ -26,7 +24,6 @@ from tests.daemon.runtime.fakes import (
     look,
     outlets,
     running,
-    stages,
     until,
 )
 
@@ -38,18 +35,6 @@ async def runs(n):
     await until(lambda: len(RECEIVERS["bus"].runs) >= n)
     times = RECEIVERS["bus"].runs[:n]
     return [b - a for a, b in pairwise(times)]
-
-
-@at_once
-async def test_a_outlet_gets_what_the_cell_gives():
-    DEVICES["arm"].tell(answer, give(10))
-    async with running(config_of()):
-        await until(lambda: len(RECEIVERS["bus"].frames) >= 9)
-    bus = RECEIVERS["bus"]
-    assert bus.values == list(range(10))
-    assert bus.frames == list(range(len(bus.frames)))
-    assert bus.told == ["connected"]
-    assert bus.health[-1]["sinks"]["bus"]["state"] == "ok"
 
 
 @at_once
@@ -85,7 +70,7 @@ async def test_a_outlet_that_takes_long_to_fail_is_one_alarm():
     RECEIVERS["bus"].tell(*[last(10.0), fail(AWAY)] * 10)
     delivery = Delivery("bus", FakeOutlet("bus", ReceiverSettings(), None))
     task = asyncio.create_task(delivery.run())
-    watch, alarms = Watch(), []
+    watch, alarms = Monitor(), []
     for _ in range(130):
         await asyncio.sleep(1.0)
         status = {"sources": {}, "stages": {}, "sinks": {"bus": delivery.status()}, "recorder": None}
@@ -141,14 +126,6 @@ async def test_a_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(ca
     assert caplog.text.count("outlet bus broke") == 1, "told once"
 
 
-async def test_a_result_that_a_outlet_breaks_at_does_not_end_the_stages():
-    RECEIVERS["bus"].refuse = TypeError("cannot\x00encode")
-    JUDGES["judge"].give = lambda frames, _: [alarm(f"heat {frames.sequence}")]
-    DEVICES["arm"].tell(answer, give(20))
-    async with running(config_of(outlets=outlets("bus", "other"), stages=stages("judge"))):
-        await until(lambda: len(RECEIVERS["other"].of(Alarm)) >= 19)
-
-
 @at_once
 async def test_a_outlet_that_breaks_at_health_does_not_keep_it_from_others():
     RECEIVERS["bus"].refuse_health = ValueError("not JSON")
@@ -156,10 +133,3 @@ async def test_a_outlet_that_breaks_at_health_does_not_keep_it_from_others():
         status = await look(cell, 2)
         assert status["sinks"]["bus"]["error"] == "ValueError: not JSON"
         assert RECEIVERS["other"].health
-
-
-@at_once
-async def test_the_host_is_told_that_the_cell_lives_whatever_a_outlet_does():
-    RECEIVERS["bus"].refuse_health = ValueError("not JSON")
-    async with running(config_of()) as cell:
-        assert (await look(cell, 3))["state"] == "amber"

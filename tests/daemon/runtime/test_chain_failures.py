@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import pytest
-
 from cellwatt import CellInfo
 from cellwatt.runtime.chain import Chain
 from tests.daemon.runtime.fakes import (
@@ -78,15 +76,6 @@ def test_it_is_made_anew_and_not_used_on():
     assert JUDGES["judge"].made == 2
 
 
-def test_frames_that_broke_it_do_not_count_as_judged():
-    chain = chain_of(judge=FakeStage)
-    chain.process(frames_of(0, 5))
-    JUDGES["judge"].give = breaks
-    chain.process(frames_of(5, 5))
-    figures = chain.status()["judge"]
-    assert (figures["frames"], figures["results"], figures["failures"]) == (5, 0, 1)
-
-
 def test_one_that_needs_a_broken_one_gets_nothing_of_it():
     seen = []
     chain = chain_of(judge=FakeStage, after=AfterStage)
@@ -107,23 +96,3 @@ def test_alarms_of_a_stage_that_broke_are_taken_back():
     assert (over.id, over.active, over.time) == ("heat", False, 1_000_000_000)
     assert over.statement == "Withdrawn, as stage judge begins anew: Joint 2: heat."
     assert chain.process(frames_of(2, second=2.0)) == []
-
-
-def test_at_the_end_each_is_asked_though_another_breaks(caplog):
-    chain = chain_of(judge=FakeStage, after=AfterStage)
-    JUDGES["judge"].last = breaks
-    JUDGES["after"].last = lambda: [alarm()]
-    assert chain.close() == [alarm(stage="after")]
-    assert chain.status()["judge"]["error"] == "a singular matrix"
-    assert "stage judge broke at the end" in caplog.text
-
-
-@pytest.mark.parametrize(("n", "mean"), [(0, None), (4, float)])
-def test_time_a_frame(n, mean):
-    chain = chain_of(judge=FakeStage)
-    if n:
-        chain.process(frames_of(0, n))
-    figures = chain.status()["judge"]
-    assert figures["mean_us_per_frame"] is None if mean is None else isinstance(figures["mean_us_per_frame"], mean)
-    if n:
-        assert figures["slowest_ms"] * 1000 == pytest.approx(n * figures["mean_us_per_frame"], rel=0.1, abs=n)

@@ -11,7 +11,6 @@ import pytest
 
 from cellwatt import Energy, FrameChannel, Frames, Layout
 from cellwatt.runtime.consumption import FILE, Consumption
-from tests.daemon.runtime.test_teller import Told
 
 STEP = 20_000_000
 NOON = 1_790_000_000_000_000_000 // 86_400_000_000_000 * 86_400_000_000_000 + 43_200_000_000_000
@@ -56,14 +55,6 @@ def test_power_is_the_mean_of_the_last_second_and_what_is_missing_counts_as_none
     assert cell.told() == {"power_W": 15.0, "energy_today_J": 10.0 + 15.0}
 
 
-def test_the_same_frames_count_once() -> None:
-    cell = Consumption()
-    frames = block(layout("board.supply.power"), [[10.0]] * 50)
-    cell.add(frames)
-    cell.add(frames)
-    assert cell.told()["energy_today_J"] == 10.0
-
-
 def test_at_midnight_it_begins_anew() -> None:
     cell = Consumption()
     midnight = NOON + 43_200_000_000_000
@@ -102,11 +93,3 @@ def test_without_a_measured_channel_the_energies_of_tasks_of_today_count() -> No
     assert (measured.told()["energy_today_J"], measured.task) == (10.0, "task_1")
     cell.add(block(layout("arm.joint_1.power"), [[80.0]], NOON + 13 * 3600 * 10**9))
     assert cell.told()["energy_today_J"] == 0.0, "midnight has passed"
-
-
-def test_health_has_it() -> None:
-    teller = Told()
-    teller.tell(block(layout("board.supply.power"), [[10.0]] * 50))
-    teller.looked_at()
-    assert teller.status()["power_W"] == 10.0
-    assert teller.status()["energy_today_J"] == 10.0

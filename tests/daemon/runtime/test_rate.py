@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt.runtime.rate import KEPT, RateMeter
+from cellwatt.runtime.source import KEPT, RateMeter
 
 
 def test_rate_and_jitter_of_a_known_stream() -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import random
 from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
 
-from cellwatt import Batch, ConnectError, DeviceError, Event, ProtocolError, Quality, Reading, WrongDeviceError
+from cellwatt import Batch, ConnectError, Event, ProtocolError, Quality, Reading, WrongDeviceError
 from cellwatt.runtime.source import Source, next_pause
 from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
@@ -21,7 +20,6 @@ from tests.daemon.runtime.fakes import (
     drop,
     fail,
     give,
-    hang,
     last,
     miss,
     until,
@@ -133,25 +131,6 @@ async def test_nobody_answers(no_jitter):
         assert cellar.events[0].text == f"arm: {NOBODY}; trying again in 0.5 s"
 
 
-@at_once
-async def test_another_reason_is_told():
-    busy = DeviceError("the controller has no free connection")
-    async with running(fail(NOBODY), fail(busy), fail(busy), fail(NOBODY)) as cellar:
-        await tries(5)
-        assert [e.text.split(";")[0] for e in cellar.events] == [f"arm: {e}" for e in (NOBODY, busy, NOBODY)]
-
-
-@pytest.mark.parametrize(("jitter", "factor"), [(0.0, 0.8), (1.0, 1.2)])
-@at_once
-async def test_pauses_spread_by_a_fifth(monkeypatch, jitter, factor):
-    monkeypatch.setattr(random, "random", lambda: jitter)
-    async with running(*[fail(NOBODY)] * 12):
-        pauses = await tries(12)
-        assert pauses[0] == pytest.approx(0.5 * factor)
-        assert pauses[1] == pytest.approx(2 * pauses[0] * factor)
-        assert pauses[-1] == pytest.approx(10 * factor)
-
-
 @pytest.mark.parametrize("error", [NOBODY, WrongDeviceError("another arm"), KeyError("mistake")])
 def test_no_pause_is_longer_than_a_fifth_above_the_longest(error):
     pause = 0.25
@@ -196,23 +175,6 @@ async def test_a_failure_in_mid_stream_breaks_no_numbers():
 
 
 @at_once
-async def test_a_source_that_hangs_is_starting_for_ever_and_can_be_ended():
-    async with running(hang) as cellar:
-        await until(lambda: DEVICES["arm"].open)
-        await asyncio.sleep(3600.0)
-        status = cellar.source.status()
-        assert (status["state"], status["since_s"]) == ("starting", pytest.approx(3600, abs=1))
-        assert len(DEVICES["arm"].runs) == 1
-
-
-@at_once
-async def test_a_source_can_be_ended_while_it_pauses():
-    async with running(fail(NOBODY)) as cellar:
-        await until(lambda: cellar.source.status()["state"] == "retrying")
-    assert len(DEVICES["arm"].runs) == 1
-
-
-@at_once
 async def test_a_driver_with_a_mistake_is_run_again(caplog):
     async with running(answer, fail(KeyError("joint_7")), answer) as cellar:
         await DEVICES["arm"].done()
@@ -220,13 +182,6 @@ async def test_a_driver_with_a_mistake_is_run_again(caplog):
         assert cellar.source.status()["counters"]["driver bugs"] == 1
     assert "arm: the FakeDriver driver broke" in caplog.text
     assert "Traceback" in caplog.text
-
-
-@at_once
-async def test_an_error_without_words_is_named():
-    async with running(fail(ValueError())) as cellar:
-        await tries(2)
-        assert cellar.events[0].text.startswith("arm: ValueError; trying again")
 
 
 @at_once
@@ -257,16 +212,6 @@ async def test_what_was_expected_is_received_missed_or_dropped():
 
 
 @at_once
-async def test_what_is_not_accounted_for_is_seen():
-    async def forgets(driver):
-        driver.inlet.account.expect(2)
-
-    async with running(answer, give(1), forgets) as cellar:
-        await DEVICES["arm"].done()
-        assert cellar.source.status()["residue"] == 2
-
-
-@at_once
 async def test_numbers_go_on_where_a_source_of_the_name_was_replaced():
     async with running(answer, give(1), sequence={"supply": 70, "gone": 3}) as cellar:
         await DEVICES["arm"].done()
@@ -282,18 +227,3 @@ def test_samples_without_a_number_are_marked_missing():
     clipped = np.full(3, Quality.CLIPPED, np.uint8)
     cellar.source.emit(Reading(STREAM, values, 2 * 10**9, quality=clipped))
     assert cellar.batches[1].quality.tolist() == [Quality.CLIPPED] * 3, "what the driver says of them stays"
-
-
-def test_an_empty_reading_is_nothing():
-    cellar = Cellar()
-    cellar.source.emit(Reading(STREAM, np.empty((0, 2)), 10**9))
-    assert cellar.batches == []
-    assert cellar.source.status()["received"] == 0
-
-
-def test_events_of_a_driver_are_counted_by_kind():
-    cellar = Cellar()
-    for _ in range(2):
-        cellar.source.event("retry", "arm: asked again", register=7.0)
-    assert [(e.source, e.kind, e.data) for e in cellar.events] == [("arm", "retry", {"register": 7.0})] * 2
-    assert cellar.source.status()["counters"] == {"event retry": 2}

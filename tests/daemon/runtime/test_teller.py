@@ -91,22 +91,6 @@ def test_an_alarm_that_comes_and_goes_is_published_a_few_times_and_recorded_each
     assert (teller.offered[-1].active, teller.offered[-1].evidence["flaps"]) == (False, 15)
 
 
-def test_an_alarm_on_the_shelf_is_recorded_and_not_published_before_its_time() -> None:
-    teller = Told()
-    teller.take(alarm("a"))
-    teller.alarms.shelve("a", 100, "Ines", "known", 5)
-    teller.take(replace(alarm("a"), time=50))
-    assert (len(teller.recorded), len(teller.offered)) == (2, 1)
-    teller.time = 100
-    teller.looked_at()
-    assert changes(teller.offered) == [("a", True)], "nothing has changed but the time"
-    teller.alarms.shelve("a", 300, "Ines", "known", 200)
-    teller.take(replace(alarm("a", active=False), time=250))
-    teller.time = 300
-    teller.looked_at()
-    assert changes(teller.offered) == [("a", True), ("a", False)]
-
-
 @pytest.mark.parametrize("active", [True, False])
 def test_only_news_is_logged(caplog: pytest.LogCaptureFixture, active: bool) -> None:
     teller = Told(replace(CONFIG, outlets=outlets()))
@@ -129,11 +113,3 @@ def test_an_alarm_is_in_the_journal_though_no_outlet_puts_it_there() -> None:
     journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
     Teller(CONFIG, 1, lambda: 0, journal).take(alarm("a"))
     assert Told(journal=journal).looked_at() == ["a"]
-
-
-def test_what_does_not_fit_the_journal_is_recorded_and_told_all_the_same(caplog: pytest.LogCaptureFixture) -> None:
-    teller = Told(journal=RingJournal(Ring(1 << 12, 1), Ring(1 << 12, 1)))
-    large = Event(1, None, "said", "x" * 5000)
-    teller.take(large)
-    assert (teller.recorded, teller.numbers, teller.offered) == ([large], [None], [large])
-    assert "event cannot be told again" in caplog.text

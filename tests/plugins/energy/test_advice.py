@@ -7,17 +7,8 @@ import pytest
 from energy.live import RATE
 from energy.plant import production
 
-from cellwatt_plugins.energy.advice import (
-    Cycle,
-    advise,
-    brake_advice,
-    least_gravity,
-    motion_energy,
-    speed_advice,
-    way_energy,
-    way_seconds,
-)
-from cellwatt_plugins.energy.task_energy import Stretch, resting_power, stored_energy
+from cellwatt_plugins.energy.advice import Cycle, advise, motion_energy, speed_advice
+from cellwatt_plugins.energy.task_energy import Stretch, stored_energy
 
 
 def produced(measured, speed, repetitions=1, pause=2.0):
@@ -63,20 +54,6 @@ def test_faster_where_the_next_cycle_follows_at_once(measured, arm_and_known):
     assert advice.saving > 0.9 * (slow.power.sum() - faster.power.sum()) / RATE > 0
 
 
-def test_no_joint_is_advised_beyond_its_own_velocity(measured, arm_and_known):
-    arm, known = arm_and_known
-    slow = moving(produced(measured, 150.0))
-    tops = np.abs(slow.velocity).max(axis=0)
-    least = int(np.argmin(tops))
-    joints = [
-        joint.model_copy(update={"velocity_limit": float(top) if i == least else 100.0})
-        for i, (joint, top) in enumerate(zip(arm.description.joints, tops, strict=True))
-    ]
-    limited = replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
-    advice = speed_advice(limited, known, Cycle(slow, 0.0))
-    assert advice.setting["motion_s"] >= len(slow.power) / RATE
-
-
 def test_brakes_save_their_power_and_the_holding(measured, arm_and_known):
     fast = moving(produced(measured, 400.0))
     found = {advice.kind: advice for advice in advise(*arm_and_known, Cycle(fast, 60.0), brake_time=2.0)}
@@ -99,41 +76,7 @@ def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, arm_and_k
     fixed = measured[2]["fixed"]
     electronics = np.full_like(rest.power, fixed["controller"] + fixed["robot_electronics"])
     braked = replace(rest, torque=0 * rest.torque, power=electronics)
-    assert not {"brakes", "pose"} & {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, braked), brake_time=2.0)}
-
-
-def test_what_is_held_is_taken_from_the_rest_not_from_the_end_of_the_motion(measured, arm_and_known):
-    fast, rest = moving(produced(measured, 400.0)), resting(measured)
-    braking = replace(fast, torque=np.vstack([fast.torque[:-1], 3 * fast.torque[-1:]]))
-    true, wrong = (brake_advice(*arm_and_known, Cycle(fast, 60.0, r), 2.0).saving for r in (rest, None))
-    assert brake_advice(*arm_and_known, Cycle(braking, 60.0, rest), 2.0).saving == pytest.approx(true)
-    assert brake_advice(*arm_and_known, Cycle(braking, 60.0), 2.0).saving > wrong
-
-
-def test_a_way_to_where_the_arm_is_takes_what_holding_takes(arm_and_known):
-    arm, drive = arm_and_known[0], arm_and_known[1].drive
-    pose = np.full(arm.joints, 0.4)
-    hold = resting_power(*arm_and_known, arm.gravity(pose[None])[0] / drive.torque)
-    assert way_energy(*arm_and_known, pose, pose, 2.0) == pytest.approx(2.0 * hold, rel=1e-6)
-
-
-def test_a_way_there_and_back_loses_friction_and_what_the_motors_lose(arm_and_known):
-    """What is lifted comes down again: friction's work is the least that both ways take."""
-    arm, found = arm_and_known
-    low, high = np.zeros(arm.joints), np.full(arm.joints, 0.5)
-    both = way_energy(arm, found, low, high, 2.0) + way_energy(arm, found, high, low, 2.0)
-    friction = 2 * 0.5 * sum(found.coulomb)
-    assert both > friction > 0
-    assert way_seconds(low, high, 1.0) == pytest.approx(1.875 * 0.5)
-    assert way_seconds(low, high, 100.0) == 0.5
-
-
-def test_the_pose_of_least_gravity_asks_for_less_than_any_other(arm_and_known):
-    arm, _ = arm_and_known
-    pose = least_gravity(arm, np.zeros(arm.joints))
-    least = np.linalg.norm(arm.gravity(pose[None, :]))
-    others = np.random.default_rng(5).uniform(-np.pi, np.pi, (300, arm.joints))
-    assert least <= np.linalg.norm(arm.gravity(others), axis=1).min()
+    assert "brakes" not in {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, braked), brake_time=2.0)}
 
 
 def test_an_open_path_stores_what_it_lifts(measured, arm_and_known):
@@ -145,3 +88,17 @@ def test_an_open_path_stores_what_it_lifts(measured, arm_and_known):
     work = np.trapezoid((torque * part.velocity).sum(axis=1), dx=1 / RATE)
     assert stored_energy(arm, part) == pytest.approx(work, abs=0.5)
     assert abs(stored_energy(arm, whole)) < 0.01
+
+
+def test_no_joint_is_advised_beyond_its_own_velocity(measured, arm_and_known):
+    arm, known = arm_and_known
+    slow = moving(produced(measured, 150.0))
+    tops = np.abs(slow.velocity).max(axis=0)
+    least = int(np.argmin(tops))
+    joints = [
+        joint.model_copy(update={"velocity_limit": float(top) if i == least else 100.0})
+        for i, (joint, top) in enumerate(zip(arm.description.joints, tops, strict=True))
+    ]
+    limited = replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
+    advice = speed_advice(limited, known, Cycle(slow, 0.0))
+    assert advice.setting["motion_s"] >= len(slow.power) / RATE

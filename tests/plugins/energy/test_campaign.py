@@ -17,12 +17,6 @@ def test_fixed_powers(measured, outcome):
         assert getattr(fixed, name) == pytest.approx(value, abs=0.2)
 
 
-def test_clocks(measured, outcome):
-    true = {run["run"]: run["offset"] for run in measured[2]["runs"]}
-    for run in outcome.findings.runs:
-        assert run.analyzer_offset_s == pytest.approx(true[run.run], abs=0.01)
-
-
 def test_torque_gains_of_the_joints_that_work(measured, outcome):
     true = make_arm(measured[0]).gains
     found = [joint.torque_gain for joint in outcome.findings.drives]
@@ -85,17 +79,3 @@ def test_an_arm_without_brakes_that_cannot_be_unplugged(variant):
     assert all(run.brakes == 0 for run in findings.runs)
     assert any("cannot be unplugged" in note for note in findings.fixed.notes)
     assert worst_error(key, findings) < 1.0
-
-
-def test_payload_efficiency(measured, outcome):
-    total = {run["run"]: run["total"] for run in measured[2]["runs"]}
-    for speed, found in outcome.findings.payload_efficiency_percent.items():
-        loaded, empty = total[f"{speed}_5kg"], total[f"{speed}_0kg"]
-        assert found == pytest.approx(100 * (loaded - empty) / loaded, abs=0.5)
-
-
-def test_path_speed_by_the_encoders(measured, outcome):
-    """The same path: speeds are as the inverse of the times."""
-    runs = [run for run in outcome.findings.runs if run.payload_kg == 0]
-    lengths = [run.path_speed_mm_s * run.seconds for run in runs]
-    assert np.ptp(lengths) < 0.01 * np.mean(lengths)

@@ -1,19 +1,11 @@
-import csv
 import json
 import shutil
-import subprocess
-import sys
 
-import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.commands import EXIT_ERROR
-from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.command import disaggregate
-from cellwatt_plugins.energy.recordings import read_runs
 from tests.plugins.energy.running import STATES
 
 
@@ -44,33 +36,6 @@ def test_energy_json_keeps_the_contract(written, measured):
     assert set(found["payload_efficiency_percent"]) == {"150", "400", "1400"}
 
 
-def test_table_has_a_line_a_run(written, measured):
-    with (written[0] / "energy.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 6
-    true = {run["run"]: run for run in measured[2]["runs"]}
-    for row in rows:
-        assert float(row["total"]) == pytest.approx(true[row["run"]]["total"], rel=0.01)
-        assert float(row["total_uncertainty"]) > 0
-
-
-def test_what_a_person_reads(written):
-    assert "robot electronics" in written[1]
-    assert "torque as given is the true torque times" in written[1]
-
-
-def test_csv_files_do_as_well(measured, tmp_path):
-    for path in (measured[1] / "runs").glob("1400_*.parquet"):
-        pyarrow.csv.write_csv(pyarrow.parquet.read_table(path), tmp_path / f"{path.stem}.csv")
-    again, before = read_runs(tmp_path, 6), {run.name: run for run in read_runs(measured[1] / "runs", 6)}
-    assert [run.name for run in again] == ["1400_0kg", "1400_5kg"]
-    for one in again:
-        other = before[one.name]
-        for name in ("time", "position", "velocity", "torque"):
-            assert np.allclose(getattr(one.motion, name), getattr(other.motion, name), rtol=1e-6, atol=0)
-        assert np.array_equal(one.reading.power, other.reading.power)
-
-
 def fails(folder, tmp_path, error):
     with pytest.raises(error) as caught:
         CliRunner().invoke(disaggregate, words(folder, tmp_path / "out"), catch_exceptions=False)
@@ -89,17 +54,6 @@ def test_a_missing_analyzer_file_is_named(copy, tmp_path):
     assert "150_0kg.analyzer.parquet is not beside it" in fails(copy, tmp_path, RecordingError)
 
 
-def test_a_run_with_another_name_says_how_to_call_it(copy, tmp_path):
-    (copy / "runs" / "150_0kg.robot.parquet").rename(copy / "runs" / "slow.robot.parquet")
-    assert "call it SPEED_PAYLOADkg" in fails(copy, tmp_path, RecordingError)
-
-
-def test_a_missing_column_is_named(copy, tmp_path):
-    path = copy / "runs" / "150_0kg.robot.parquet"
-    pyarrow.parquet.write_table(pyarrow.parquet.read_table(path).drop_columns(["tau_2"]), path)
-    assert "no column tau_2" in fails(copy, tmp_path, RecordingError)
-
-
 def test_a_controller_that_was_not_measured(copy, tmp_path):
     (copy / "controller.parquet").unlink()
     assert "controller_separate: false" in fails(copy, tmp_path, RecordingError)
@@ -114,29 +68,3 @@ def test_a_controller_that_was_not_measured(copy, tmp_path):
     assert found["fixed"]["robot_electronics"] == 0
     assert found == json.loads((tmp_path / "out" / "energy.json").read_text())
     assert not (tmp_path / "out" / "report.html").exists()
-
-
-def test_a_joint_without_resistance_is_refused(copy, tmp_path):
-    lines = (copy / "robot.yaml").read_text().splitlines()
-    at = next(i for i, line in enumerate(lines) if "winding_resistance" in line)
-    (copy / "robot.yaml").write_text("\n".join(lines[:at] + lines[at + 1 :]))
-    assert "joint_1 has no winding_resistance" in fails(copy, tmp_path, ConfigError)
-
-
-def test_an_empty_folder_is_told(copy, tmp_path):
-    for path in (copy / "runs").iterdir():
-        path.unlink()
-    assert "no runs there" in fails(copy, tmp_path, RecordingError)
-
-
-def test_without_its_packages_it_names_the_extra(measured, tmp_path):
-    code = """
-import sys
-sys.modules["scipy"] = None
-from cellwatt.commands import main
-main()
-"""
-    given = [sys.executable, "-c", code, "disaggregate", *words(measured[1], tmp_path / "out")]
-    done = subprocess.run(given, capture_output=True, text=True, check=False)
-    assert done.returncode == EXIT_ERROR
-    assert done.stderr == "cellwatt: disaggregate needs scipy: install it with pip install 'cellwatt[energy]'\n"

@@ -1,24 +1,12 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power, features, supply_power
+from cellwatt_plugins.energy.drive import Drive, chopper_power, features, supply_power
 from cellwatt_plugins.robot import Arm
 
 
 def drive(returned):
     return Drive(90.0, np.array([0.9]), np.array([1.1]), np.array([0.4]), np.array([0.2]), np.array([0.5]), returned)
-
-
-def test_the_bus_adds_up_what_the_motors_take():
-    feature = np.array([[100.0, 20.0, 5.0, 2.0, 1.4]])
-    assert bus_power(drive(0.5), feature) == pytest.approx([90 + 22 + 2 + 0.4 + 0.7])
-
-
-@pytest.mark.parametrize(("returned", "seen", "burnt"), [(0.0, 90.0, 30.0), (0.6, 72.0, 12.0), (1.0, 60.0, 0.0)])
-def test_braking_power_is_used_or_burnt(returned, seen, burnt):
-    bus = np.array([-30.0])
-    assert supply_power(drive(returned), bus) == pytest.approx([seen])
-    assert chopper_power(drive(returned), bus) == pytest.approx([burnt])
 
 
 def test_energy_is_kept():

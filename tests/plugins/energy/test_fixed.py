@@ -27,9 +27,3 @@ def test_a_reading_that_drifts_is_told():
     still = steady_power(reading(np.random.default_rng(2).normal(60, 0.1, 600)))
     (note,) = AtRest(still, drifting, still).notes()
     assert note.startswith("connected: not steady, drifted by +1.0")
-
-
-def test_a_wandering_reading_is_less_certain_than_its_noise():
-    wave = 0.5 * np.sin(np.arange(600) / 80)
-    wandering = steady_power(reading(80 + wave + np.random.default_rng(3).normal(0, 0.05, 600)))
-    assert wandering.uncertainty > 5 * 0.05 / np.sqrt(600)

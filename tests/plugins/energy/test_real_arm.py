@@ -5,10 +5,10 @@ import pytest
 
 from cellwatt_plugins.energy.clock import Offset
 from cellwatt_plugins.energy.drive import motion_features
-from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify, residual
+from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.task_energy import Stretch, task_energy
-from tests.science.test_energy_split import DATA, recorded_ur3e
+from tests.science.test_energy_split import DATA, ONE, recorded_ur3e
 
 pytestmark = pytest.mark.skipif(
     not (DATA / "ur3e_power").is_dir(), reason="the recordings of the UR3e are not beside the checkout"
@@ -20,7 +20,7 @@ BELIEF = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
 def arm_and_moves(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         arm, runs = recorded_ur3e(tmp_path_factory.mktemp("ur3e"), patch)
-    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), 1) for run in runs]
+    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), ONE) for run in runs]
 
 
 def fit(arm, moves):
@@ -29,11 +29,7 @@ def fit(arm, moves):
 
 def known_from(identified):
     """What a campaign of these moves would tell the live side; power at rest was not recorded."""
-    missed = []
-    for one in identified.observed:
-        used, left = residual(one, identified.drive)
-        missed.append(left.sum() / one.run.reading.power[used].sum())
-    still = (0.0,) * 6
+    missed = [one.residual(identified.drive).sum() / one.power.sum() for one in identified.observed]
     fixed_twice = [0, *range(len(identified.covariance))]  # no brakes: electronics and fixed power are one
     return Known(
         robot="ur3e",
@@ -42,8 +38,7 @@ def known_from(identified):
         brakes=0.0,
         brakes_uncertainty=0.0,
         model_error=float(np.sqrt(np.mean(np.square(missed)))),
-        viscous=still,
-        coulomb=still,
+        viscous=(0.0,) * 6,
         late=0.0,
         covariance=identified.covariance[np.ix_(fixed_twice, fixed_twice)],
     )

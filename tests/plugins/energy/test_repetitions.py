@@ -7,7 +7,6 @@ from energy.plant import _timing
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import find_repetitions
-from cellwatt_plugins.energy.rests import signal_noise
 
 NOISE = 2e-5
 RATE = 100.0
@@ -54,23 +53,9 @@ def test_an_interrupted_repetition_is_left_out_and_named():
     assert "took 7.8" in notes[0]
 
 
-def test_what_is_cut_at_the_end_is_left_out():
-    recorded, _ = motion("quintic", [1, 1, 1], 2.0)
-    keep = recorded.time < recorded.time[-1] - 3.0
-    cut = Motion("run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep])
-    found, notes = find_repetitions(cut)
-    assert len(found) == 2
-    assert "begins or ends in motion" in notes[0]
-
-
 def test_no_repetition_says_what_to_do():
     recorded, _ = motion("quintic", [1], 2.0)
     keep = recorded.time < 4.0
     cut = Motion("run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep])
     with pytest.raises(RecordingError, match="record from rest to rest"):
         find_repetitions(cut)
-
-
-def test_encoder_noise_is_found_beside_motion():
-    recorded, _ = motion("quintic", [1, 1], 3.0)
-    assert signal_noise(recorded.position) == pytest.approx(NOISE, rel=0.1)

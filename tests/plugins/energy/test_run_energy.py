@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.energy.drive import bus_power
-from cellwatt_plugins.energy.run_energy import Learnt, Whole, run_energy
+from cellwatt_plugins.energy.run_energy import Learnt, run_energy
 from cellwatt_plugins.robot import Arm
 
 
@@ -18,8 +18,7 @@ def told(measured, outcome):
 
     def energy(identified, count=20):
         draws = identified.drawn(np.random.default_rng(1), count)
-        run = Whole(identified.observed[fastest], outcome.repetitions[fastest])
-        return run_energy(run, Learnt(arm, outcome.findings.fixed, identified.drive, draws))
+        return run_energy(identified.observed[fastest], Learnt(arm, outcome.findings.fixed, identified.drive, draws))
 
     return energy, fastest
 

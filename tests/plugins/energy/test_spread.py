@@ -10,7 +10,7 @@ from energy.plant import production
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.energy.drive import features
-from cellwatt_plugins.energy.electronics import at_campaign, followed
+from cellwatt_plugins.energy.electronics import at_campaign
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.spread import GROUPS, group_slopes
 from cellwatt_plugins.energy.task_energy import Stretch, task_energy
@@ -71,59 +71,6 @@ def test_errors_of_all_groups_together_are_those_of_the_measured_total(arm_and_k
     assert energy.uncertainty**2 == pytest.approx(
         explained + np.linalg.norm([2.0, 0.003 * energy.total]) ** 2, rel=0.02
     )
-
-
-def test_a_meter_that_is_off_moves_all_groups_alike_and_hides_nothing(arm_and_known, stretch):
-    arm, known = arm_and_known
-    without, within = (task_energy(arm, known, stretch, meter=meter) for meter in (0.0, 0.01))
-    for name, value in without.groups().items():
-        more = within.group_uncertainty()[name] ** 2 - without.group_uncertainty()[name] ** 2
-        assert more == pytest.approx((0.01 * value) ** 2, abs=1e-6)
-
-
-def test_noise_of_the_samples_averages_out(arm_and_known, stretch):
-    """Torque that is noisier, against the scatter of the groups over many such tasks."""
-    arm, known = arm_and_known
-    sure = replace(known, covariance=0 * known.covariance, model_error=0.0)
-    rng = np.random.default_rng(2)
-    groups, said = [], []
-    for _ in range(200):
-        noise = 6.0 * rng.standard_normal(stretch.torque.shape)
-        energy = task_energy(arm, sure, replace(stretch, torque=stretch.torque + noise))
-        groups.append(energy.groups()["mechanical_losses"])
-        said.append(energy.group_uncertainty()["mechanical_losses"])
-    assert np.mean(said) == pytest.approx(np.std(groups), rel=0.15)
-
-
-def test_what_an_open_path_lifted_is_unsure_by_the_payload(arm_and_known, stretch):
-    arm, known = arm_and_known
-    half = slice(len(stretch.power) // 3)
-    part = replace(stretch, **{n: getattr(stretch, n)[half] for n in ("position", "velocity", "torque", "power")})
-    energy, closed = (task_energy(arm, known, one) for one in (part, stretch))
-    assert closed.group_uncertainty()["stored"] < 0.01 < energy.group_uncertainty()["stored"]
-    stored, mechanical = (GROUPS.index(name) for name in ("stored", "mechanical_losses"))
-    assert energy.covariance[stored, mechanical] == pytest.approx(-energy.covariance[stored, stored])
-
-
-def test_after_many_rests_electronics_are_as_sure_as_the_brakes(arm_and_known, stretch):
-    """A rest shows both together, and what holds the arm."""
-    arm, known = arm_and_known
-    level = at_campaign(known)
-    for _ in range(60):
-        level = followed(level, arm, known, np.zeros(6), known.drive.fixed + 3.0)
-    assert level.drift == pytest.approx(3.0, abs=1e-4)
-    energy = task_energy(arm, known, stretch, level)
-    said = energy.group_uncertainty()
-    assert said["electronics"] == pytest.approx(said["brakes"], rel=0.01)
-    assert energy.covariance[0, 1] == pytest.approx(-(said["brakes"] ** 2), rel=0.01)
-
-
-def test_a_jump_of_the_electronics_is_within_what_is_said_of_them(arm_and_known):
-    arm, known = arm_and_known
-    level = at_campaign(known)
-    for _ in range(30):
-        level = followed(level, arm, known, np.zeros(6), known.drive.fixed + 4.0)
-        assert abs(level.drift - 4.0) < 2 * level.scatter
 
 
 def test_an_energy_json_from_before_is_refused_with_what_to_do(measured, outcome, tmp_path):

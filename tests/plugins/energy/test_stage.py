@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,10 +14,8 @@ from energy.plant import production
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Layout
 from cellwatt.record import Recording
-from cellwatt.registry import stage as find_stage
 from cellwatt.results import Alarm, Energy, Task
 from cellwatt.stage import CellInfo
-from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
 from cellwatt_plugins.robot import Arm
 from tests.daemon.record.making import write_chunks
@@ -61,11 +57,6 @@ def of(results, kind):
     return [result for result in results if isinstance(result, kind)]
 
 
-def test_it_is_found_by_name():
-    assert find_stage("energy") is EnergyStage
-    assert EnergyStage.needs == ("segment",)
-
-
 def test_every_task_is_split(results, produced):
     tasks, told = of(results, Task), of(results, Energy)
     assert len(told) == len(tasks) >= 5
@@ -83,13 +74,6 @@ def test_every_task_is_split(results, produced):
         positive = produced[2]["positive"][part].sum() / RATE
         assert energy.positive_mechanical == pytest.approx(positive, abs=0.01 * total)
         assert energy.motion_efficiency_percent == pytest.approx(100 * positive / total, abs=1.0)
-
-
-def test_groups_add_up_to_what_was_measured(results):
-    for energy in of(results, Energy):
-        assert sum(energy.groups.values()) == pytest.approx(energy.total, rel=1e-9)
-        assert abs(energy.groups["unexplained"]) < 3 * energy.uncertainty
-    assert not [alarm for alarm in of(results, Alarm) if alarm.kind == "energy_balance"]
 
 
 def test_a_replay_gives_the_same_to_the_bit_however_frames_are_cut(results, folder, produced, tmp_path, monkeypatch):
@@ -184,20 +168,6 @@ def test_power_that_comes_late_is_laid_over_the_motion_that_drew_it(results, lat
         assert [repr(energy) for energy in again] == [repr(energy) for energy in told]
 
 
-def test_offsets_that_differ_from_run_to_run_are_of_the_files_not_of_the_meter(folder, late_meter):
-    arm = Arm.load(folder)
-    assert load_known(late_meter / "out" / "energy.json", arm).late == pytest.approx(0.1)
-    assert load_known(folder / "out" / "energy.json", arm).late == 0.0
-
-
-def test_a_meter_that_is_off_says_nothing(folder, produced):
-    seen, power, _ = produced
-    results = run_stages(frames_of(seen, np.zeros_like(power)), folder)
-    assert of(results, Task)
-    assert not of(results, Energy)
-    assert not of(results, Alarm)
-
-
 def made(folder, layout, robot=None, **settings):
     given = {"robot": Path("robot.yaml"), "balance": Path("out/energy.json")} | settings
     return EnergyStage("energy", EnergySettings(**given), layout, CellInfo("a", "b", robot, folder))
@@ -217,22 +187,3 @@ def test_what_does_not_fit_is_refused(folder, produced, tmp_path):
     fewer = tuple(c for c in layout.channels if "joint_6" not in c.name)
     with pytest.raises(ConfigError, match="5 channels"):
         made(folder, Layout(fewer, RATE))
-
-
-def test_without_its_packages_it_names_the_extra(folder):
-    code = f"""
-import sys
-sys.modules["pinocchio"] = None
-from cellwatt.errors import ConfigError
-from cellwatt.frames import Layout
-from cellwatt.stage import CellInfo
-from pathlib import Path
-from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
-settings = EnergySettings(robot="robot.yaml", balance="out/energy.json")
-try:
-    EnergyStage("live", settings, Layout((), 50.0), CellInfo("s", "c", None, Path({str(folder)!r})))
-except ConfigError as error:
-    print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "stage 'live' needs the package pinocchio: pip install 'cellwatt[energy]'\n"

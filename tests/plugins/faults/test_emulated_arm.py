@@ -40,22 +40,3 @@ def test_a_spring_on_the_elbow_is_named_while_the_elbow_first_moves(reference, a
     assert {a.joint for a in alarms} == {ELBOW}
     assert "Joint 3 draws" in first.statement
     assert abs(first.evidence["power_residual_W"]) > first.evidence["power_limit_W"]
-
-
-def test_blocks_of_any_size_give_the_same_alarms(reference):
-    def alarms(block):
-        signals = ArmSignals(seed=3)
-        signals.disturb({**SPRING, "at": 12.0})
-        return watch(reference, arm_frames(signals, 30.0, block=block))
-
-    expected = alarms(5)
-    assert expected
-    assert alarms(1) == alarms(17) == alarms(1500) == expected
-
-
-def test_an_encoder_that_slips_is_named(reference):
-    signals = ArmSignals(seed=11)
-    signals.disturb({"encoder": 2, "offset": 0.05, "at": 16.0})
-    alarms = watch(reference, arm_frames(signals, 40.0))
-    assert {(a.kind, a.joint) for a in alarms if a.active} == {("encoder_fault", 2)}
-    assert since_start(alarms[0].time) > 16.0

@@ -80,31 +80,6 @@ def test_an_encoder_and_another_joint_are_both_named(reference):
     assert {a.joint for a in alarms if a.active and a.kind != "joint_fault"} == {3}
 
 
-def test_ids_are_stable_and_every_alarm_is_cleared(reference):
-    for fault in (Fault("spring", 2, 40.0), Fault("encoder_offset", 3, 0.06)):
-        alarms, _ = alarms_of(reference, fault)
-        for name in {a.id for a in alarms}:
-            same = [a for a in alarms if a.id == name]
-            assert len({(a.kind, a.joint, a.source) for a in same}) == 1
-            assert not same[-1].active
-        assert all(a.time >= a.since for a in alarms)
-        assert all("\n" not in a.statement and a.statement for a in alarms)
-
-
-def test_more_clean_intervals_can_be_asked_for(reference):
-    quick, _ = alarms_of(reference, Fault("friction", 1, 25.0), clear=1)
-    slow, _ = alarms_of(reference, Fault("friction", 1, 25.0), clear=6)
-    assert quick[-1].time < slow[-1].time
-    assert not slow[-1].active
-
-
-def test_a_wider_tolerance_keeps_quiet(reference):
-    alarms, _ = alarms_of(
-        reference, Fault("friction", 1, 25.0), tolerance={"position": "1 deg", "power": "50 %", "floor": "5 W"}
-    )
-    assert alarms == []
-
-
 def test_a_fault_at_a_learned_lower_speed(rich_reference):
     cycles = [Cycle(speed=0.6)] * 2 + [Cycle(speed=0.6, faults=(Fault("friction", 1, 25.0),))] * 2
     positions, power, _ = run(cycles, seed=8)

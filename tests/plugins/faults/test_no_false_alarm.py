@@ -17,15 +17,6 @@ def test_healthy_cycles(reference, seed):
     assert alarms_of(reference, [Cycle()] * 8, seed=seed) == []
 
 
-def test_a_reference_learned_at_another_rate(reference):
-    assert alarms_of(reference, [Cycle()] * 6, rate=100.0) == []
-
-
-def test_twice_the_noise(reference):
-    positions, power, _ = run([Cycle()] * 6, noise=2.0, seed=9)
-    assert watch(reference, frames(positions, power)) == []
-
-
 @pytest.mark.parametrize("late", [-2, 2, *more(-1, 1)])
 def test_power_that_lags_or_leads_by_frames(reference, late):
     positions, power, _ = run([Cycle()] * 6, seed=3)

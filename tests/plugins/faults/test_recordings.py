@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
 from cellwatt_plugins.faults.recordings import APART, frames_of_files, frames_of_table
 
@@ -22,16 +21,6 @@ def test_a_table_becomes_frames():
     assert np.all(np.diff(frames.time) == 10_000_000)
 
 
-def test_uneven_times_are_brought_onto_the_grid():
-    random = np.random.default_rng(1)
-    t, position, power = columns()
-    uneven = t + random.uniform(-0.003, 0.003, len(t))
-    moved = np.column_stack([np.interp(uneven, t, column) for column in position.T])
-    frames = frames_of_table(uneven, moved, np.interp(uneven, t, power))
-    grid = uneven[0] + np.arange(len(frames)) / frames.layout.rate
-    assert frames.values[:, 0] == pytest.approx(np.sin(grid + 1), abs=1e-3)
-
-
 def test_holes_are_missing():
     t, position, power = columns()
     keep = (t < 2.0) | (t >= 2.5)
@@ -41,17 +30,6 @@ def test_holes_are_missing():
     assert not np.isnan(frames.values[:199]).any()
     assert not np.isnan(frames.values[251:]).any()
     assert (frames.quality[np.isnan(frames.values)] == 4).all()
-
-
-@pytest.mark.parametrize(
-    ("drop", "message"), [(("q_1", "q_2"), "no column q_1; there"), (("power",), "no column power")]
-)
-def test_missing_columns_are_named(tmp_path, drop, message):
-    t, position, power = columns()
-    table = {"t": t, "q_1": position[:, 0], "q_2": position[:, 1], "power": power}
-    write_table(tmp_path / "robot.csv", {name: values for name, values in table.items() if name not in drop})
-    with pytest.raises(RecordingError, match=message):
-        list(frames_of_files([tmp_path / "robot.csv"]))
 
 
 def test_files_follow_each_other_apart(tmp_path):
@@ -64,13 +42,3 @@ def test_files_follow_each_other_apart(tmp_path):
     assert blocks[0].layout == blocks[1].layout
     assert blocks[1].time[0] - blocks[0].time[-1] >= APART
     assert blocks[1].values == pytest.approx(blocks[0].values)
-
-
-def test_recordings_and_tables_do_not_mix(tmp_path):
-    with pytest.raises(RecordingError, match="cannot be mixed"):
-        list(frames_of_files([tmp_path / "a.csv", tmp_path / "b.mcap"]))
-
-
-def test_a_folder_without_recordings(tmp_path):
-    with pytest.raises(RecordingError):
-        list(frames_of_files([tmp_path]))

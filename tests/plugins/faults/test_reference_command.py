@@ -6,8 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.registry import load as find
+from cellwatt.errors import ConfigError
 from cellwatt_plugins.faults.command import reference
 from cellwatt_plugins.faults.reference import load
 from tests.plugins.faults.plant import Cycle, run
@@ -58,12 +57,3 @@ def test_a_description_that_is_none_is_refused(healthy, tmp_path, content):
     result = called(healthy, "--out", tmp_path / "ref.yaml", "--robot", path)
     assert isinstance(result.exception, ConfigError)
     assert "robot.yaml" in str(result.exception)
-
-
-def test_a_place_that_cannot_be_written(healthy):
-    result = called(healthy, "--out", healthy / "ref.yaml")
-    assert isinstance(result.exception, CellwattError)
-
-
-def test_it_is_a_command_of_cellwatt():
-    assert find("cellwatt.commands", "reference") is reference

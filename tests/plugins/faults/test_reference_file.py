@@ -1,11 +1,8 @@
-import math
-
-import numpy as np
 import pytest
 import yaml
 
-from cellwatt.errors import CellwattError, ModelError
-from cellwatt_plugins.faults.reference import Pattern, load, save
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.reference import load, save
 
 
 def test_what_is_saved_is_loaded(rich_reference, tmp_path):
@@ -30,14 +27,6 @@ def test_a_person_can_read_and_plot_it(reference):
     assert max(map(len, reference.read_text().splitlines())) <= 140
 
 
-def test_a_pattern_between_its_points():
-    pattern = Pattern(-0.2, 0.1, (1.0, 1.0, 1.0, 3.0, 5.0), (0.0, 0.0, 0.2, 0.2, 0.2))
-    assert pattern.at(np.array([-9.0, 0.05, 0.2, 9.0])) == pytest.approx([1, 2, 5, 5])
-    assert pattern.spread_at(np.array([-0.05])) == pytest.approx([0.1])
-    low, high = pattern.envelope(np.array([0.1]), 0.1)
-    assert (low[0], high[0]) == pytest.approx((1.0, 5.0))
-
-
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(ModelError, match="no such file; learn one with `cellwatt reference`"):
         load(tmp_path / "nothing.yaml")
@@ -59,22 +48,13 @@ def interval(content):
     ("change", "text"),
     [
         (lambda c: c.update(cellwatt_reference=2), "found 2: this cellwatt reads version 1: learn it anew"),
-        (lambda c: c.pop("cellwatt_reference"), "the key 'cellwatt_reference' is missing"),
         (lambda c: c.update(colour="red"), "colour: unknown key 'colour'"),
-        (lambda c: c.update(joints="three"), "joints: found 'three', expected a whole number"),
-        (lambda c: c.pop("arm"), "the key 'arm' is missing"),
         (
             lambda c: interval(c).update(duration=-1.0),
             r"tasks\[0\]\.variants\[0\]\.intervals\[0\]\.duration: found -1.0, expected a value above 0",
         ),
         (lambda c: interval(c)["power"]["mean"].append(1.0), "mean and spread must have the same length"),
-        (lambda c: interval(c)["power"].update(mean=["much"]), "found 'much', expected a number"),
-        (
-            lambda c: interval(c).update(pose=[0.0]),
-            r"intervals\[0\]: pose and displacement must have 3 values",
-        ),
         (lambda c: interval(c).update(moving=[1, 2]), "moving and position must name the same joints"),
-        (lambda c: interval(c).update(moving=[7], position={7: interval(c)["position"][1]}), "numbered 1 to 3"),
     ],
 )
 def test_a_wrong_file_is_refused_with_the_place(reference, tmp_path, change, text):
@@ -85,26 +65,9 @@ def test_a_wrong_file_is_refused_with_the_place(reference, tmp_path, change, tex
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"[1, 2", b"\xff\xfe\x00", b"just text", b"- a\n- b\n"])
+@pytest.mark.parametrize("content", [b"[1, 2", b"\xff\xfe\x00"])
 def test_files_that_are_no_reference(tmp_path, content):
     path = tmp_path / "odd.yaml"
     path.write_bytes(content)
     with pytest.raises(ModelError, match=r"odd\.yaml"):
-        load(path)
-
-
-def test_a_place_that_cannot_be_written(reference):
-    with pytest.raises(CellwattError, match="cannot be written"):
-        save(load(reference), reference / "below" / "a" / "file.yaml")
-
-
-def test_numbers_are_kept_to_six_digits(reference):
-    mean = load(reference).tasks[0].variants[0].intervals[0].power.mean
-    assert all(math.isfinite(value) and value == float(f"{value:.6g}") for value in mean)
-
-
-def test_a_file_nested_beyond_all_sense_is_refused_and_does_not_crash(tmp_path):
-    path = tmp_path / "reference.yaml"
-    path.write_text("- " * 50_000 + "x")
-    with pytest.raises(ModelError, match="nested more than"):
         load(path)

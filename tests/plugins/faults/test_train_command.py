@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from cellwatt.emulation import ArmSignals
-from cellwatt.errors import ConfigError, ModelError
+from cellwatt.errors import ModelError
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.paper.columns import column_of
@@ -73,22 +73,6 @@ def test_a_joint_without_a_fault_is_told_in_one_line(folder):
     assert isinstance(done.exception, ModelError)
     assert "no cycle with a fault of joint 6: give --fault 6=RECORDING" in str(done.exception)
     assert "\n" not in str(done.exception)
-
-
-@pytest.mark.parametrize("given", ["7=x.parquet", "0=x.parquet", "x", "3=", "3=nowhere.parquet"])
-def test_what_is_no_joint_or_no_file_is_refused(folder, given):
-    done = train(folder, "--fault", given)
-    assert isinstance(done.exception, ConfigError)
-    assert f"--fault {given}" in str(done.exception)
-
-
-def test_a_recording_of_another_task_is_refused(folder, tmp_path):
-    still = run(Run(POLISHING, 1, 1.0, rate=50.0, seed=2))
-    columns = {f"q_{j}": np.full(len(still.t), 0.1) for j in range(1, 7)}
-    pq.write_table(pa.table({"t": still.t, **columns, "power": still.power}), tmp_path / "still.parquet")
-    done = train(folder, "--fault", f"3={tmp_path / 'still.parquet'}")
-    assert isinstance(done.exception, ModelError)
-    assert "--fault 3: no whole cycle" in str(done.exception)
 
 
 def test_the_network_of_the_example_names_the_elbow():

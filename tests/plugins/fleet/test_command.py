@@ -27,10 +27,10 @@ def test_what_cannot_be_used_is_named_with_its_reason(written):
     assert {s["cell"] for s in written[1]["skipped"]} == {"weld-5"}
 
 
-def test_the_page_has_table_courses_cells_and_what_was_skipped(written):
+def test_the_page_has_table_courses_and_what_was_skipped(written):
     page = (written[0] / "report.html").read_text()
     assert "1 joint wears" in page
-    assert page.count("<figure") == 2
+    assert page.count("<figure") == 1
     assert "2026-02-03_cut.parquet" in page
     assert page.index('aria-label="Findings"') < page.index("<figure")
 

@@ -1,4 +1,3 @@
-import pickle
 import shutil
 from datetime import date
 
@@ -25,11 +24,6 @@ def frames_of(table, begin):
     return pa.table(columns | {"supply.power": table.columns["power"]})
 
 
-def test_weeks_begin_on_monday():
-    assert week_of(date(2026, 1, 5)) == week_of(date(2026, 1, 11)) == week_of(date(2026, 1, 12)) - 1
-    assert monday(week_of(date(2026, 3, 1))) == date(2026, 2, 23)
-
-
 def test_a_lake_of_the_historian_gives_the_same_as_files(lake, tmp_path):
     source = next((lake / "weld" / "weld-0").glob("*.parquet"))
     day = source.name[:10]
@@ -46,12 +40,6 @@ def test_a_lake_of_the_historian_gives_the_same_as_files(lake, tmp_path):
     assert len(one.repetitions) == 2
     assert one.coulomb == pytest.approx(other.coulomb, rel=1e-3)
     assert one.repetitions[0].energy == pytest.approx(other.repetitions[0].energy, rel=1e-3)
-
-
-def test_a_week_sent_to_a_worker_gives_the_same_bytes(lake):
-    item = find(lake).weeks[0]
-    sent = pickle.loads(pickle.dumps(item))
-    assert pickle.dumps(week_of_cell(sent)) == pickle.dumps(week_of_cell(item))
 
 
 def test_the_friction_of_a_week_is_that_of_the_arm(lake):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.fleet.adjusted import Course, Told, Warmth, course_of, shrunk, warmth_of
-from cellwatt_plugins.fleet.courses import Courses, Place, courses_of_kind
+from cellwatt_plugins.fleet.courses import Courses, Place
 from cellwatt_plugins.fleet.judge import judged
 from cellwatt_plugins.fleet.kinds import common_course, less_common, spread_of
 from cellwatt_plugins.fleet.slopes import trends_of
@@ -35,15 +35,6 @@ def test_weeks_that_remember_are_told_from_weeks_that_do_not():
     assert persistence([wandering(rng, rho=0.8, error=0.003) for _ in range(25)]) >= 0.7
 
 
-def test_weeks_that_walk_at_random_leave_a_line_its_error():
-    rng = np.random.default_rng(12)
-    walks = [Course(WEEKS, np.cumsum(0.05 * rng.standard_normal(26)), 1e-8 * np.eye(26)) for _ in range(25)]
-    rho = persistence(walks)
-    lines = [line(each, rho) for each in walks]
-    assert all(each.free > 0 for each in lines)
-    assert np.mean([abs(each.slope) < 3 * each.error for each in lines]) > 0.9
-
-
 def test_a_step_is_found_in_its_week_and_none_in_a_slope():
     rng = np.random.default_rng(3)
     sound = wandering(rng)
@@ -65,11 +56,6 @@ def test_weeks_that_are_calm_by_accident_make_no_step_sure():
     small = Course(WEEKS, calm.values + 0.03 * (WEEKS >= 113), calm.covariance)
     assert [step.week for step in steps_in(small, 0.4, 1e-5)] == [113]
     assert steps_in(small, 0.4, 1e-5, scatter=0.02) == []
-
-
-def test_too_few_weeks_have_no_line():
-    rng = np.random.default_rng(4)
-    assert line(wandering(rng, weeks=WEEKS[:5]), 0.4) is None
 
 
 def test_a_season_is_common_and_one_arm_of_many_does_not_move_it():
@@ -194,17 +180,6 @@ def test_what_is_not_known_of_temperature_grows_with_the_season():
         rise = line(course_of(told, 0.05, 0.01, Warmth(0.0, 0.002), 20.0), 0.0)
         pulls.append(rise.slope / rise.error)
     assert np.std(pulls) == pytest.approx(1.0, abs=0.2)
-
-
-def test_one_recording_a_week_is_enough():
-    rng = np.random.default_rng(10)
-    week = np.arange(26)
-    values = 1.0 + 0.2 * week / 25 + 0.01 * rng.standard_normal(26)
-    told = Told(values, week, week, np.zeros(26, int))
-    groups = courses_of_kind("welder", {"weld-1": {("friction", 1): told}})
-    course = groups[0].by_place[Place("weld-1", 1)]
-    assert np.ptp(course.values - values) == pytest.approx(0.0, abs=1e-6)
-    assert line(course, 0.1).slope * 25 == pytest.approx(0.2, abs=0.03)
 
 
 def test_few_arms_without_temperature_are_judged_alone():

@@ -17,9 +17,9 @@ from pydantic import ValidationError
 
 from cellwatt import CellwattError, ModelError
 from cellwatt.channel import UNITS
-from cellwatt.onnx_file import OnnxFile
 from cellwatt_plugins.models import Input, Metadata, Output, Training, describe, read_metadata
 from cellwatt_plugins.models.seal import sealed
+from cellwatt_plugins.onnx_file import OnnxFile
 from tests.plugins.models.making import Mlp, metadata, stage
 
 SEAL = 2 + 2 + len("cellwatt.sha256") + 2 + 64

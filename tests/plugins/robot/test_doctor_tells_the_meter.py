@@ -9,8 +9,7 @@ import pytest
 
 from cellwatt import Batch, Channel, Stream
 from cellwatt.config import load
-from cellwatt.runtime.examine import Examination
-from cellwatt.runtime.examine_meters import examine_meters
+from cellwatt.runtime.examine import Examination, examine_meters
 from tests.plugins.robot.slow_meter import measured
 from tests.plugins.robot.test_meter import Arm
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.segment.intervals import Segmenter
-from cellwatt_plugins.segment.motion import Thresholds
-from tests.plugins.segment.motions import HOME, Leg, follow, positions, since_start
+from tests.plugins.segment.motions import Leg, follow, positions, since_start
 
 STEP = 20_000_000  # ns
 
@@ -27,7 +26,7 @@ def moving(found):
     return [i for i in closed(found) if i.moving]
 
 
-@pytest.mark.parametrize("rate", [20.0, 50.0, 100.0, 125.0])
+@pytest.mark.parametrize("rate", [20.0, 125.0])
 @pytest.mark.parametrize("smooth", [True, False])
 def test_starts_and_ends_are_those_of_the_motion(rate, smooth):
     legs = [Leg(1.0, {1: 0.8}, 0.9, smooth), Leg(2.3, {2: -0.5, 4: 0.7}, 0.8, smooth), Leg(3.6, {3: 1.1}, 1.0, smooth)]
@@ -38,15 +37,6 @@ def test_starts_and_ends_are_those_of_the_motion(rate, smooth):
         assert since_start(interval.end) == pytest.approx(leg.at + leg.seconds, abs=2.5 / rate)
         for joint, by in leg.by.items():
             assert interval.displacement[joint - 1] == pytest.approx(by, abs=3e-3)
-
-
-def test_pose_displacement_and_peak_speed():
-    found = moving(segment([Leg(1.0, {3: -0.6}, 0.8)], 3.0))
-    assert len(found) == 1
-    assert found[0].pose == pytest.approx(HOME, abs=1e-3)
-    assert found[0].displacement == pytest.approx((0, 0, -0.6, 0), abs=1e-3)
-    assert found[0].peak_speed[2] == pytest.approx(1.875 * 0.6 / 0.8, rel=0.03)
-    assert max(found[0].peak_speed[:2]) < 0.01
 
 
 def test_intervals_join_without_a_hole_and_count_up():
@@ -73,12 +63,6 @@ def test_a_joint_that_joins_midway_begins_another_interval():
     assert since_start(found[1].start) == pytest.approx(1.8, abs=0.05)
 
 
-def test_a_joint_that_leaves_midway_ends_the_interval():
-    found = moving(segment([Leg(1.0, {1: 1.5}, 2.2), Leg(1.0, {2: 0.8}, 1.0)], 5.0))
-    assert [i.moving for i in found] == [(1, 2), (1,)]
-    assert since_start(found[1].start) == pytest.approx(2.0, abs=0.06)
-
-
 def test_joints_of_one_motion_are_one_interval_though_one_hardly_moves():
     found = moving(segment([Leg(1.0, {1: 1.2, 2: -0.9, 4: 0.05}, 1.4)], 4.0))
     assert [i.moving for i in found] == [(1, 2, 4)]
@@ -95,26 +79,12 @@ def test_a_turn_without_rest_is_a_boundary():
     assert [i.start * 1e-9 for i in found] == pytest.approx([1, 2, 3, 4], abs=0.04)
 
 
-def test_a_short_stop_is_a_boundary_but_no_interval():
-    legs = [Leg(1.0, {1: 0.8}, 0.8), Leg(1.88, {1: -0.8}, 0.8)]
-    found = closed(segment(legs, 4.0))
-    assert [i.moving for i in found] == [(), (1,), (1,), ()]
-    assert [round(i.displacement[0], 1) for i in found] == [0, 0.8, -0.8, 0]
-
-
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-4, 1e-3])
 def test_noise_is_not_motion_and_motion_not_noise(noise):
     still = closed(segment([], 20.0, noise=noise, seed=4))
     assert [i.moving for i in still if since_start(i.end) > 2.0] == [()]  # the first second teaches the noise
     found = moving(segment(follow([{1: 0.8}, {2: 0.8}], at=3.0), 7.0, noise=noise))
     assert [i.moving for i in found if since_start(i.end) > 2.0] == [(1,), (2,)]
-
-
-def test_an_encoder_that_jumps_is_not_an_interval():
-    time, q = positions([], 6.0)
-    q[150:, 1] += 0.05
-    segmenter = Segmenter("arm", 4, STEP)
-    assert [i.moving for i in closed(segmenter.update(time, q) + segmenter.finish())] == [()]
 
 
 def test_a_gap_cuts_the_interval():
@@ -125,14 +95,6 @@ def test_a_gap_cuts_the_interval():
     assert [(i.moving, i.complete) for i in found] == [((1,), False), ((1,), False), ((2,), True)]
     assert since_start(found[0].end) == pytest.approx(69 / 50, abs=1e-6)
     assert since_start(found[1].start) >= 85 / 50
-
-
-def test_missing_frames_are_a_gap_too():
-    time, q = positions(follow([{1: 0.8}]), 3.0)
-    keep = (np.arange(len(time)) < 65) | (np.arange(len(time)) >= 90)
-    segmenter = Segmenter("arm", 4, STEP)
-    found = moving(segmenter.update(time[keep], q[keep]) + segmenter.finish())
-    assert not any(i.complete for i in found)
 
 
 def test_a_few_missing_frames_are_bridged():
@@ -153,12 +115,6 @@ def test_a_gap_is_known_before_the_data_come_back():
     assert segmenter.finish() == []
 
 
-def test_nothing_comes_of_nothing():
-    segmenter = Segmenter("arm", 4, STEP)
-    assert segmenter.update(np.empty(0, np.int64), np.empty((0, 4))) == []
-    assert segmenter.finish() == []
-
-
 TIME, Q = positions(
     [
         *follow([{1: 0.8}, {2: 0.5, 3: -0.6}, {3: 0.6}, {1: -0.8, 2: -0.5}]),
@@ -171,7 +127,7 @@ TIME, Q = positions(
 Q[430:445, 2] = np.nan
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(1, 499), max_size=12, unique=True))
 def test_blocks_of_any_size_give_the_same_intervals(cuts):
     whole = Segmenter("arm", 4, STEP)
@@ -183,17 +139,7 @@ def test_blocks_of_any_size_give_the_same_intervals(cuts):
     assert found + pieces.finish() == expected
 
 
-def test_slow_motion_needs_a_lower_threshold():
-    time, q = positions([Leg(1.0, {1: 0.06}, 8.0)], 11.0)
-    found = []
-    for speed in (math.radians(1.0), math.radians(0.3)):
-        segmenter = Segmenter("arm", 4, STEP, Thresholds(start_speed=speed, stop_speed=speed / 2))
-        found.append(moving(segmenter.update(time, q) + segmenter.finish()))
-    assert found[0] == []
-    assert [i.moving for i in found[1]] == [(1,)]
-
-
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000))
 def test_intervals_are_ordered_and_long_enough_whatever_the_motion(seed):
     random = np.random.default_rng(seed)

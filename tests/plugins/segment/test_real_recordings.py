@@ -50,7 +50,7 @@ def cut(t, q, qd, rate):
     return found, mask, speed
 
 
-@pytest.mark.parametrize("joint", [2, 3, 4, 5, 6])
+@pytest.mark.parametrize("joint", [2, 6])
 def test_a_joint_that_swings_is_cut_at_every_turn(joint):
     found, mask, speed = cut(*ur10e(f"jointwise_motion/ur-20_01_22-joint_{joint}.csv"))
     swings = [i for i in found if i.moving == (joint,) and abs(i.displacement[joint - 1]) > 1.5]
@@ -60,7 +60,7 @@ def test_a_joint_that_swings_is_cut_at_every_turn(joint):
     assert (mask.any(axis=1) == (np.abs(speed) > MOVES).any(axis=1)).mean() > 0.96
 
 
-@pytest.mark.parametrize("joint", [2, 3, 4, 5, 6])
+@pytest.mark.parametrize("joint", [2, 6])
 def test_its_swings_are_one_task(joint):
     found, *_ = cut(*ur10e(f"jointwise_motion/ur-20_01_22-joint_{joint}.csv"))
     recogniser = TaskRecogniser()
@@ -69,7 +69,7 @@ def test_its_swings_are_one_task(joint):
     assert {t.variant for t in tasks} == {"speed=1.00"}
 
 
-@pytest.mark.parametrize("pose", range(1, 11))
+@pytest.mark.parametrize("pose", [1, 10])
 def test_an_arm_that_holds_a_pose_rests(pose):
     found, *_ = cut(*ur10e(f"validation_data/ur-20_01_17-p{pose}.csv"))
     assert [i.moving for i in found] == [()]

@@ -14,10 +14,10 @@ from typing import Any, Final
 
 from cellwatt.errors import CellwattError, OutletError, ProtocolError
 from cellwatt.frames import Frames, Layout
-from cellwatt.log_lines import log_to_stderr
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import LIMIT, Kind
 from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.progress.log_lines import log_to_stderr
 
 log = logging.getLogger(__name__)
 

@@ -17,11 +17,11 @@ from cellwatt.errors import CellwattError, OutletError, ProtocolError
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import CellView, Item, Outlet, OutletSettings, revealed
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.wire import Kind, begin, end_of, ending
+from cellwatt.outlets.apart.wire import Kind, end_of, running
 from cellwatt.outlets.together import until_one_ends
 from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.processor import spent, starved
 from cellwatt.results import Event, Result
-from cellwatt.starved import spent, starved
 
 log = logging.getLogger(__name__)
 
@@ -81,9 +81,8 @@ class Apart(Outlet[S]):
 
     async def run(self) -> None:
         """Serve until cancelled. Raises ``OutletError`` with the reason if the process that serves ends."""
-        process, reader, writer = await begin(self.module, self.what, self.memory)
-        self._process = process.pid
-        async with ending(process, writer):
+        async with running(self.module, self.what, self.memory) as (process, reader, writer):
+            self._process = process.pid
             try:
                 with contextlib.suppress(ConnectionError):  # it has ended
                     await self._serve(reader, writer)

@@ -124,41 +124,43 @@ LIMIT: Final = 2**20
 """Bytes that wait at either end of the socket before they are read."""
 
 
-async def begin(
+@asynccontextmanager
+async def running(
     module: str, what: str, memory: int
-) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, asyncio.StreamWriter]:
-    """Start ``python -m module FD`` with so many bytes of memory at most, and open what it is told through.
+) -> AsyncIterator[tuple[asyncio.subprocess.Process, asyncio.StreamReader, asyncio.StreamWriter]]:
+    """Run ``python -m module FD`` with so many bytes of memory at most; give it, and what it is told through.
 
-    Raises ``OutletError`` if that cannot be; ``what`` names it there.
+    Afterwards its socket is closed, then it is told to end, then it is killed. Raises ``OutletError`` if it cannot be
+    started; ``what`` names it there.
     """
     ours, theirs = socket.socketpair()
     with theirs:
+        reader, writer = await asyncio.open_connection(sock=ours, limit=LIMIT)
         try:
-            reader, writer = await asyncio.open_connection(sock=ours, limit=LIMIT)
-        except BaseException:
-            ours.close()
-            raise
-        try:
-            return await _start(module, what, memory, theirs), reader, writer
-        except BaseException:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                "-m",
+                module,
+                str(theirs.fileno()),
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+                preexec_fn=_bounded(memory),
+            )
+        except BaseException as error:
             writer.close()
+            if isinstance(error, OSError):
+                raise OutletError(f"{what} cannot be started: {error.strerror}") from error
             raise
-
-
-async def _start(module: str, what: str, memory: int, end: socket.socket) -> asyncio.subprocess.Process:
     try:
-        return await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            module,
-            str(end.fileno()),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            pass_fds=(end.fileno(),),
-            preexec_fn=_bounded(memory),
-        )
-    except OSError as error:
-        raise OutletError(f"{what} cannot be started: {error.strerror}") from error
+        yield process, reader, writer
+    finally:
+        ended = asyncio.ensure_future(process.wait())
+        for end, patience in ((writer.close, END), (process.terminate, END), (process.kill, None)):
+            if not ended.done():
+                with contextlib.suppress(ProcessLookupError):
+                    end()
+                await asyncio.wait([ended], timeout=patience)
 
 
 def _bounded(memory: int) -> Callable[[], None]:
@@ -169,25 +171,6 @@ def _bounded(memory: int) -> Callable[[], None]:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
 
     return begin
-
-
-@asynccontextmanager
-async def ending(
-    process: asyncio.subprocess.Process, writer: asyncio.StreamWriter | None = None
-) -> AsyncIterator[None]:
-    """End the process afterwards: its socket is closed, if there is one, then it is told, then it is killed."""
-    try:
-        yield
-    finally:
-        ended = asyncio.ensure_future(process.wait())
-        if writer is not None:
-            writer.close()
-            await asyncio.wait([ended], timeout=END)
-        for end, patience in ((process.terminate, END), (process.kill, None)):
-            if not ended.done():
-                with contextlib.suppress(ProcessLookupError):
-                    end()
-                await asyncio.wait([ended], timeout=patience)
 
 
 def end_of(process: asyncio.subprocess.Process) -> str:

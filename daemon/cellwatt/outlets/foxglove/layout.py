@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
+from cellwatt.protobuf import identifiers
 from cellwatt.record.encoder import FRAME_TOPIC
-from cellwatt.record.protobuf import identifiers
 from cellwatt.record.rows import FRAME_FIELDS
 
 if TYPE_CHECKING:

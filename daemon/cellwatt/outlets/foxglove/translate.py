@@ -27,9 +27,9 @@ from cellwatt.outlets.foxglove.topics import (
     own,
     stamp_of,
 )
+from cellwatt.protobuf import file_descriptor_set
 from cellwatt.record import messages
 from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE, described
-from cellwatt.record.protobuf import file_descriptor_set
 from cellwatt.record.rows import FRAME_FIELDS, FRAMING, FrameRows, value_fields
 from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
 

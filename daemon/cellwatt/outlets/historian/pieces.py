@@ -17,9 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pydantic_core
 
-from cellwatt.blocks import cut
 from cellwatt.channel import Quality
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.outlets.past import ARCHIVED, Archived, files_of, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record.messages import time_of

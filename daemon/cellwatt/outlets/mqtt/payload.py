@@ -13,7 +13,7 @@ from itertools import count
 from typing import Any, Final, cast
 
 from cellwatt.errors import ProtocolError
-from cellwatt.protobuf_classes import Messages, Table
+from cellwatt.protobuf import Messages, Table
 from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
 
 _VALUES: Final = {

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from pydantic import BaseModel, FiniteFloat
+from pydantic import BaseModel, BeforeValidator
 
 from cellwatt.errors import why
 from cellwatt.files import check_file, read_bytes
@@ -120,26 +121,33 @@ def _facts_of(file: Path, modified: int, size: int) -> Facts | None:
 # figures --------------------------------------------------------------------------------------------
 
 
+def _finite(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+Number = Annotated[float | None, BeforeValidator(_finite)]
+
+
 class _Fit(BaseModel):
     channel: str
     unit: str
-    simulation: FiniteFloat | None
-    model: FiniteFloat | None
-    noise_floor: FiniteFloat | None = None
+    simulation: Number
+    model: Number
+    noise_floor: Number = None
 
 
 class _Gain(BaseModel):
     channel: str = ""
     unit: str = ""
-    before: FiniteFloat | None = None
-    after: FiniteFloat | None = None
+    before: Number = None
+    after: Number = None
 
 
 class _Effect(BaseModel):
     effect: str
     joint: int | None = None
     kind: str = ""
-    confidence: FiniteFloat | None = None
+    confidence: Number = None
     statement: str = ""
     improvement: _Gain = _Gain()
 

@@ -29,7 +29,7 @@ from cellwatt.outlets.zenoh.encode import JSON
 from cellwatt.outlets.zenoh.keys import ALARM, CellKeys, alarm_path
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json
-from cellwatt.outlets.zenoh.past import MOST_RESULTS, Answer, Pace, Past, Turns, Work
+from cellwatt.outlets.zenoh.past import MOST_RESULTS, Answer, Past, Turns, Work
 from cellwatt.outlets.zenoh.questions import (
     LARGEST,
     NothingKeptError,
@@ -77,14 +77,19 @@ class Answers:
         self._backlog = backlog
         self._count = count
         self._seal = seal or Seal(keys.root, None)
-        self._pace = Pace(rate)
+        self._rate = rate
         self._turns = self._new_turns()
         self._thread: threading.Thread | None = None
         self._busy_since: float | None = None
         self._told: set[str] = set()
-        past = Past(view, backlog, lambda: self._pace.piece(self._turns.waiting))
+        past = Past(view, backlog, lambda: self._turns.piece())
+
+        def status(_: Mapping[str, str]) -> Answer:
+            mark, payload = health()
+            return Answer(payload, mark=mark)
+
         self._known: dict[str, Callable[[Mapping[str, str]], Answer]] = {
-            "status": lambda _: self._status(*health()),
+            "status": status,
             "config": lambda _: Answer(encode_json(view.config())),
             "schema": lambda _: Answer(encode_json(view.schema())),
             "recordings": lambda _: Answer(encode_json(list(view.recordings()))),
@@ -107,16 +112,9 @@ class Answers:
             self._thread.join()
             self._thread = None
 
-    @property
-    def dead(self) -> bool:
-        """True if the thread has ended without ``stop``."""
-        return self._thread is not None and not self._thread.is_alive()
-
     def trouble(self) -> str | None:
         """Reason why questions are not answered now; ``None`` if they are."""
         since = self._busy_since
-        if self.dead:
-            return "the thread that answers questions has ended"
         if since is not None and time.monotonic() - since > STUCK:
             return f"the thread that answers questions has been stuck at one for {time.monotonic() - since:.0f} s"
         return None
@@ -131,14 +129,10 @@ class Answers:
         """The last ``cleared`` alarms that were cleared, then all active ones."""
         return [*self._backlog.cleared(min(number_of(asked, "cleared", 0), MOST_RESULTS)), *self._backlog.active()]
 
-    @staticmethod
-    def _status(mark: Mark, payload: bytes) -> Answer:
-        return Answer(payload, mark=mark)
-
     # Zenoh ------------------------------------------------------------------------------------------
 
     def _new_turns(self) -> Turns:
-        return Turns(self._pace, _WAITING, lambda: self._count("answers held back"))
+        return Turns(self._rate, _WAITING, lambda: self._count("answers held back"))
 
     def _past(self, query: zenoh.Query) -> bool:
         """True if a question may ask for much of the past."""
@@ -219,7 +213,7 @@ class Answers:
             query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
             if name in _PAST:
                 size = len(answer.payload)
-                self._pace.spend(size, time.monotonic())
+                self._turns.spend(size, time.monotonic())
                 self._count("answers about the past")
                 self._count("bytes of the past", size)
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from cellwatt.frames import Frames
 from cellwatt.outlet import Journal
-from cellwatt.outlets.zenoh.keys import ALARM, FRAME, alarm_path
+from cellwatt.outlets.zenoh.keys import ALARM, alarm_path
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import topic_of
 from cellwatt.record.messages import time_of
@@ -20,15 +19,6 @@ ALARMS_KEPT, RESULTS_KEPT = 4096, 1024
 """Alarms, and results and events of each other topic, that are kept; the record has more."""
 _OVERHEAD: Final = 1000
 """Bytes that a block of frames takes in memory beside its numbers: of two frames, more than these."""
-
-
-@dataclass(slots=True)
-class _Numbering:
-    """The items kept of one topic, oldest first, and the number of the next one."""
-
-    session: int
-    kept: deque[tuple[Mark, Result | Event]]
-    following: int = 0
 
 
 class Backlog:
@@ -46,7 +36,7 @@ class Backlog:
         self.session = session
         self._numbered = session if numbered is None else numbered
         self._lock = threading.Lock()
-        self._topics: dict[str, _Numbering] = {}
+        self._kept: dict[str, deque[tuple[Mark, Result | Event]]] = {}
         self._alarms: dict[str, tuple[Mark, Alarm]] = {}
         self._frames: deque[tuple[Mark, Frames]] = deque()
         self._frame_bytes = 0
@@ -66,25 +56,19 @@ class Backlog:
     def _keep(self, number: int | None, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
         """``number`` is the item's, ``None`` for the next of its topic."""
         topic = topic_of(item)
-        if topic not in self._topics:
-            most = ALARMS_KEPT if topic == ALARM else RESULTS_KEPT
-            self._topics[topic] = _Numbering(self.session, deque(maxlen=most))
-        numbering = self._topics[topic]
-        mark = Mark(numbering.session, numbering.following if number is None else number, 1, time_of(item))
-        numbering.following = mark.end
-        numbering.kept.append((mark, item))
+        if topic not in self._kept:
+            self._kept[topic] = deque(maxlen=ALARMS_KEPT if topic == ALARM else RESULTS_KEPT)
+        kept = self._kept[topic]
+        if number is None:
+            number = kept[-1][0].end if kept else 0
+        mark = Mark(self.session, number, 1, time_of(item))
+        kept.append((mark, item))
         return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
 
     def add_frames(self, frames: Frames) -> Mark:
-        """Keep frames under their own numbers; where those go back, a new numbering begins."""
+        """Keep frames under their own numbers."""
+        mark = Mark(self._numbered, frames.sequence, len(frames), int(frames.time[-1]) if len(frames) else 0)
         with self._lock:
-            numbering = self._topics.setdefault(FRAME, _Numbering(self._numbered, deque()))
-            if frames.sequence < numbering.following:
-                numbering.session += 1
-                self._frames.clear()
-                self._frame_bytes = 0
-            mark = Mark(numbering.session, frames.sequence, len(frames), int(frames.time[-1]) if len(frames) else 0)
-            numbering.following = mark.end
             self._frames.append((mark, frames))
             self._frame_bytes += _size(frames)
             while self._frame_bytes > self._most_bytes and len(self._frames) > 1:
@@ -92,10 +76,9 @@ class Backlog:
         return mark
 
     def succeed(self, before: Backlog) -> None:
-        """Keep the frames, and go on with their numbering, of another one that takes no more."""
+        """Keep the frames of another one that takes no more."""
         with before._lock, self._lock:
-            if FRAME in before._topics and before._numbered == self._numbered:
-                self._topics[FRAME] = before._topics[FRAME]
+            if before._numbered == self._numbered:
                 self._frames, self._frame_bytes = before._frames, before._frame_bytes
 
     def active(self) -> list[tuple[Mark, Alarm]]:
@@ -106,18 +89,15 @@ class Backlog:
     def cleared(self, count: int) -> list[tuple[Mark, Alarm]]:
         """The last ``count`` alarms that were cleared, oldest first."""
         with self._lock:
-            numbering = self._topics.get(ALARM)
-            past = [] if numbering is None else [(m, a) for m, a in numbering.kept if isinstance(a, Alarm)]
-        found = [(mark, alarm) for mark, alarm in past if not alarm.active]
+            kept = list(self._kept.get(ALARM, ()))
+        found = [(mark, alarm) for mark, alarm in kept if isinstance(alarm, Alarm) and not alarm.active]
         return found[-count:] if count > 0 else []
 
     def results(self, topic: str, session: int, first: int, count: int) -> list[tuple[Mark, Result | Event]]:
         """Results ``first`` … ``first + count`` of a topic that are still kept."""
         with self._lock:
-            numbering = self._topics.get(topic)
-            if numbering is None or numbering.session != session:
-                return []
-            return [(m, r) for m, r in numbering.kept if first <= m.sequence < first + count]
+            kept = self._kept.get(topic, ()) if session == self.session else ()
+            return [(m, r) for m, r in kept if first <= m.sequence < first + count]
 
     def frames(self, session: int, first: int, count: int) -> Sequence[tuple[Mark, Frames]]:
         """The kept blocks that hold any of the frames ``first`` … ``first + count``."""
@@ -125,12 +105,6 @@ class Backlog:
             return [
                 (m, f) for m, f in self._frames if m.session == session and m.end > first < first + count > m.sequence
             ]
-
-    def recorded(self, session: int) -> bool:
-        """True if a session's frames are recorded under their own numbers: not where these went back."""
-        with self._lock:
-            numbering = self._topics.get(FRAME)
-            return session != self._numbered or numbering is None or numbering.session == session
 
     def _set_alarm(self, mark: Mark, alarm: Alarm) -> tuple[str, ...]:
         before = self._alarms.pop(alarm.id, (mark, alarm))[1]

@@ -142,30 +142,6 @@ def decode(payload: bytes, mark: Mark) -> Batch | Frames:
         raise ProtocolError(f"a message is not a cellwatt Arrow stream: {reason}") from error
 
 
-def named(content: Batch | Frames) -> pa.Table:
-    """A table with one named column a channel, unit and kind in the field's metadata.
-
-    Before the channels: ``time`` (UTC), and of a batch ``device_time``, ``bound``, ``quality``.
-    """
-    import pyarrow as pa
-
-    fields = [pa.field("time", pa.timestamp("ns", tz="UTC"))]
-    columns: list[Any] = [pa.array(content.time).cast(fields[0].type)]
-    if isinstance(content, Batch):
-        device = content.device_time
-        columns += [pa.nulls(len(content), pa.int64()) if device is None else pa.array(device)]
-        columns += [pa.array(content.bound), pa.array(content.quality)]
-        fields += [pa.field("device_time", pa.int64()), pa.field("bound", pa.int64()), pa.field("quality", pa.uint8())]
-    channels: Sequence[Channel | FrameChannel] = (
-        content.stream.channels if isinstance(content, Batch) else content.layout.channels
-    )
-    for i, channel in enumerate(channels):
-        about = {"unit": channel.unit, "kind": channel.kind, "method": channel.method}
-        fields.append(pa.field(channel.name, pa.float64(), metadata=about))
-        columns.append(pa.array(np.ascontiguousarray(content.values[:, i])))
-    return pa.table(columns, schema=pa.schema(fields))
-
-
 def _padded(length: int) -> int:
     """Length in bytes of a buffer in a message body, with its padding."""
     return -(-length // 8) * 8

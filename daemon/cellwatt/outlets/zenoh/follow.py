@@ -3,8 +3,9 @@
 A new consumer takes each topic from its current position. From then on it receives everything: a topic that appears
 later, or a new session of the daemon, from its first number.
 
-A message that continues a known numbering is accepted. A new topic, a new session or a jump is accepted once the cell
-has confirmed it (``asks_told``, ``told``); a message that the cell does not know is refused and counted.
+A message that continues a known numbering is accepted. A new topic, a new session or a jump, heard live or told by a
+live health message, is a claim: the cell is asked how far it is (``asks_told``, ``told``); a claim that it does not
+know is refused and counted.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Doubts, Follower, Gap, Hole, Part
+from cellwatt.outlets.zenoh.order import HELD_BYTES, Follower, Gap, Hole, Part
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Alarm, Event, Result
 
@@ -30,23 +31,18 @@ _AGAIN: Final = 0.2
 """Pause, s, before asking for what the cell does not have yet."""
 _LINK: Final = 0.5
 """Pause, s, before asking again when nobody answered."""
-_MOST_TOPICS: Final = 1000
-"""Topics that are followed; a cell has some ten."""
+_PAUSE: Final = 0.1
+_LONGEST: Final = 2.0
+"""Pause, s, between two questions how far the cell is; doubled, up to the longest, while they come to nothing."""
+_MOST: Final = 1000
+"""Topics that are followed, of which a cell has some ten, and claims that wait for the cell's word."""
 _NEAR: Final = 10_000
-"""Numbers by which what came of a session that ended at once may lie beyond what is known of it."""
+"""Numbers by which the first message of a topic may lie beyond what the cell then says, and the last of a session
+beyond what was known of it."""
 
 Positions = Mapping[str, tuple[int, int]]
 """By topic, session and next number."""
-
-
-@dataclass(slots=True)
-class _Topic:
-    follower: Follower
-    begun: tuple[int, int]
-    asking: bool = False
-    seen: tuple[int, int, bool] | None = None  # the hole that ``due`` belongs to
-    due: float = 0.0
-    empty_since: float | None = None  # since when the cell has answered that it has nothing
+Content = Batch | Frames | Result | Event
 
 
 @dataclass(slots=True)
@@ -54,20 +50,26 @@ class Following:
     """State of one consumer.
 
     ``wanted`` are topics or first parts of topics (``raw/arm``). ``resume`` is the position that an earlier run of
-    the consumer reached. After ``patience`` s, messages that the cell cannot give become a gap.
+    the consumer reached. After ``patience`` s, messages that the cell cannot give become a gap. ``cell`` is the
+    session of the daemon, once the cell has told it.
     """
 
     wanted: tuple[str, ...]
     resume: Positions = field(default_factory=dict)
     patience: float = 5.0
     joined: bool = False
+    cell: int | None = None
     counts: Counter[str] = field(default_factory=Counter)
-    _topics: dict[str, _Topic] = field(default_factory=dict)
-    _checked: set[tuple[str, int]] = field(default_factory=set)
-    _sessions_due: float = -math.inf
+    _topics: dict[str, Follower] = field(default_factory=dict)
     _since: int | None = None  # session of the daemon in which this consumer joined
-    _unsure: bool = True  # whether there is reason to ask the cell though nothing waits for it
-    _doubts: Doubts = field(default_factory=Doubts)
+    _sessions_due: float = -math.inf
+    _claims: dict[tuple[str, int], int] = field(default_factory=dict)
+    """Highest next number that somebody claims, by topic and session; the topic of a daemon's own one is ``health``."""
+    _asked: dict[tuple[str, int], int] = field(default_factory=dict)
+    _early: list[tuple[str, Part]] = field(default_factory=list)
+    """Messages of topics that the cell has not confirmed."""
+    _due: float = -math.inf
+    _pause: float = _PAUSE
 
     def __post_init__(self) -> None:
         self.joined = bool(self.resume)
@@ -83,135 +85,145 @@ class Following:
     @property
     def begun(self) -> dict[str, tuple[int, int]]:
         """Session and number of the first message that this consumer should get, by topic."""
-        return {name: topic.begun for name, topic in list(self._topics.items())}
+        return {name: follower.begun for name, follower in list(self._topics.items())}
 
     @property
     def duplicates(self) -> int:
         """Number of samples and messages that arrived more than once; each was delivered once."""
-        return sum(t.follower.duplicates for t in list(self._topics.values()))
+        return sum(follower.duplicates for follower in list(self._topics.values()))
 
-    def message(self, topic: str, mark: Mark, content: Batch | Frames | Result | Event, size: int = 0) -> list[Part]:
+    def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[Part]:
         """Take a live message of ``size`` bytes; return the parts that are in order now.
 
         Raises ``ProtocolError`` if there are more topics than a cell can have.
         """
+        follower = self._topics.get(topic)
+        if follower is None and not self.joined:
+            follower = self._begin(topic, mark.session, mark.sequence)
+        known = follower is not None and follower.knows(mark.session, mark.sequence)
+        if not known and not self._claim(topic, mark.session, mark.end):
+            return []
         part = _part(mark, content, backfilled=False, size=size)
-        state = self._topics.get(topic)
-        if state is None and not self.joined:
-            state = self._begin(topic, mark.session, mark.sequence)
-        if state is not None and mark.session == state.begun[0] and mark.end <= state.begun[1]:
+        if follower is None:
+            if len(self._early) < _MOST and sum(part.size for _, part in self._early) + size <= HELD_BYTES:
+                self._early.append((topic, part))
+            return []
+        if mark.session == follower.begun[0] and mark.end <= follower.begun[1]:
             return []  # it is older than what this consumer began with
-        if state is not None and _goes_on(state, part):
-            return self._counted(state.follower.take(part))
-        if not self._doubts.add(topic, part):
+        return self._counted(follower.take(part))
+
+    # how far the cell is ----------------------------------------------------------------------------
+
+    def hinted(self, session: int, positions: Positions) -> None:
+        """Take a daemon's session and the positions in its live health message: reasons to ask the cell."""
+        if self.cell is not None:
+            self._claim(HEALTH, session, 0)
+        for topic, (numbering, end) in positions.items():
+            if self.wants(topic):
+                self._claim(topic, numbering, end)
+
+    def _claim(self, topic: str, session: int, end: int) -> bool:
+        """Note what only the cell can confirm; return False if there is no room for it."""
+        if self._confirmed(topic, session, end):
+            return True
+        if (topic, session) not in self._claims and len(self._claims) >= _MOST:
             self.counts["let go"] += 1
-        return []
+            return False
+        self._claims[topic, session] = max(end, self._claims.get((topic, session), 0))
+        return True
 
-    def hinted(self, positions: Positions) -> None:
-        """Take the positions in a live health message, which are only a reason to ask the cell."""
-        for topic, (session, end) in positions.items():
-            state = self._topics.get(topic)
-            reach = None if state is None else state.follower.reach(session)
-            if self.wants(topic) and (reach is None or end > reach) and len(self._doubts.claims) < _MOST_TOPICS:
-                self._doubts.claims[topic] = session, end
-
-    def doubt(self) -> None:
-        """Note another message that only the cell can confirm."""
-        self._unsure = True
+    def _confirmed(self, topic: str, session: int, end: int) -> bool:
+        if topic == HEALTH:
+            return session == self.cell
+        return topic in self._topics and self._topics[topic].knows(session, end)
 
     def asks_told(self, now: float) -> bool:
         """True if the cell should be asked for its positions now; call ``told`` or ``untold`` next."""
-        self._doubts.claims = {t: claim for t, claim in self._doubts.claims.items() if not self._reached(t, *claim)}
-        return self._doubts.asks(now, anyhow=self._unsure)
+        if now < self._due:
+            return False
+        self._claims = {claim: end for claim, end in self._claims.items() if not self._confirmed(*claim, end)}
+        if self.cell is not None and not self._claims:
+            return False
+        self._asked, self._due = dict(self._claims), math.inf
+        return True
 
     def untold(self, now: float) -> None:
         """Note that no answer about the cell's positions came."""
-        self._doubts.unanswered(now)
+        self._pause = min(2 * self._pause, _LONGEST)
+        self._due = now + self._pause
 
     def told(self, session: int, positions: Positions, now: float) -> list[tuple[str, Part]]:
-        """Take the cell's answer, the positions of a daemon session; return the parts in order now, by topic."""
-        doubted, claims = self._doubts.answered()
-        wanted = {topic: place for topic, place in positions.items() if self.wants(topic)}
-        ready: list[tuple[str, Part]] = []
+        """Take the cell's answer, the positions of a daemon session; return the parts in order now, by topic.
+
+        What was claimed beyond it is refused.
+        """
         refused = 0
-        for topic in {**wanted, **doubted}:
-            numbering, end = wanted.get(topic, (session, None))
-            if end is not None:
-                refused += self._meet_told(topic, numbering, end, doubted.get(topic, ()))
-            state = self._topics.get(topic)
-            late = []
-            for part in doubted.get(topic, ()):
-                if state is not None and _ended(state, part, numbering):
-                    ready += self._take(topic, part)
-                else:
-                    late.append(part)
-            if state is not None and end is not None:
-                state.follower.announce(numbering, end)
-            for part in late:
-                if state is not None and _goes_on(state, part):
-                    ready += self._take(topic, part)
-                else:
-                    refused += 1
+        for topic, (numbering, end) in positions.items():
+            if self.wants(topic):
+                refused += self._meet(topic, numbering, end)
+                follower = self._topics[topic]
+                claimed, known = self._asked.get((topic, follower.newest), 0), follower.reach(follower.newest) or 0
+                if numbering != follower.newest and claimed <= known + _NEAR:  # of a session that ended at once
+                    follower.announce(follower.newest, claimed)
+                follower.announce(numbering, end)
+        self.cell = session
         if not self.joined:
             self.joined, self._since = True, session
-        self._unsure = False
-        refused += sum(not self._reached(topic, *claim) for topic, claim in claims.items())
-        for topic, parts in self._doubts.drain().items():  # came since the cell was asked
-            for part in parts:
-                state = self._topics.get(topic)
-                if state is not None and _goes_on(state, part):
-                    ready += self._take(topic, part)
-                else:
-                    self._doubts.add(topic, part)
-        if refused:
-            self.counts["refused"] += refused
-        self._doubts.judged(now, refused > 0)
+        early, self._early = [(t, part) for t, part in self._early if t in self._topics], []
+        ready = [(topic, given) for topic, part in early for given in self._counted(self._topics[topic].take(part))]
+        for (topic, numbering), end in self._asked.items():
+            if not self._confirmed(topic, numbering, end):
+                refused += 1
+                if topic in self._topics:
+                    self._topics[topic].refuse(numbering, end)
+        self._claims = {claim: end for claim, end in self._claims.items() if end != self._asked.get(claim)}
+        self._pause = min(2 * self._pause, _LONGEST) if refused else _PAUSE
+        self._due = now + self._pause
+        self.counts += Counter(refused=refused)
         return ready
 
-    def _meet_told(self, topic: str, numbering: int, end: int, doubted: Sequence[Part]) -> int:
-        """Start a topic that the cell has. Return 1 if it had started from a position unknown to the cell, else 0."""
-        state = self._topics.get(topic)
-        if state is None:
-            self._meet(topic, numbering, end)
-        elif not self.joined and (state.follower.session != numbering or state.follower.following > end + _NEAR):
-            first = (part.sequence for part in doubted if part.session == numbering and part.end <= end)
-            self._begin(topic, numbering, min(first, default=end))
+    def _meet(self, topic: str, numbering: int, end: int) -> int:
+        """Start a topic that the cell has at its position, or after the join at its first number.
+
+        Return 1 if it had started from a position unknown to the cell, else 0.
+        """
+        follower = self._topics.get(topic)
+        if follower is None and self.joined:
+            self._begin(topic, self._since or numbering if _recorded(topic) else numbering, 0)
+        elif follower is None:
+            self._begin(topic, numbering, end)
+        elif not self.joined and (follower.session != numbering or follower.following > end + _NEAR):
+            self._begin(topic, numbering, end)
             return 1
         return 0
 
-    def _take(self, topic: str, part: Part) -> list[tuple[str, Part]]:
-        return [(topic, given) for given in self._counted(self._topics[topic].follower.take(part))]
-
-    def _reached(self, topic: str, session: int, end: int) -> bool:
-        state = self._topics.get(topic)
-        reach = None if state is None else state.follower.reach(session)
-        return reach is not None and end <= reach
-
     def standing(self, mark: Mark, alarm: Alarm) -> list[Part]:
         """Take an active alarm from an answer; return it if it was raised before this consumer began."""
-        state = self._topics.get(ALARM)
-        if state is None or mark.session != state.begun[0] or mark.end > state.begun[1]:
+        follower = self._topics.get(ALARM)
+        if follower is None or mark.session != follower.begun[0] or mark.end > follower.begun[1]:
             return []
         return self._counted([_part(mark, alarm, backfilled=True)])
+
+    # what is missing --------------------------------------------------------------------------------
 
     def questions(self, now: float) -> list[Question]:
         """Questions to ask now; after each call ``filled``, ``nothing`` or ``unanswered``."""
         due = []
-        for name, state in self._topics.items():
-            hole = None if state.asking else state.follower.hole()
-            if hole is None or self._unchecked(name, state):
+        for name, follower in self._topics.items():
+            hole = None if follower.asking else follower.hole()
+            if hole is None or _unentered(name, follower):
                 continue
-            if state.seen != _key(hole):
-                state.seen = _key(hole)
-                state.due = now if hole.certain else now + GRACE
-            if now >= state.due:
-                state.asking = True
+            if follower.asked_about != _key(hole):
+                follower.asked_about = _key(hole)
+                follower.due = now if hole.certain else now + GRACE
+            if now >= follower.due:
+                follower.asking = True
                 due.append(Question(name, hole))
         return due
 
     def asks_sessions(self, now: float) -> bool:
         """True if a session has ended and the recorded sessions should be asked for; call ``sessions`` next."""
-        if now < self._sessions_due or not any(self._unchecked(name, state) for name, state in self._topics.items()):
+        if now < self._sessions_due or not any(_unentered(*topic) for topic in self._topics.items()):
             return False
         self._sessions_due = math.inf
         return True
@@ -219,64 +231,49 @@ class Following:
     def sessions(self, recorded: Sequence[int] | None, now: float) -> None:
         """Take the recorded sessions, oldest first; ``None`` if no answer came."""
         self._sessions_due = now + _LINK
-        if recorded is None:
-            return
-        for name, state in self._topics.items():
-            if self._unchecked(name, state):
-                follower = state.follower
-                follower.between([s for s in recorded if follower.session < s < follower.newest])
-                self._checked.add((name, follower.newest))
-
-    def _unchecked(self, name: str, state: _Topic) -> bool:
-        """True if a recorded topic enters a session that other sessions may have preceded."""
-        follower = state.follower
-        return follower.over and _recorded(name) and (name, follower.newest) not in self._checked
+        for name, follower in self._topics.items() if recorded is not None else ():
+            if _unentered(name, follower):
+                follower.between(recorded or ())
 
     @property
     def complete(self) -> bool:
         """True if no message is known to be missing."""
-        return all(t.follower.hole() is None for t in self._topics.values())
+        return all(follower.hole() is None for follower in self._topics.values())
 
-    def filled(self, question: Question, parts: Iterable[tuple[Mark, Batch | Frames | Result | Event]]) -> list[Part]:
+    def filled(self, question: Question, parts: Iterable[tuple[Mark, Content]]) -> list[Part]:
         """Take the cell's answer to a question; return the parts that are in order now."""
-        state = self._answered(question)
-        state.empty_since = None
-        ready = [p for mark, content in parts for p in state.follower.fill(_part(mark, content, backfilled=True))]
-        rest = state.follower.hole()
-        state.seen, state.due = None if rest is None else _key(rest), -math.inf
+        follower = self._answered(question)
+        follower.empty_since = None
+        ready = [p for mark, content in parts for p in follower.fill(_part(mark, content, backfilled=True))]
+        rest = follower.hole()
+        follower.asked_about, follower.due = None if rest is None else _key(rest), -math.inf
         return self._counted(ready)
 
     def nothing(self, question: Question, reason: str, now: float) -> list[Part]:
         """Note that the cell has none of the messages; return the gap and the parts after it, when due."""
-        state = self._answered(question)
-        if state.empty_since is None:
-            state.empty_since = now
-        if not state.follower.over and now - state.empty_since < self.patience:
-            state.due = now + _AGAIN
+        follower = self._answered(question)
+        if follower.empty_since is None:
+            follower.empty_since = now
+        if not follower.over and now - follower.empty_since < self.patience:
+            follower.due = now + _AGAIN
             return []
-        state.empty_since = None
-        return self._counted(state.follower.give_up(question.hole, reason))
+        follower.empty_since = None
+        return self._counted(follower.give_up(question.hole, reason))
 
     def unanswered(self, question: Question, now: float) -> None:
         """Note that no answer came."""
         self._answered(question).due = now + _LINK
 
-    def _meet(self, topic: str, session: int, number: int) -> _Topic:
-        """Start a topic at its current position, or after the join at its first number."""
-        if not self.joined:
-            return self._begin(topic, session, number)
-        return self._begin(topic, self._since or session if _recorded(topic) else session, 0)
+    def _begin(self, topic: str, session: int, following: int) -> Follower:
+        if topic not in self._topics and len(self._topics) >= _MOST:
+            raise ProtocolError(f"more than {_MOST} topics of one cell")
+        follower = self._topics[topic] = Follower(session, following)
+        return follower
 
-    def _begin(self, topic: str, session: int, following: int) -> _Topic:
-        if topic not in self._topics and len(self._topics) >= _MOST_TOPICS:
-            raise ProtocolError(f"more than {_MOST_TOPICS} topics of one cell")
-        state = self._topics[topic] = _Topic(Follower(session, following), (session, following))
-        return state
-
-    def _answered(self, question: Question) -> _Topic:
-        state = self._topics[question.topic]
-        state.asking = False
-        return state
+    def _answered(self, question: Question) -> Follower:
+        follower = self._topics[question.topic]
+        follower.asking = False
+        return follower
 
     def _counted(self, parts: list[Part]) -> list[Part]:
         for part in parts:
@@ -294,20 +291,10 @@ def _recorded(topic: str) -> bool:
     return topic not in (ALARM, HEALTH)
 
 
-def _goes_on(state: _Topic, part: Part) -> bool:
-    """True if a part continues or repeats messages that are known to exist."""
-    reach = state.follower.reach(part.session)
-    return reach is not None and part.sequence <= reach
+def _unentered(name: str, follower: Follower) -> bool:
+    """True if a recorded topic enters a session that other sessions may have preceded."""
+    return follower.over and _recorded(name) and follower.entered != follower.newest
 
 
-def _ended(state: _Topic, part: Part, session: int) -> bool:
-    """True if a part is of the last known session or a later one, and that session ended before ``session``."""
-    follower = state.follower
-    reach = follower.reach(part.session)
-    between = reach is None and follower.newest < part.session < session
-    ended = reach is not None and part.session == follower.newest != session
-    return (between or ended) and part.sequence - (reach or 0) <= _NEAR
-
-
-def _part(mark: Mark, content: Batch | Frames | Result | Event, backfilled: bool, size: int = 0) -> Part:
+def _part(mark: Mark, content: Content, backfilled: bool, size: int = 0) -> Part:
     return Part(mark.session, mark.sequence, mark.count, backfilled, content, size)

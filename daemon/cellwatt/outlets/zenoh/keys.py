@@ -44,6 +44,7 @@ def escape(name: str) -> str:
     return _UNSAFE.sub(lambda found: "".join(f"%{byte:02X}" for byte in found[0].encode()), name)
 
 
+@lru_cache(maxsize=1024)
 def raw_topic(source: str, stream: str) -> str:
     """Topic of the raw samples of a stream."""
     return f"raw/{escape(source)}/{escape(stream)}"
@@ -102,7 +103,6 @@ class Address:
     cell: str
     kind: str
     names: tuple[str, ...] = ()
-    backfill: bool = False
 
     @cached_property
     def topic(self) -> str:
@@ -114,12 +114,11 @@ class Address:
 def parse(key: str) -> Address:
     """Parse a message's key. Raises ``ProtocolError`` for keys that no cell uses."""
     chunks = key.split("/")
-    backfill = len(chunks) > 3 and chunks[3] == "backfill"
-    head, path = chunks[:3], chunks[4 if backfill else 3 :]
+    head, path = chunks[:3], chunks[3:]
     known = len(head) == 3 and head[0] == PREFIX and bool(path) and path[0] in KINDS
     if not known or "" in chunks or not _right_length(path):
         raise ProtocolError(f"{key!r} is not a key of a cellwatt cell")
-    return Address(unquote(head[1]), unquote(head[2]), path[0], tuple(map(unquote, path[1:])), backfill)
+    return Address(unquote(head[1]), unquote(head[2]), path[0], tuple(map(unquote, path[1:])))
 
 
 def is_topic(text: str) -> bool:

@@ -28,18 +28,15 @@ if TYPE_CHECKING:
 
 LARGEST_MESSAGE: Final = 64 * 1024 * 1024
 """Bytes of a message that is taken at all; 2000 samples of 1000 channels have 36 MB. Zenoh's own limit is 1 GiB."""
-_ATTEMPTS: Final = (1.0, 2.0, 2.0)
-"""Longest time, s, of an attempt to reach a router; a stop waits for it.
-
-The next in turn is for an endpoint where somebody answered and yet no session came about. Only when all have failed is
-that a refusal: it may have been a router that just began to listen, or a PC whose cores are taken.
-"""
+_ATTEMPT: Final = 1.0
+"""Longest time, s, of the first attempt at a router; the next have twice that, for one that just begins to listen or
+whose cores are taken. A stop waits for it."""
 PATIENCE: Final = 10.0
 """Time, s, that a client tries to reach its router."""
 _PAUSE: Final = 0.2  # s
 _PROBE: Final = 1.0  # s
 _LAST_PORT: Final = 65535
-_ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/([^/]+):(\d+)(?:[?#].*)?")
+ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/([^/]+):(\d+)(?:[?#].*)?")
 _OTHER_ADDRESS = re.compile(r"(unixsock-stream|unixpipe|serial|vsock)/.+")
 _ZENOH_DETAIL = re.compile(r'msg: "((?:[^"\\]|\\.)*)"|Str\("([^"]*)"\)')
 _ZENOH_PLACE = re.compile(r"\s*at /\S+:\d+\.?")
@@ -119,7 +116,7 @@ class LinkSettings(OutletSettings):
     @classmethod
     def _endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
         for endpoint in endpoints:
-            found = _ADDRESS.fullmatch(endpoint)
+            found = ADDRESS.fullmatch(endpoint)
             if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > _LAST_PORT):
                 raise ValueError(
                     f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
@@ -152,9 +149,7 @@ class LinkSettings(OutletSettings):
         return {**named, "users": self.users}
 
 
-def session_config(
-    settings: LinkSettings, timeout: float = _ATTEMPTS[0], largest: int = LARGEST_MESSAGE
-) -> zenoh.Config:
+def session_config(settings: LinkSettings, timeout: float = _ATTEMPT, largest: int = LARGEST_MESSAGE) -> zenoh.Config:
     """Zenoh's configuration: ``timeout`` s to reach a router, messages of up to ``largest`` bytes.
 
     Raises ``ValueError`` that names the option if Zenoh refuses one.
@@ -178,9 +173,9 @@ def open_session(
 ) -> zenoh.Session:
     """Open a session; blocks, so call it in a thread.
 
-    A client tries its endpoints in turn for ``patience`` s (``PATIENCE``), unless all of them refuse it. Raises
-    ``OutletError`` that says of each endpoint what to check, or when ``stopped()`` turns true meanwhile. Fragmented
-    messages (Zenoh's fragments hold 64 kB) of more than ``largest`` bytes are discarded before they are reassembled.
+    A client tries its endpoints in turn for ``patience`` s (``PATIENCE``). Raises ``OutletError`` that says of each
+    endpoint what to check, also when ``stopped()`` turns true meanwhile. Fragmented messages (Zenoh's fragments hold
+    64 kB) of more than ``largest`` bytes are discarded before they are reassembled.
     """
     import zenoh
 
@@ -189,21 +184,20 @@ def open_session(
         raise OutletError(problem)
     end = time.monotonic() + (PATIENCE if patience is None else patience)
     order = settings.connect or ("",)
-    refusals, reasons = dict.fromkeys(order, 0), dict.fromkeys(order, "")
+    reasons = dict.fromkeys(order, "")
     for at in itertools.cycle(range(len(order))):
         # Zenoh gives up at the first endpoint that is away: each is the first in turn. All stay known to the session.
         first = order[at]
         turned = settings.model_copy(update={"connect": settings.connect[at:] + settings.connect[:at]})
-        attempt = min(refusals[first], len(_ATTEMPTS) - 1)
         try:
-            return zenoh.open(session_config(turned, _ATTEMPTS[attempt], largest))
+            return zenoh.open(session_config(turned, _ATTEMPT * (2 if reasons[first] else 1), largest))
         except zenoh.ZError as error:
-            refused, reasons[first] = _explain(first, error)
-            refusals[first] = refusals[first] + 1 if refused else 0
-        tried = all(reasons.values()) or not settings.connect
-        hopeless = min(refusals.values()) >= len(_ATTEMPTS)
-        if hopeless or stopped() or (tried and time.monotonic() > end):
-            raise OutletError("; ".join(filter(None, dict.fromkeys(reasons.values()))))
+            text = _plain(error)
+        if "Unable to connect" not in text:
+            raise OutletError(f"Zenoh session: {text}")
+        reasons[first] = f"{first}: {_probe(first) or _REFUSED}"
+        if stopped() or (time.monotonic() > end and all(reasons.values())):
+            raise OutletError("; ".join(filter(None, reasons.values())))
         time.sleep(_PAUSE)
     raise AssertionError("a cycle has no end")
 
@@ -262,33 +256,19 @@ def _plain(error: Exception) -> str:
     return _ZENOH_PLACE.sub("", (found[1] or found[2]) if found else text).strip()
 
 
-def _explain(endpoint: str, error: Exception) -> tuple[bool, str]:
-    """True if another try at an endpoint is useless for now, and the text for the person at the cell."""
-    text = _plain(error)
-    if "Unable to connect" not in text:
-        return True, f"Zenoh session: {text}"
-    answer = _probe(endpoint)
-    return answer is None, f"{endpoint}: {answer or _REFUSED}"
-
-
 def why_unconnected(settings: LinkSettings) -> str:
     """Reason why a session has no link to any endpoint of ``connect``. Blocks for up to 1 s per endpoint."""
-    return "; ".join(f"{endpoint}: {_probe(endpoint) or _NOT_YET}" for endpoint in settings.connect)
+    return "; ".join(f"{endpoint}: {_probe(endpoint) or _REFUSED}" for endpoint in settings.connect)
 
 
 _REFUSED: Final = (
     "somebody answers but refuses the session: check user and password, the certificates, and that this is a Zenoh port"
 )
 
-_NOT_YET: Final = (
-    "somebody answers, but there is no session yet: if it stays so, check user and password, the certificates, and "
-    "that this is a Zenoh port"
-)
-
 
 def _probe(endpoint: str) -> str | None:
     """Reason why an endpoint does not accept a plain TCP connection; ``None`` if it does."""
-    found = _ADDRESS.fullmatch(endpoint)
+    found = ADDRESS.fullmatch(endpoint)
     if found is None or found[1] not in ("tcp", "tls", "ws"):
         return "no Zenoh session could be opened there"
     try:

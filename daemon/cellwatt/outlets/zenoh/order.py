@@ -2,21 +2,20 @@
 
 Anyone who can publish on a cell's keys can claim a new session, a jump of its numbers, or samples that were never
 measured. If such a message were followed at once, every true message after it would look old and the stream would
-end. So a message that does not continue the known numbering waits in ``Doubts`` until the cell has been asked.
+end. So only what continues the known numbering, or what the cell itself has ``announce``d, is known to exist.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import insort
+from bisect import bisect_right, insort
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Final
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import cut
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.results import Event, Result
 
 HELD_BYTES: Final = 128 * 1024 * 1024
@@ -76,34 +75,44 @@ class Hole:
 class Follower:
     """Follows one topic from number ``following`` of ``session`` on.
 
-    Parts that arrive early are held back, at most ``hold`` of them; further ones are discarded and asked for
-    again. ``duplicates`` counts the samples that arrived more than once.
+    Parts that come early are held back, at most ``hold`` of them; those beyond are let go and asked for again.
+    ``duplicates`` counts the samples that came more than once.
     """
 
     def __init__(self, session: int, following: int, hold: int = 1000) -> None:
-        self.session = session
-        self.following = following
+        self.begun = session, following
+        self.session, self.following = session, following
         self.duplicates = 0
+        self.asking = False
+        """The cell has been asked about the first hole and has not answered yet."""
+        self.asked_about: tuple[int, int, bool] | None = None
+        """The hole that ``due`` belongs to: session, first number, and whether it is certain."""
+        self.due = -math.inf
+        self.empty_since: float | None = None
+        """Since when the cell has answered that it has nothing."""
+        self.entered: int | None = None
+        """The newest session before which all recorded ones are known."""
         self._hold = hold
         self._held: dict[int, list[Part]] = {}
-        self._ends: dict[int, int] = {}
+        """What came early, by session, in order."""
+        self._ends = {session: 0}
+        """Number up to which messages are known to exist, by session."""
         self._later: list[int] = []
         self._past: deque[int] = deque(maxlen=_PAST)
 
     def take(self, part: Part) -> list[Part]:
         """Take a part in order of arrival; return the parts that are in order now."""
-        if part.sequence == self.following and part.session == self.session and not self._held:
+        current = part.session == self.session
+        if part.sequence == self.following and current and not self._held:
             self.following = part.end
             return [part]
-        if part.session in self._past or (part.session == self.session and part.end <= self.following):
+        if part.session in self._past or (current and part.end <= self.following):
             self.duplicates += part.count
             return []
-        self.announce(part.session, part.end)
-        held = self._held.setdefault(part.session, [])
-        if part.session == self.session and part.sequence <= self.following:
-            held.insert(0, part)
-        elif self._room(part.size):
-            insort(held, part, key=lambda p: p.sequence)
+        if (current and part.sequence <= self.following) or self._room(part.size):
+            insort(self._held.setdefault(part.session, []), part, key=lambda p: p.sequence)
+        if self.knows(part.session, part.sequence):
+            self.announce(part.session, part.end)
         return self._ready()
 
     def reach(self, session: int) -> int | None:
@@ -113,35 +122,50 @@ class Follower:
         """
         if session in self._past:
             return _NO_END
-        if session == self.session:
-            return max(self.following, self._ends.get(session, 0))
-        return self._ends.get(session, 0) if session in self._later else None
+        end = self._ends.get(session)
+        return max(self.following, end or 0) if session == self.session else end
+
+    def knows(self, session: int, number: int) -> bool:
+        """True if messages up to ``number`` are known to exist: what begins there goes on from them, or repeats one."""
+        reach = self.reach(session)
+        return reach is not None and number <= reach
 
     def announce(self, session: int, end: int) -> None:
-        """Note that numbers below ``end`` exist in ``session``."""
+        """Note that numbers below ``end`` exist in ``session``, and with them what is held and goes on from there."""
         if session in self._past:
             return
-        if session != self.session and session not in self._later:
+        if session not in self._ends:
             self._later.append(session)
-        self._ends[session] = max(end, self._ends.get(session, 0))
+        known = self._ends.get(session, 0)
+        end, held = max(end, known), self._held.get(session, [])
+        for part in held[bisect_right(held, known, key=lambda p: p.sequence) :]:
+            if part.sequence > end:
+                break
+            end = max(end, part.end)
+        self._ends[session] = end
+
+    def refuse(self, session: int, end: int) -> None:
+        """Let go what is held beyond the known numbers, up to an ``end`` that the cell does not know."""
+        held = self._held.pop(session, [])
+        if left := [part for part in held if self.knows(session, part.sequence) or part.end > end]:
+            self._held[session] = left
 
     def _room(self, size: int) -> bool:
-        parts = [part for held in self._held.values() for part in held]
-        return len(parts) < self._hold and sum(part.size for part in parts) + size <= HELD_BYTES
+        sizes = [part.size for held in self._held.values() for part in held]
+        return len(sizes) < self._hold and sum(sizes) + size <= HELD_BYTES
 
     @property
     def newest(self) -> int:
         """The last session known."""
         return self._later[-1] if self._later else self.session
 
-    def between(self, sessions: Sequence[int]) -> None:
-        """Insert sessions, oldest first, among the known ones."""
-        following = self.newest
-        for session in reversed(sessions):
-            if session not in self._later and session != self.session and session not in self._past:
-                self._later.insert(self._later.index(following), session)
-            if session in self._later:
-                following = session
+    def between(self, recorded: Iterable[int]) -> None:
+        """Note the recorded sessions, oldest first, that lie between the known ones."""
+        self.entered = self.newest
+        for session in recorded:
+            if self.session < session < self.newest and self.reach(session) is None:
+                self._ends[session] = 0
+                self._later.insert(next(n for n, later in enumerate(self._later) if later > session), session)
 
     @property
     def over(self) -> bool:
@@ -150,15 +174,13 @@ class Follower:
 
     def hole(self) -> Hole | None:
         """The first hole, or ``None``."""
-        held = self._held.get(self.session)
-        if held:
-            return Hole(self.session, self.following, held[0].sequence - self.following, certain=True)
-        end = self._ends.get(self.session, 0)
+        end, held = max(self.following, self._ends[self.session]), self._held.get(self.session)
+        early = held is not None and held[0].sequence <= end
+        if held is not None and early:
+            end = held[0].sequence
         if end > self.following:
-            return Hole(self.session, self.following, end - self.following, certain=self.over)
-        if self.over:
-            return Hole(self.session, self.following, None, certain=True)
-        return None
+            return Hole(self.session, self.following, end - self.following, certain=early or self.over)
+        return Hole(self.session, self.following, None, certain=True) if self.over else None
 
     def fill(self, part: Part) -> list[Part]:
         """Take an answer to ``hole``. If it begins later than asked, the messages before it are lost."""
@@ -171,9 +193,13 @@ class Follower:
         """Give up ``hole``, which the cell no longer has; return the gap and the parts after it."""
         if (hole.session, hole.first) != (self.session, self.following):
             return []
-        if hole.count is None:
-            return self._next_session()
-        return self._lost(hole.first + hole.count, reason)
+        if hole.count is not None:
+            return self._lost(hole.first + hole.count, reason)
+        self._past.append(self.session)
+        del self._ends[self.session]
+        self._held.pop(self.session, None)
+        self.session, self.following = self._later.pop(0), 0
+        return self._ready()
 
     def _lost(self, end: int, reason: str) -> list[Part]:
         count = end - self.following
@@ -182,8 +208,8 @@ class Follower:
         return [gap, *self._ready()]
 
     def _ready(self) -> list[Part]:
-        held = self._held.get(self.session, [])
         ready: list[Part] = []
+        held = self._held.get(self.session, [])
         while held and held[0].sequence <= self.following:
             part = held.pop(0)
             fresh = part.end - self.following
@@ -194,91 +220,3 @@ class Follower:
         if not held:
             self._held.pop(self.session, None)
         return ready
-
-    def _next_session(self) -> list[Part]:
-        self._past.append(self.session)
-        self._held.pop(self.session, None)
-        self._ends.pop(self.session, None)
-        self.session = self._later.pop(0)
-        self.following = 0
-        return self._ready()
-
-
-_MOST: Final = 1000
-"""Parts that wait for the cell's word; those beyond are let go and, where they were true, asked for again."""
-_GRACE: Final = 0.2
-"""Time, s, that what a health message tells may still be on its way."""
-_PAUSE: Final = 0.1
-"""Pause, s, between two questions; doubled, up to ``_LONGEST``, while they come to nothing."""
-_LONGEST: Final = 2.0
-
-
-@dataclass(slots=True)
-class Doubts:
-    """Unconfirmed parts by topic, and the positions (session, next number) that live health messages claimed."""
-
-    parts: dict[str, list[Part]] = field(default_factory=dict)
-    claims: dict[str, tuple[int, int]] = field(default_factory=dict)
-    _waiting: int = 0
-    _size: int = 0
-    _asked: tuple[dict[str, int], dict[str, tuple[int, int]]] = field(default_factory=lambda: ({}, {}))
-    _claimed_at: float | None = None
-    _due: float = -math.inf
-    _pause: float = _PAUSE
-
-    def add(self, topic: str, part: Part) -> bool:
-        """Keep a part until the cell has answered; return False if there is no room."""
-        if self._waiting >= _MOST or self._size + part.size > HELD_BYTES:
-            return False
-        self.parts.setdefault(topic, []).append(part)
-        self._waiting += 1
-        self._size += part.size
-        return True
-
-    def asks(self, now: float, anyhow: bool) -> bool:
-        """True if the cell should be asked now, also without parts if ``anyhow``."""
-        if now < self._due:
-            return False
-        if not self.claims:
-            self._claimed_at = None
-        elif self._claimed_at is None:
-            self._claimed_at = now
-        claimed = self._claimed_at is not None and now - self._claimed_at >= _GRACE
-        if not (anyhow or self.parts or claimed):
-            return False
-        self._due = math.inf
-        self._asked = {topic: len(parts) for topic, parts in self.parts.items()}, dict(self.claims)
-        return True
-
-    def answered(self) -> tuple[Mapping[str, list[Part]], Mapping[str, tuple[int, int]]]:
-        """Remove and return the parts and claims that were waiting when the cell was asked."""
-        counts, claims = self._asked
-        parts = {topic: self._taken(topic, count) for topic, count in counts.items()}
-        self.claims = {topic: claim for topic, claim in self.claims.items() if claims.get(topic) != claim}
-        self._claimed_at, self._asked = None, ({}, {})
-        return parts, claims
-
-    def drain(self) -> Mapping[str, list[Part]]:
-        """Remove and return all parts."""
-        return {topic: self._taken(topic, len(parts)) for topic, parts in list(self.parts.items())}
-
-    def judged(self, now: float, refused: bool) -> None:
-        """Note the verdict on the parts; after a refusal the cell is asked less often."""
-        self._pause = min(2 * self._pause, _LONGEST) if refused else _PAUSE
-        self._due = now + self._pause
-
-    def unanswered(self, now: float) -> None:
-        """Note that no answer came; the parts go on waiting."""
-        self._pause = min(2 * self._pause, _LONGEST)
-        self._due = now + self._pause
-
-    def _taken(self, topic: str, count: int) -> list[Part]:
-        parts = self.parts[topic]
-        taken, rest = parts[:count], parts[count:]
-        if rest:
-            self.parts[topic] = rest
-        else:
-            del self.parts[topic]
-        self._waiting -= len(taken)
-        self._size -= sum(part.size for part in taken)
-        return taken

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from itertools import count
 from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.batch import Batch
-from cellwatt.blocks import concatenate, follows
+from cellwatt.frames import concatenate, follows
 from cellwatt.outlet import Item
 from cellwatt.outlets.zenoh.mark import Mark
 
@@ -51,14 +49,10 @@ class Outbox:
     def __init__(self, limit: int, account: Account) -> None:
         self._limit = limit
         self._account = account
-        self._lock = threading.Lock()
-        # A token in it wakes the taker. A Condition would wake it while its lock is still held: two switches.
-        self._wake_up: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._lock = threading.Condition(threading.Lock())
         self._idle = False
-        self._results: deque[Outgoing] = deque()
-        self._frames: deque[Outgoing] = deque()
-        self._raw: dict[str, deque[tuple[int, Outgoing]]] = {}
-        self._tickets = count()
+        self._lanes: tuple[dict[str, deque[Outgoing]], ...] = ({}, {}, {})
+        """What waits in each lane: raw batches by topic, others under one name in the order in which they came."""
         self._ends: dict[str, tuple[int, int]] = {}
         self._waiting = 0
         self._woken = False
@@ -69,23 +63,17 @@ class Outbox:
             self._ends[outgoing.topic] = (outgoing.mark.session, outgoing.mark.end)
             while self._waiting >= self._limit:
                 self._drop_oldest()
-            if lane is Lane.RAW:
-                self._raw.setdefault(outgoing.topic, deque()).append((next(self._tickets), outgoing))
-            else:
-                (self._results if lane is Lane.RESULTS else self._frames).append(outgoing)
+            stream = outgoing.topic if lane is Lane.RAW else ""
+            self._lanes[lane].setdefault(stream, deque()).append(outgoing)
             self._waiting += 1
-            idle = self._idle and wake
-            self._idle = self._idle and not wake
-        if idle:
-            self._wake_up.put(None)
+            if wake:
+                self._lock.notify()
 
     def wake(self) -> None:
         """Make the ``take`` that runs now, or the next one that would wait, return."""
         with self._lock:
             self._woken = True
-            idle, self._idle = self._idle, False
-        if idle:
-            self._wake_up.put(None)
+            self._lock.notify()
 
     @property
     def idle(self) -> bool:
@@ -98,19 +86,18 @@ class Outbox:
         The caller can send them itself without a change of threads, and the order of a topic is kept.
         """
         with self._lock:
-            return self._next() if self._idle and self._waiting and not self._results else None
+            return self._next() if self._idle and self._waiting and not self._lanes[Lane.RESULTS] else None
 
     def take(self) -> Outgoing | None:
         """Take the next item, or ``None`` after ``wake`` if none waits. Blocks until either; for one thread."""
-        while True:
-            with self._lock:
-                if self._waiting:
-                    return self._next()
-                if self._woken:
-                    self._woken = False
-                    return None
-                self._idle = True
-            self._wake_up.get()
+        with self._lock:
+            self._idle = True
+            self._lock.wait_for(lambda: self._waiting or self._woken)
+            self._idle = False
+            if self._waiting:
+                return self._next()
+            self._woken = False
+            return None
 
     def sent(self, outgoing: Outgoing) -> None:
         """Count a taken item as sent."""
@@ -136,9 +123,8 @@ class Outbox:
         with self._lock:
             for outgoing in self._all():
                 self._drop(outgoing, where)
-            self._results.clear()
-            self._frames.clear()
-            self._raw.clear()
+            for lane in self._lanes:
+                lane.clear()
             self._waiting = 0
 
     def count(self, what: str, n: int = 1) -> None:
@@ -150,36 +136,28 @@ class Outbox:
         return self._waiting
 
     def _all(self) -> Iterator[Outgoing]:
-        yield from self._results
-        yield from self._frames
-        for waiting in self._raw.values():
-            yield from (outgoing for _, outgoing in waiting)
+        return (outgoing for lane in self._lanes for waiting in lane.values() for outgoing in waiting)
 
     def _next(self) -> Outgoing:
-        if self._results or self._frames:
-            self._waiting -= 1
-            return (self._results or self._frames).popleft()
-        topic, waiting = next(iter(self._raw.items()))
-        together = [waiting.popleft()[1]]
-        while waiting and _fits(together, waiting[0][1]):
-            together.append(waiting.popleft()[1])
-        del self._raw[topic]
+        lane = next(lane for lane in self._lanes if lane)
+        stream, waiting = next(iter(lane.items()))
+        together = [waiting.popleft()]
+        while waiting and _fits(together, waiting[0]):
+            together.append(waiting.popleft())
+        del lane[stream]
         if waiting:
-            self._raw[topic] = waiting  # behind the other streams
+            lane[stream] = waiting  # behind the other streams
         self._waiting -= len(together)
         return _merged(together)
 
     def _drop_oldest(self) -> None:
+        lane = max(lane for lane in Lane if self._lanes[lane])
+        streams = self._lanes[lane]
+        stream = min(streams, key=lambda name: streams[name][0].mark.arrival)
+        self._drop(streams[stream].popleft(), f"queue: {lane.name.lower()}")
+        if not streams[stream]:
+            del streams[stream]
         self._waiting -= 1
-        if self._raw:
-            topic = min(self._raw, key=lambda t: self._raw[t][0][0])
-            self._drop(self._raw[topic].popleft()[1], "queue: raw")
-            if not self._raw[topic]:
-                del self._raw[topic]
-        elif self._frames:
-            self._drop(self._frames.popleft(), "queue: frames")
-        else:
-            self._drop(self._results.popleft(), "queue: results")
 
     def _drop(self, outgoing: Outgoing, where: str) -> None:
         self._account.expect(outgoing.mark.count)

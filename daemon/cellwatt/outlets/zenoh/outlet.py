@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import re
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, PositiveInt, model_validator
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
+from cellwatt.door.signing import unusable
 from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.host import stays_here
@@ -23,56 +24,35 @@ from cellwatt.outlet import CellView, Item, Outlet, refusal
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
-from cellwatt.outlets.zenoh.link import LinkSettings, session_config
+from cellwatt.outlets.zenoh.link import ADDRESS, LinkSettings, session_config
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health, topic_of
 from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
 from cellwatt.outlets.zenoh.publisher import Publisher
 from cellwatt.outlets.zenoh.signing import Seal
 from cellwatt.quantity import Bytes, BytesPerSecond
-from cellwatt.signing import unusable
 
-_NETWORK = re.compile(r"(tcp|udp|tls|quic|ws)/(\[.*\]|[^/]+):\d+(?:[?#].*)?")
 _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
+_RECENT: Final = 0.5e6
+"""Bytes of frames that are kept where the record has them, too: those that consumers ask for most."""
 _HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
 
 
-@dataclass(frozen=True, slots=True)
-class Opening:
-    """A way in for strangers: the setting, its value, and the consequence in words."""
-
-    at: tuple[str | int, ...]
-    value: str
-    text: str
-
-
-def openings(settings: LinkSettings) -> Iterator[Opening]:
-    """All ways into the cell from other PCs without TLS and access rules."""
-    ruled = _denies(settings)
-    for i, endpoint in enumerate(settings.listen):
-        protocol = _protocol(endpoint)
-        missing = ["TLS"] if protocol not in _ENCRYPTED else []
-        missing += [] if ruled else ["access rules"]
-        if protocol is not None and missing:
-            text = f"open to the network without {' and '.join(missing)}: {_HARM}"
-            yield Opening(("listen", i), endpoint, text)
-    if settings.scouting:
-        yield Opening(("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}")
-
-
-def _protocol(endpoint: str) -> str | None:
-    """The protocol by which other PCs reach an endpoint; ``None`` if they cannot."""
-    found = _NETWORK.fullmatch(endpoint)
-    if found is None:
-        return None  # a socket, pipe or serial line of this PC
-    return None if stays_here(found[2].strip("[]")) else found[1]
-
-
-def _denies(settings: LinkSettings) -> bool:
-    """True if access rules are in force and deny by default, in whatever form they are written."""
+def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+    """All ways into the cell from other PCs without TLS and access rules: setting, value, the consequence in words."""
     control: dict[str, Any] = json.loads(session_config(settings).get_json("access_control"))
-    return bool(control.get("enabled")) and control.get("default_permission") == "deny"
+    ruled = bool(control.get("enabled")) and control.get("default_permission") == "deny"
+    for i, endpoint in enumerate(settings.listen):
+        found = ADDRESS.fullmatch(endpoint)
+        if found is None or stays_here(found[2].strip("[]")):
+            continue  # a socket, pipe or serial line of this PC, or its loopback address
+        missing = [] if found[1] in _ENCRYPTED else ["TLS"]
+        missing += [] if ruled else ["access rules"]
+        if missing:
+            yield ("listen", i), endpoint, f"open to the network without {' and '.join(missing)}: {_HARM}"
+    if settings.scouting:
+        yield ("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}"
 
 
 log = logging.getLogger(__name__)
@@ -97,8 +77,8 @@ class ZenohSettings(LinkSettings):
     queue: PositiveInt = 4096
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
     frame_memory: Bytes = 4e6
-    """Memory for frames that a consumer may ask for after a cut; older ones it gets from the record, if they are
-    recorded (``record: frames``), and raw samples always."""
+    """Memory for frames that a consumer may ask for after a cut, where they are not recorded (``record: {frames:
+    false}``); else it gets them from the record, as raw samples always."""
     backfill: BytesPerSecond | None = None
     """Most that answers about the past take of the line, all consumers together; by default no limit. Set it below
     what the line carries, less the live data."""
@@ -109,13 +89,13 @@ class ZenohSettings(LinkSettings):
 
     @model_validator(mode="after")
     def _closed(self) -> ZenohSettings:
-        if not self.open and (found := [(o.at, o.value, f"{o.text}; {_ADVICE}") for o in openings(self)]):
+        if not self.open and (found := [(at, value, f"{text}; {_ADVICE}") for at, value, text in openings(self)]):
             raise refusal(self, *found)
         return self
 
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
-        ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
+        ways = (f"{value}: {text} (open: true)" for _, value, text in openings(self))
         told = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
         return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in told))
 
@@ -135,14 +115,15 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         self._keys = CellKeys(view.site, view.cell)
         self._outbox = Outbox(settings.queue, self.account)
         numbering = time.time_ns() if view.journal is None else view.session
-        self._backlog = Backlog(numbering, settings.frame_memory, view.journal, view.session)
+        recorded = view.record_folder is not None and view.config()["record"]["frames"]
+        memory = min(settings.frame_memory, _RECENT) if recorded else settings.frame_memory
+        self._backlog = Backlog(numbering, memory, view.journal, view.session)
         self._seal = Seal(self._keys.root, settings.sign)
         self._answers = Answers(
             view, self._keys, self._backlog, self._outbox.count, self._health, self._seal, settings.backfill
         )
         self._beats = Mark(time.time_ns(), -1, 1, 0)
         """Of the last health message; their numbering is this outlet's own."""
-        self._topics: dict[tuple[str, str], str] = {}
         self._status: Mapping[str, Any] = {}
         self._publisher: Publisher | None = None
         self._sending = False
@@ -151,7 +132,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         """Number one item and hand it to the publishing thread."""
         if isinstance(item, Batch):
             if self.settings.publish.raw and len(item):
-                topic = self._raw_topic(item)
+                topic = raw_topic(item.source, item.stream.name)
                 mark = Mark(self.view.session, item.sequence, len(item), item.arrival)
                 self._put_samples(Lane.RAW, Outgoing(topic, (topic,), item, mark))
         elif isinstance(item, Frames):
@@ -206,8 +187,11 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         publisher = self._publisher = Publisher(
             self.settings, self._keys, self._outbox, self._answers, self._beat, self._seal
         )
-        done = asyncio.wrap_future(publisher.done)
-        publisher.start()
+        # No daemon thread: the threads in which Zenoh calls back would inherit that, and one of them inside
+        # Zenoh while the interpreter ends aborts the process.
+        executor = ThreadPoolExecutor(1, "cellwatt zenoh")
+        done = asyncio.get_running_loop().run_in_executor(executor, publisher.run)
+        executor.shutdown(wait=False)
         try:
             await asyncio.shield(done)
         except asyncio.CancelledError:
@@ -237,10 +221,3 @@ class ZenohOutlet(Outlet[ZenohSettings]):
 
     def _said(self, mark: Mark) -> bytes:
         return health(mark, self.view.session, self._outbox.positions(), self._status or self.view.status())
-
-    def _raw_topic(self, batch: Batch) -> str:
-        key = batch.source, batch.stream.name
-        topic = self._topics.get(key)
-        if topic is None:
-            topic = self._topics[key] = raw_topic(*key)
-        return topic

@@ -6,6 +6,7 @@ is never full of the past; pieces are small enough that one who waits for the ne
 
 from __future__ import annotations
 
+import math
 import queue
 import time
 from collections import deque
@@ -14,8 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import Block, cut, join
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut, join
 from cellwatt.outlet import CellView
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode
@@ -53,46 +53,28 @@ class Past:
 
     def __init__(self, view: CellView, backlog: Backlog, piece: Callable[[], float]) -> None:
         self._view, self._backlog, self._piece = view, backlog, piece
-        self._sizes: dict[str, int] = {}
-        """Bytes of one sample of each topic that was answered about."""
 
     def history(self, asked: Mapping[str, str]) -> Answer:
         """Recorded samples, or frames. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
         session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
         whole = number_of(asked, "count", _EVER)
-        if "source" not in asked and asked.get("stream") == FRAME:
-            frames = self._cut_out(FRAME, first, whole, lambda count: self._frames(session, first, whole, count))
-            if not frames:
-                raise NothingKeptError(f"no frames are kept from {first} in session {session}")
-            mark = Mark(session, frames.sequence, len(frames), int(frames.time[-1]), backfill=True)
-            return Answer(encode(frames), ARROW, mark, FRAME)
-        source, stream = text_of(asked, "source"), text_of(asked, "stream")
-        topic = raw_topic(source, stream)
-        batch = self._cut_out(
-            topic, first, whole, lambda count: self._view.history(source, stream, session, first, count)
-        )
-        if not batch:
-            about = f"{source}/{stream}"
-            raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
-        mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
-        return Answer(encode(batch), ARROW, mark, topic)
-
-    def _cut_out(self, topic: str, first: int, whole: int, look: Callable[[int], Sequence[Block]]) -> Block | None:
-        """The first of ``first`` … ``first + whole``, as many as one answer may have; ``look`` is given a count."""
         count = min(whole, MOST_SAMPLES)
-        if topic in self._sizes:
-            count = self._fitting(count, self._sizes[topic])
-        block = join(look(count), count)
+        blocks: Sequence[Batch | Frames]
+        if "source" not in asked and asked.get("stream") == FRAME:
+            topic, nothing = FRAME, "no frames are kept"
+            blocks = self._frames(session, first, whole, count)
+        else:
+            source, stream = text_of(asked, "source"), text_of(asked, "stream")
+            topic, nothing = raw_topic(source, stream), f"nothing is recorded of {f'{source}/{stream}':.120}"
+            blocks = self._view.history(source, stream, session, first, count)
+        block = join(blocks, count)
         if block is not None:  # it may begin beyond what was asked for, where all of that is gone
-            block = cut(block, 0, min(len(block), max(first + whole - block.sequence, 0)))
+            most = max(int(min(len(block), self._piece() / _size(block))), 1)
+            block = cut(block, 0, max(min(most, first + whole - block.sequence), 0))
         if not block:
-            return None
-        self._sizes[topic] = _size(block)
-        return cut(block, 0, self._fitting(len(block), self._sizes[topic]))
-
-    def _fitting(self, count: int, size: int) -> int:
-        """``count`` rows of ``size`` bytes, or as many as one answer may have now; at least one."""
-        return max(int(min(count, self._piece() / size)), 1)
+            raise NothingKeptError(f"{nothing} from {first} in session {session}")
+        arrival = block.arrival if isinstance(block, Batch) else int(block.time[-1])
+        return Answer(encode(block), ARROW, Mark(session, block.sequence, len(block), arrival, backfill=True), topic)
 
     def _frames(self, session: int, first: int, whole: int, count: int) -> Sequence[Frames]:
         """Frames from memory on, and where memory begins later, from the record."""
@@ -100,11 +82,8 @@ class Past:
         begin = kept[0].sequence if kept else first + whole
         if begin <= first:
             return [cut(kept[0], first - begin, len(kept[0])), *kept[1:]]
-        if self._backlog.recorded(session):
-            recorded = self._view.frame_history(session, first, min(count, begin - first))
-            if recorded and recorded[0].sequence < begin:
-                return recorded
-        return kept
+        recorded = self._view.frame_history(session, first, min(count, begin - first))
+        return recorded if recorded and recorded[0].sequence < begin else kept
 
     def results(self, asked: Mapping[str, str]) -> Answer:
         """Results or events of one kind. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
@@ -146,15 +125,21 @@ _ROUND: Final = 2.0
 """… and all that wait now together: whoever asks waits 5 s for an answer."""
 
 
-class Pace:
-    """Lets ``rate`` bytes a second go on average, one piece at a time; ``None`` lets all go at once."""
+class Turns:
+    """Questions that wait for the answering thread, at most ``limit``, those about now first.
 
-    def __init__(self, rate: float | None) -> None:
-        self._rate = rate
+    Of answers about the past ``rate`` bytes a second go on average, one piece at a time; ``None`` lets all go at once.
+    ``held_back`` is called for each question that this made wait.
+    """
+
+    def __init__(self, rate: float | None, limit: int, held_back: Callable[[], None]) -> None:
+        self._rate, self._limit, self._held_back = rate, limit, held_back
         self._free_at = 0.0
+        self._arrived: queue.SimpleQueue[tuple[Work, bool] | None] = queue.SimpleQueue()
+        self._past: deque[Work] = deque()
 
     def delay(self, now: float) -> float:
-        """Time, s, until the next piece may go."""
+        """Time, s, until the next piece of the past may go."""
         return max(self._free_at - now, 0.0)
 
     def spend(self, size: int, now: float) -> None:
@@ -162,23 +147,9 @@ class Pace:
         if self._rate is not None:
             self._free_at = max(self._free_at, now) + size / self._rate
 
-    def piece(self, waiting: int) -> float:
-        """Most bytes of one answer while ``waiting`` more questions wait; infinite without a limit."""
-        return float("inf") if self._rate is None else self._rate * min(_PIECE, _ROUND / (1 + waiting))
-
-
-class Turns:
-    """Questions that wait for the answering thread, at most ``limit``.
-
-    ``held_back`` is called for each question about the past that the limit made wait.
-    """
-
-    def __init__(self, pace: Pace, limit: int, held_back: Callable[[], None]) -> None:
-        self._pace = pace
-        self._limit = limit
-        self._held_back = held_back
-        self._arrived: queue.SimpleQueue[tuple[Work, bool] | None] = queue.SimpleQueue()
-        self._past: deque[Work] = deque()
+    def piece(self) -> float:
+        """Most bytes of one answer by how many questions wait; infinite without a limit."""
+        return math.inf if self._rate is None else self._rate * min(_PIECE, _ROUND / (1 + len(self._past)))
 
     def put(self, work: Work, past: bool) -> bool:
         """Add the answering of a question; return False if there is no room. Never blocks."""
@@ -195,7 +166,7 @@ class Turns:
         """Wait for the next question to answer; ``None`` at the end. For one thread."""
         while True:
             try:
-                arrived = self._arrived.get(timeout=self._pace.delay(time.monotonic()) if self._past else None)
+                arrived = self._arrived.get(timeout=self.delay(time.monotonic()) if self._past else None)
             except queue.Empty:
                 return self._past.popleft()
             if arrived is None:
@@ -203,11 +174,6 @@ class Turns:
             work, past = arrived
             if not past:
                 return work
-            if self._past or self._pace.delay(time.monotonic()) > 0:
+            if self._past or self.delay(time.monotonic()) > 0:
                 self._held_back()
             self._past.append(work)
-
-    @property
-    def waiting(self) -> int:
-        """Questions about the past that wait."""
-        return len(self._past)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -39,8 +37,8 @@ _UNCONNECTED: Final = 5.0
 """Time, s, without any link after which the log says why."""
 
 
-class Publisher(threading.Thread):
-    """Publishes the outbox until ``stop``; ``done`` then holds nothing, or the ``OutletError`` that ended it.
+class Publisher:
+    """Publishes the outbox, by ``run`` in a thread, until ``stop``.
 
     Puts of results block while a receiver is slow, so they have a thread. Puts of samples, frames and health do not
     block: a receiver that cannot keep up misses some and asks for them, and no other receiver waits for it.
@@ -56,20 +54,13 @@ class Publisher(threading.Thread):
         health: Callable[[], tuple[Mark, bytes]],
         seal: Seal,
     ) -> None:
-        # No daemon thread: the threads in which Zenoh calls back would inherit that, and one of them inside
-        # Zenoh while the interpreter ends aborts the process.
-        super().__init__(name="cellwatt zenoh", daemon=False)
-        self.done: Future[None] = Future()
-        self.done.set_running_or_notify_cancel()
         self._link = link
         self._keys = keys
         self._outbox = outbox
         self._answers = answers
         self._health = health
         self._seal = seal
-        self._publishers: dict[str, _Publisher] = {}
-        self._samples: dict[str, _Publisher] = {}
-        """Those of samples and frames."""
+        self._publishers: dict[str, zenoh.Publisher] = {}
         self._told: dict[str, tuple[int, float]] = {}
         """CRC-32 of the schema that each topic's messages had last, and when, monotonic s."""
         self._beat_due: float | None = None
@@ -78,19 +69,21 @@ class Publisher(threading.Thread):
         self._session: zenoh.Session | None = None
         self._hindered_until = 0.0
         self._broken: Exception | None = None
-        self._links = _LinkWatch(link)
-        self._health_to: _Publisher | None = None
-        self._interest: list[_Publisher] = []
+        self._interest: list[zenoh.Publisher] = []
+        """Those of all samples and frames: who subscribes is known by the time that the first ones come."""
+        self._health_to: zenoh.Publisher | None = None
+        self._linked_at: float | None = time.monotonic()
+        """When there was a link last, monotonic s; ``None`` once the log says that there is none."""
 
     @property
     def awaited(self) -> bool:
-        """True if somebody subscribes to samples or frames that were published once."""
-        return self._session is not None and any(p.wanted for p in list(self._samples.values()))
+        """True if somebody subscribes to samples or frames."""
+        return self._session is not None and any(map(_wanted, self._interest))
 
     def beat(self) -> None:
         """Publish a health message after the current put; a thread that waits is not woken where nobody listens."""
         to = self._health_to
-        if to is not None and not to.wanted and self._outbox.idle and not self._answers.dead and not self._link.connect:
+        if to is not None and self._outbox.idle and not self._link.connect and not _wanted(to):
             return
         if self._beat_due is None:
             self._beat_due = time.monotonic()
@@ -134,26 +127,21 @@ class Publisher(threading.Thread):
         self._outbox.wake()
 
     def run(self) -> None:
-        """Open, publish, close."""
+        """Open, publish, close; blocks. Raises ``OutletError``."""
         import zenoh
 
         try:
             self._serve()
         except zenoh.ZError as error:
-            self.done.set_exception(OutletError(f"Zenoh session: {error}"))
-        except BaseException as error:
-            self.done.set_exception(error)
-        else:
-            self.done.set_result(None)
+            raise OutletError(f"Zenoh session: {error}") from error
 
     def _serve(self) -> None:
         session = open_session(self._link, lambda: self._stop_at is not None, largest=_largest(self._link))
         try:
             token = session.liveliness().declare_token(self._keys.root)
             self._answers.start(session)
-            # Who subscribes to samples is known by the time that the first ones come.
-            self._interest = [_Publisher(session, self._keys.live(k), ARROW, lossy=True) for k in ("raw/**", FRAME)]
-            self._health_to = _Publisher(session, self._keys.live(HEALTH), JSON, lossy=True)
+            self._interest = [_declare(session, self._keys.live(key), ARROW, lossy=True) for key in ("raw/**", FRAME)]
+            self._health_to = _declare(session, self._keys.live(HEALTH), JSON, lossy=True)
             self._beat_due, self._session = None, session
             self._publish(session)
             token.undeclare()  # type: ignore[no-untyped-call]
@@ -175,15 +163,13 @@ class Publisher(threading.Thread):
             if self._beat_due is not None:
                 self._beat_due = None
                 self._put_health()
-                self._links.look(session)
-                if self._answers.dead:
-                    raise OutletError("the thread that answers questions has ended")
+                self._look_at_links(session)
 
     def _put(self, session: zenoh.Session, outgoing: Outgoing) -> None:
         import zenoh
 
         publishers = [self._publisher(session, path, outgoing) for path in outgoing.paths]
-        if isinstance(outgoing.item, Batch | Frames) and not any(p.wanted for p in publishers):
+        if isinstance(outgoing.item, Batch | Frames) and not any(map(_wanted, publishers)):
             self._outbox.sent(outgoing)
             return
         try:
@@ -196,7 +182,7 @@ class Publisher(threading.Thread):
             return
         try:
             for publisher in publishers:
-                publisher.put(payload, attachment)
+                publisher.put(payload, attachment=attachment)
         except zenoh.ZError:
             self._outbox.lost(outgoing, "session")
             raise
@@ -223,17 +209,26 @@ class Publisher(threading.Thread):
             log.exception("zenoh: the health message cannot be encoded")
             return
         assert self._health_to is not None
-        self._health_to.put(payload, attachment)
+        self._health_to.put(payload, attachment=attachment)
 
-    def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> _Publisher:
+    def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> zenoh.Publisher:
         publisher = self._publishers.get(path)
         if publisher is None:
             samples = isinstance(outgoing.item, Batch | Frames)
-            publisher = _Publisher(session, self._keys.live(path), ARROW if samples else JSON, lossy=samples)
-            self._publishers[path] = publisher
-            if samples:
-                self._samples[path] = publisher
+            key, encoding = self._keys.live(path), ARROW if samples else JSON
+            publisher = self._publishers[path] = _declare(session, key, encoding, lossy=samples)
         return publisher
+
+    def _look_at_links(self, session: zenoh.Session) -> None:
+        """Log once when no link is up, with the reason, and once when a link is up again."""
+        now = time.monotonic()
+        if not self._link.connect or session.info.routers_zid() or session.info.peers_zid():
+            if self._linked_at is None:
+                log.info("zenoh: connected again")
+            self._linked_at = now
+        elif self._linked_at is not None and now - self._linked_at > _UNCONNECTED:
+            log.warning("zenoh: no link for %.0f s: %s", now - self._linked_at, why_unconnected(self._link))
+            self._linked_at = None
 
     @staticmethod
     def _close(session: zenoh.Session) -> None:
@@ -245,50 +240,24 @@ class Publisher(threading.Thread):
             log.warning("zenoh: the session did not close in order: %s", error)
 
 
-class _Publisher:
-    """Publishes under one key; a ``lossy`` one leaves a slow receiver out, another one waits for it."""
+def _declare(session: zenoh.Session, key: str, encoding: str, *, lossy: bool) -> zenoh.Publisher:
+    """Publisher of one key; a ``lossy`` one leaves a slow receiver out, another one waits for it."""
+    import zenoh
 
-    def __init__(self, session: zenoh.Session, key: str, encoding: str, *, lossy: bool) -> None:
-        import zenoh
-
-        control, priority = zenoh.CongestionControl, zenoh.Priority
-        self._publisher: Any = session.declare_publisher(
-            key,
-            encoding=encoding,
-            congestion_control=control.DROP if lossy else control.BLOCK,
-            priority=priority.DATA if lossy else priority.INTERACTIVE_HIGH,
-            express=True,
-        )
-
-    @property
-    def wanted(self) -> bool:
-        """True if somebody subscribes."""
-        return bool(self._publisher.matching_status.matching)
-
-    def put(self, payload: bytes, attachment: bytes) -> None:
-        """Publish one message. Raises ``ZError``."""
-        self._publisher.put(payload, attachment=attachment)
+    control, priority = zenoh.CongestionControl, zenoh.Priority
+    return session.declare_publisher(
+        key,
+        encoding=encoding,
+        congestion_control=control.DROP if lossy else control.BLOCK,
+        priority=priority.DATA if lossy else priority.INTERACTIVE_HIGH,
+        express=True,
+    )
 
 
-class _LinkWatch:
-    """Logs once when no link is up, with the reason, and once when a link is up again."""
-
-    def __init__(self, link: LinkSettings) -> None:
-        self._settings = link
-        self._up_at = time.monotonic()
-        self._told = False
-
-    def look(self, session: zenoh.Session) -> None:
-        if not self._settings.connect:
-            return
-        now = time.monotonic()
-        if session.info.routers_zid() or session.info.peers_zid():
-            if self._told:
-                log.info("zenoh: connected again")
-            self._up_at, self._told = now, False
-        elif now - self._up_at > _UNCONNECTED and not self._told:
-            self._told = True
-            log.warning("zenoh: no link for %.0f s: %s", now - self._up_at, why_unconnected(self._settings))
+def _wanted(publisher: zenoh.Publisher) -> bool:
+    """True if somebody subscribes."""
+    status: Any = publisher.matching_status  # Zenoh's stubs call it a bool
+    return bool(status.matching)
 
 
 def _largest(link: LinkSettings) -> int:

@@ -13,12 +13,12 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from cellwatt.door.signing import SIGNATURE, Signer, Verifier
 from cellwatt.errors import ConfigError, OutletError
 from cellwatt.outlets.zenoh.keys import HEALTH
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import parse_json
 from cellwatt.outlets.zenoh.received import read_refusal
-from cellwatt.signing import SIGNATURE, Signer, Verifier
 
 if TYPE_CHECKING:
     import zenoh

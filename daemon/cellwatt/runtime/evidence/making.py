@@ -16,13 +16,14 @@ from typing import Any, Final
 import click
 import numpy as np
 
+from cellwatt.door.signing import Signer
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.frames import Frames
 from cellwatt.record import Recording, packs, seal
 from cellwatt.record.cut import Cut, cut
-from cellwatt.record.opening import utc
+from cellwatt.record.header import recorded_section
 from cellwatt.record.packs import Due
-from cellwatt.record.units import recorded_units
+from cellwatt.record.survey import utc
 from cellwatt.report import Block, Notes, Provenance, Report, Section, Table, Tile
 from cellwatt.report.blocks import Html
 from cellwatt.report.drawing import stretch
@@ -31,7 +32,7 @@ from cellwatt.report.svg import Drawn
 from cellwatt.report.theme import FOUND
 from cellwatt.results import Alarm, Prediction
 from cellwatt.runtime.plotted import channels_over_time
-from cellwatt.signing import Signer
+from cellwatt.units import Units
 
 MOST_POINTS: Final = 1600
 """Points of a curve: one and a half a pixel."""
@@ -119,7 +120,7 @@ def _pictures(pack: Recording, alarm: Alarm) -> list[Block]:
     wanted = _channels(frames, alarm)
     if not len(frames) or not wanted:
         return ["No curves: no frames of these channels were recorded."]
-    since, units = (alarm.time, "the alarm"), recorded_units(pack.header.settings, ())
+    since, units = (alarm.time, "the alarm"), recorded_section(pack.header.settings, "units", Units)
     figure = channels_over_time(pack, frames, 0, len(frames), wanted, units, since=since, most=MOST_POINTS)
     rows = list(figure.rows)[:MOST_PANELS]
     first = max((alarm.since - alarm.time) * 1e-9, _begin(frames, alarm))

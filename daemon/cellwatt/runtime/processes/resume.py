@@ -10,17 +10,16 @@ from io import FileIO
 from pathlib import Path
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import Block, cut
 from cellwatt.errors import RecordingError
-from cellwatt.frames import Frames
+from cellwatt.frames import Block, Frames, cut
 from cellwatt.record import Recorder
 from cellwatt.record.container import Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
+from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.messages import Message
-from cellwatt.record.opening import survey
 from cellwatt.record.reader import numbered_items
-from cellwatt.record.retention import Kept, listing
+from cellwatt.record.survey import survey
 from cellwatt.results import Event, Result, series_of
 
 log = logging.getLogger(__name__)
@@ -90,7 +89,7 @@ class Resume:
         return cut(item, first - item.sequence, len(item))
 
 
-def _ends(files: Sequence[Kept], series: Collection[str]) -> dict[str, int]:
+def _ends(files: Sequence[RecordFile], series: Collection[str]) -> dict[str, int]:
     """The number with which each series goes on that is in the record."""
     ends: dict[str, int] = {}
     for file, contents, tracks in _readable(reversed(files)):
@@ -105,7 +104,7 @@ def _ends(files: Sequence[Kept], series: Collection[str]) -> dict[str, int]:
     return ends
 
 
-def _readable(files: Iterable[Kept]) -> Iterator[tuple[FileIO, Contents, Mapping[int, Track]]]:
+def _readable(files: Iterable[RecordFile]) -> Iterator[tuple[FileIO, Contents, Mapping[int, Track]]]:
     for kept in files:
         try:
             contents = survey(kept.path).contents

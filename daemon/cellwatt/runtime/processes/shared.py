@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from cellwatt.cell_clock import CellClock
 from cellwatt.channel import Stream
+from cellwatt.clock.cell import CellClock
 from cellwatt.config import CellConfig
 from cellwatt.frames import Layout
 from cellwatt.ring import Ring

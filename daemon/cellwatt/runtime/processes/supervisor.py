@@ -19,9 +19,11 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Final
 
+import numpy.ma  # noqa: F401  # percentiles import it: once for all processes, before they are forked
+
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.record.claim import Claim, claimed
+from cellwatt.record.folder import claimed
 from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import chain_names, declared
 from cellwatt.runtime.change import Change
@@ -51,8 +53,6 @@ SWITCH_INTERVAL: Final = 0.0005
 """Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
 LOOK: Final = 1.0
 """Longest time, s, without a look at the clock."""
-RENEW: Final = 5.0
-"""s between two looks whether the record folder is still the one that is held."""
 END: Final = 12.0
 """Longest time, s, that one process may take to come to its end."""
 
@@ -93,8 +93,6 @@ class Supervisor:
         self._stop_asked = self._reload_asked = False
         self._reload: _Reload | None = None
         self._failed: Exception | None = None
-        self._claim: Claim | None = None
-        self._renew_at = 0.0
 
     @property
     def _parts(self) -> list[Part]:
@@ -106,7 +104,7 @@ class Supervisor:
         allow_descriptors()
         sys.setswitchinterval(SWITCH_INTERVAL)
         record = self._config.record
-        with claimed(record.folder if record is not None else None, self._config.cell) as self._claim:
+        with claimed(record.folder if record is not None else None, self._config.cell):
             self._run()
 
     def _run(self) -> None:
@@ -215,9 +213,6 @@ class Supervisor:
         self._wait(min([LOOK, self._until - now, *due]))
         self._stop_asked |= time.monotonic() >= self._until
         self._shared.clock.discipline()
-        if self._claim is not None and now >= self._renew_at:
-            self._renew_at = now + RENEW
-            self._claim.renew()
         for part in serving:
             if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
                 self._start(part)

@@ -14,6 +14,7 @@ from typing import Any, Final
 from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
 from cellwatt.gather import next_moment
+from cellwatt.processor import starved
 from cellwatt.results import Event, series_of
 from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
 from cellwatt.runtime.assemble import declared
@@ -25,7 +26,6 @@ from cellwatt.runtime.processes.shared import TELL, TELLS, TOLD, Alive, Apply, A
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
-from cellwatt.starved import starved
 from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)

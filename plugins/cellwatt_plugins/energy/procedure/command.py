@@ -5,16 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
-
-if TYPE_CHECKING:
-    from cellwatt_plugins.energy.procedure.rest_pose import RestPose
-    from cellwatt_plugins.robot import Arm
 
 FILE = click.Path(exists=True, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -55,25 +51,20 @@ def campaign() -> None:
 def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
     """Find the pose at which gravity asks the least of the motors: there the brakes' power is measured."""
     import numpy as np
+    from threadpoolctl import threadpool_limits
 
     from cellwatt_plugins.energy.drive import MOTOR
+    from cellwatt_plugins.energy.procedure.rest_pose import rest_pose as least_gravity
     from cellwatt_plugins.robot import Arm
 
-    found, place = _rest_pose(Arm.load(robot, MOTOR), starts)
+    arm = Arm.load(robot, MOTOR)
+    with threadpool_limits(1):
+        found = least_gravity(arm, starts)
+    place = arm.forward(found.q[None])[0, -1, :3, 3].tolist()
     if as_json:
-        click.echo(
-            json.dumps(
-                {
-                    "joints": found.q.tolist(),
-                    "torque": found.torque.tolist(),
-                    "residual": found.residual,
-                    "clearance": found.clearance,
-                    "starts": found.starts,
-                    "reached": found.reached,
-                    "last_joint_at": list(place),
-                }
-            )
-        )
+        about = asdict(found) | {"joints": found.q.tolist(), "torque": found.torque.tolist()}
+        del about["q"]
+        click.echo(json.dumps({**about, "residual": found.residual, "last_joint_at": place}))
         return
     degrees = ", ".join(f"{angle:.1f}" for angle in np.degrees(found.q))
     click.echo(
@@ -107,17 +98,7 @@ def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
 @_json
 @with_progress
 def cut(
-    recording: Path,
-    robot: Path,
-    state: str | None,
-    payload: float | None,
-    out: Path,
-    speeds: tuple[float, ...],
-    repetitions: int,
-    least: int | None,
-    source: str | None,
-    supply: str | None,
-    as_json: bool,
+    recording: Path, robot: Path, state: str | None, payload: float | None, out: Path, as_json: bool, **asked: Any
 ) -> None:
     """Cut the files that `disaggregate` reads from RECORDING (a file or folder of the cell).
 
@@ -131,9 +112,9 @@ def cut(
     if (state is None) == (payload is None):
         raise click.UsageError("expected either --state or --payload, which says what the recording holds")
     arm = Arm.load(robot, MOTOR)
-    recorded = Recorded(recording, arm, source, supply)
+    recorded = Recorded(recording, arm, asked.pop("source"), asked.pop("supply"))
     if payload is not None:
-        runs = cut_programme(recorded, arm, recorded.span, payload, speeds, repetitions, least or repetitions, out)
+        runs = cut_programme(recorded, arm, recorded.span, payload, out=out, **asked)
         click.echo(json.dumps([asdict(run) for run in runs]) if as_json else "\n".join(r.in_words() for r in runs))
         return
     found = cut_state(recorded, recorded.span, out / f"{state}.parquet")
@@ -143,18 +124,3 @@ def cut(
         click.echo("not steady: let it warm up, and record it again", err=True)
     elif found.uncertainty > KNOWN:
         click.echo("the mean is not well known: something switches; look what it is", err=True)
-
-
-def _rest_pose(arm: Arm, starts: int) -> tuple[RestPose, tuple[float, ...]]:
-    import numpy as np
-    from threadpoolctl import threadpool_limits
-
-    from cellwatt_plugins.energy.procedure.rest_pose import rest_pose as least_gravity
-    from cellwatt_plugins.robot.collision import Checker
-
-    # A whole turn either way says it all; further out poses only come again.
-    limits = np.clip(arm.finite_limits(), -np.pi, np.pi)
-    with threadpool_limits(1):
-        found = least_gravity(arm, limits, Checker(arm, limits), starts)
-    place = arm.forward(found.q[None])[0, -1, :3, 3]
-    return found, tuple(place.tolist())

@@ -63,12 +63,12 @@ def cut_programme(
     payload: float,
     speeds: Sequence[float],
     repetitions: int,
-    least: int,
+    least: int | None,
     out: Path,
 ) -> list[CutRun]:
     """Write the runs of one program with a ``payload`` in kg to ``out/runs``.
 
-    Each needs ``least`` whole repetitions in a row. Raises ``RecordingError`` where not one repetition is recognised.
+    Each needs ``least`` whole repetitions in a row, or all. Raises ``RecordingError`` where none is recognised.
     """
     rows, power = recorded.motion(span), recorded.power(span)
     motion = _motion(rows, span.start, arm.joints)
@@ -82,7 +82,7 @@ def cut_programme(
         name, best = f"{speed:g}_{payload:g}kg", _longest(loops, speed, motion)
         bad = [loop for loop in loops if loop.problem and loop.speed in (speed, 0.0 if speed == speeds[0] else speed)]
         told = [f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}" for loop in bad]
-        if enough := len(best) >= least:
+        if enough := len(best) >= (least or repetitions):
             _write_run(best, motion, measured, power.values[:, 0], out / "runs" / name)
         runs.append(CutRun(name, len(best), repetitions, (*told, *(notes if speed == speeds[0] else ())), enough))
     return runs

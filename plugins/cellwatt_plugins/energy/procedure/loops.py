@@ -14,6 +14,7 @@ from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.rests import rests
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.stretches import at_one_pose
 
 Float = NDArray[np.float64]
 
@@ -87,17 +88,11 @@ def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[
 
 def _at_start(motion: Motion, stops: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     """The rests at the pose where the arm rests most often and longest."""
-    poses: list[Float] = []
-    members: list[list[tuple[int, int]]] = []
-    for a, b in stops:
-        pose = np.median(motion.position[a:b], axis=0)
-        near = next((i for i, other in enumerate(poses) if np.abs(other - pose).max() < HERE), None)
-        if near is None:
-            poses.append(pose)
-            members.append([(a, b)])
-        else:
-            members[near].append((a, b))
-    return max(members, key=lambda m: sum(min(_seconds(motion, rest), COUNTS) for rest in m), default=[])
+    if not stops:
+        return []
+    poses = np.array([np.median(motion.position[a:b], axis=0) for a, b in stops])
+    counts = np.array([min(_seconds(motion, rest), COUNTS) for rest in stops])
+    return [rest for rest, here in zip(stops, at_one_pose(poses, HERE, counts), strict=True) if here]
 
 
 def _seconds(motion: Motion, rest: tuple[int, int]) -> float:

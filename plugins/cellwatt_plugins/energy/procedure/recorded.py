@@ -34,11 +34,6 @@ class Rows:
     time: Nanoseconds
     values: Float
 
-    def between(self, start: int, end: int) -> Rows:
-        """Those within a span, UTC ns."""
-        first, last = np.searchsorted(self.time, [start, end])
-        return Rows(self.time[first:last], self.values[first:last])
-
 
 class Recorded:
     """The files of a recording, read span by span: a folder may hold weeks.

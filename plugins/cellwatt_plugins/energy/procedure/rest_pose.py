@@ -47,13 +47,16 @@ class RestPose:
         return float(np.linalg.norm(self.torque))
 
 
-def rest_pose(arm: Arm, limits: Float, checker: Checker, starts: int = STARTS) -> RestPose:
-    """θ_GZ = arg min ‖G(θ)‖ within ``limits`` (n, 2) rad, clear of the arm itself and the floor (eq. 15).
+def rest_pose(arm: Arm, starts: int = STARTS) -> RestPose:
+    """θ_GZ = arg min ‖G(θ)‖ within the joints' limits, clear of the arm itself and the floor (eq. 15).
 
     The least of the minima from ``starts`` places. Raises ``ConfigError`` where none of them is clear.
     """
     from scipy.stats import qmc  # a second to load, for this search alone
 
+    # A whole turn either way says it all; further out poses only come again.
+    limits = np.clip(arm.finite_limits(), -np.pi, np.pi)
+    checker = Checker(arm, limits)
     edge = 1e-6 * np.ptp(limits, axis=1)
     lower, upper = limits[:, 0] + edge, limits[:, 1] - edge
     shares = qmc.Sobol(len(limits), scramble=False).random(starts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -89,26 +89,22 @@ class Evidence:
     """(N,) W that the faults named add."""
 
 
-def judge_recording(
-    recording: Recording, known: Known, tell: Callable[[Evidence], None] = lambda evidence: None
-) -> list[CycleFinding]:
-    """Judge every cycle in order; ``tell`` is given the evidence. Those of unknown tasks are said to be new."""
+def judge_recording(recording: Recording, known: Known, evidence: list[Evidence] | None = None) -> list[CycleFinding]:
+    """Judge every cycle in order; ``evidence`` is added to. Those of unknown tasks are said to be new."""
     recording = replace(recording, meter=known.meter)
     runs = find_runs(recording)
     with stage("finding the cycles"):
         matches = find_cycles(recording, runs, known.patterns)
-    out: list[CycleFinding] = []
-    for finding, evidence in spread(_judged, matches, "judging cycles", shared=(recording, known)):
-        out.append(finding)
-        for each in evidence:
-            tell(each)
+    judged = list(spread(_judged, matches, "judging cycles", shared=(recording, known)))
+    if evidence is not None:
+        evidence += [each for _, each in judged if each is not None]
+    out = [finding for finding, _ in judged]
     out += [stranger(recording, runs[a : b + 1]) for a, b in new_tasks(runs, matches, known.patterns)]
     return sorted(out, key=lambda finding: finding.start)
 
 
-def _judged(match: Match, given: tuple[Recording, Known]) -> tuple[CycleFinding, list[Evidence]]:
-    evidence: list[Evidence] = []
-    return judge_cycle(given[0], match, given[1], evidence.append), evidence
+def _judged(match: Match, given: tuple[Recording, Known]) -> tuple[CycleFinding, Evidence | None]:
+    return judge_cycle(given[0], match, given[1])
 
 
 def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
@@ -146,22 +142,20 @@ def _may_be_new(match: Match, verdict: Verdict) -> bool:
     return verdict.foreign > 1.0 - CERTAIN or (stands and match.known < -math.log(1.0 - CERTAIN))
 
 
-def judge_cycle(
-    recording: Recording, match: Match, known: Known, tell: Callable[[Evidence], None] = lambda evidence: None
-) -> CycleFinding:
-    """Judge one known cycle; ``tell`` is given what the finding rests on, where power was judged."""
+def judge_cycle(recording: Recording, match: Match, known: Known) -> tuple[CycleFinding, Evidence | None]:
+    """Judge one known cycle; with what the finding rests on, where power was judged."""
     pattern = known.patterns[match.pattern]
+    end = pattern.moves[-1][1]
     if _measured(recording, match) < MEASURED:
-        return _finding(match, pattern, NOT_JUDGED, (), pattern.moves[-1][1])
+        return _finding(match, pattern, NOT_JUDGED, (), end), None
     verdict = examine(recording, match, known)
     if verdict.foreign > 0.5:
-        start, end = match.warp.to_recording(np.array([pattern.moves[0][0], pattern.moves[-1][1]])).tolist()
-        return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
+        found = _finding(match, pattern, STRANGE, (), end)
+        return replace(found, task="new", speed=None, status="new_task"), None
     faults = _faults(recording, match, pattern, verdict, KIND_CERTAIN)
-    finding = _finding(match, pattern, note_on(match, verdict), faults, pattern.moves[-1][1])
+    finding = _finding(match, pattern, note_on(match, verdict), faults, end)
     explained = sum((blame.watts for blame in verdict.blames), start=np.zeros_like(verdict.tau))
-    tell(Evidence(finding, pattern.moves, verdict.tau, verdict.residual, verdict.sigma, explained))
-    return finding
+    return finding, Evidence(finding, pattern.moves, verdict.tau, verdict.residual, verdict.sigma, explained)
 
 
 def _measured(recording: Recording, match: Match) -> float:

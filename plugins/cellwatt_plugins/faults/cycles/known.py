@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from cellwatt_plugins.faults.cycles.learn import learn_patterns
 from cellwatt_plugins.faults.cycles.metering import with_meter
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredJoint, StoredModel
+from cellwatt_plugins.faults.cycles.stored import StoredJoint, StoredModel
+from cellwatt_plugins.faults.reference import Reference
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
@@ -44,26 +46,20 @@ def learn_known(recording: Recording, arm: Arm) -> Known:
         return Known(identify(arm, patterns), tuple(patterns), meter=recording.meter)
 
 
-def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[StoredCycle, ...]]:
+def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
     """Return the content of the file."""
     p = known.arm.parameters
     links = p.link.reshape(-1, 10)
     joints = tuple(
-        StoredJoint(
-            name,
-            float(p.rotor[j]),
-            float(p.coulomb[j]),
-            float(p.viscous[j]),
-            float(p.copper[j]),
-            tuple(links[j].tolist()),
+        StoredJoint(name, float(rotor), float(coulomb), float(viscous), float(copper), tuple(link.tolist()))
+        for name, rotor, coulomb, viscous, copper, link in zip(
+            arm.body.names, p.rotor, p.coulomb, p.viscous, p.copper, links, strict=True
         )
-        for j, name in enumerate(arm.body.names)
     )
-    model = StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter)
-    return model, tuple(_stored_cycle(pattern) for pattern in known.patterns)
+    return StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter), tuple(map(_rounded, known.patterns))
 
 
-def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], arm: Arm) -> Known:
+def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known:
     """The inverse of ``stored``. Raises ``ModelError`` where the file is of another arm."""
     names = [joint.name for joint in model.joints]
     if names != list(arm.body.names):
@@ -79,35 +75,28 @@ def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], arm: Arm) -> K
         drive=model.drive,
         regenerate=model.regenerate,
     )
-    patterns = tuple(_pattern(cycle, 0.0 if model.meter is None else model.meter.window) for cycle in cycles)
+    window = 0.0 if model.meter is None else model.meter.window
+    patterns = tuple(replace(cycle, window=window) for cycle in cycles)
     return Known(with_covariance(arm, parameters, patterns), patterns, meter=model.meter)
 
 
-def _stored_cycle(pattern: Pattern) -> StoredCycle:
-    return StoredCycle(
-        task=pattern.task,
-        speed=pattern.speed,
-        cycles=pattern.cycles,
-        step=pattern.step,
+def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float) -> Known:
+    """Return the knowledge that a reference (of the file ``path``) has of a described robot.
+
+    ``false_alarms``: share of healthy intervals in which one is accepted. Raises ``ModelError`` where the reference has
+    no cycles or is of another arm.
+    """
+    if reference.power_model is None or not reference.cycles:
+        raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
+    known = restored(reference.power_model, reference.cycles, Arm.load(robot))
+    return replace(known, false_alarms=false_alarms)
+
+
+def _rounded(pattern: Pattern) -> Pattern:
+    return replace(
+        pattern,
         moves=tuple((round(a, 4), round(b, 4)) for a, b in pattern.moves),
-        repeat=tuple(pattern.repeat.tolist()),
-        power=tuple(np.round(pattern.power, 2).tolist()),
-        spread=tuple(np.round(pattern.spread, 2).tolist()),
-        position={j + 1: tuple(np.round(column, 6).tolist()) for j, column in enumerate(pattern.position.T)},
-    )
-
-
-def _pattern(cycle: StoredCycle, window: float) -> Pattern:
-    joints = range(1, len(cycle.position) + 1)
-    return Pattern(
-        task=cycle.task,
-        speed=cycle.speed,
-        cycles=cycle.cycles,
-        step=cycle.step,
-        moves=cycle.moves,
-        position=np.column_stack([cycle.position[j] for j in joints]),
-        power=np.asarray(cycle.power),
-        spread=np.asarray(cycle.spread),
-        repeat=np.asarray(cycle.repeat),
-        window=window,
+        position=np.round(pattern.position, 6),
+        power=np.round(pattern.power, 2),
+        spread=np.round(pattern.spread, 2),
     )

@@ -92,7 +92,7 @@ def _cut(recording: Recording, cycle: Sequence[Run], task: str) -> Pattern:
     position = interpolated(grid, recording.time, recording.position)
     moves = tuple((float(recording.time[run.first] - begin), float(recording.time[run.last] - begin)) for run in cycle)
     nothing = np.zeros(len(grid))
-    return Pattern(task, 1.0, 1, STEP, moves, position, nothing, nothing, np.zeros(recording.joints))
+    return Pattern(task, 1.0, 1, STEP, moves, np.zeros(recording.joints), nothing, nothing, position)
 
 
 def _power(pattern: Pattern, recording: Recording, when: Float) -> Float:

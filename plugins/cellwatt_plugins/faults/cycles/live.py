@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.progress import steps
+from cellwatt.results import Alarm
+from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, judge_cycle, stranger
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
@@ -148,7 +151,7 @@ class CycleWatch:
             self._drop(runs[0].first - self._margin if runs else len(self._time) - self._margin)
             return []
         strange = new_tasks(runs[: last + 1], over, self._known.patterns)
-        found = [judge_cycle(recording, m, self._known) for m in over]
+        found = [judge_cycle(recording, m, self._known)[0] for m in over]
         found += [stranger(recording, runs[first : end + 1]) for first, end in strange]
         # What is told of must leave nothing behind that would be a run again.
         following = runs[last + 1].first if last + 1 < len(runs) else len(self._time)
@@ -170,3 +173,36 @@ class CycleWatch:
         """Forget frames up to a sample."""
         first = max(0, before)
         self._time, self._position, self._power = self._time[first:], self._position[first:], self._power[first:]
+
+
+class CycleStage:
+    """Whole cycles of one arm judged while frames of ``step`` ns come."""
+
+    def __init__(self, known: Known, step: int, alarms: CycleAlarms) -> None:
+        self._watch = CycleWatch(known, step * 1e-9)
+        self._alarms = replace(alarms, behind=self._watch.behind)
+        self._count = 0
+        self._epoch: int | None = None
+
+    def process(self, time: NDArray[np.int64], position: Float, power: Float) -> list[Alarm]:
+        """Alarms that changed with n frames: ``time`` (n,) ns, ``position`` (n, joints) rad, ``power`` (n,) W."""
+        if not len(time):
+            return []
+        if self._epoch is None:
+            self._epoch = int(time[0])
+        seconds = np.asarray((time - self._epoch) * 1e-9, np.float64)
+        return self._alarmed(self._watch.feed(seconds, position, power), self._epoch)
+
+    def close(self) -> list[Alarm]:
+        """Alarms that the end of the frames settles."""
+        return [] if self._epoch is None else self._alarmed(self._watch.close(), self._epoch)
+
+    def _alarmed(self, told: Sequence[Told], epoch: int) -> list[Alarm]:
+        out: list[Alarm] = []
+        for cycle in told:
+            self._count += cycle.over
+            if cycle.over:
+                out += self._alarms.take(cycle.finding, self._count, epoch)
+            else:
+                out += self._alarms.take_early(cycle.finding, epoch)
+        return out

@@ -73,11 +73,9 @@ def _tokens(runs: Sequence[Run]) -> list[Token]:
 
 
 def _node(poses: list[Float], pose: Float) -> int:
-    for number, known in enumerate(poses):
-        if np.abs(known - pose).max() <= SAME_POSE:
-            return number
-    poses.append(pose)
-    return len(poses) - 1
+    number = next((k for k, known in enumerate(poses) if np.abs(known - pose).max() <= SAME_POSE), len(poses))
+    poses += [pose] if number == len(poses) else []
+    return number
 
 
 def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run]) -> Loop | None:

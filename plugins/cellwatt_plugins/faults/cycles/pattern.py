@@ -7,12 +7,15 @@ move is no difference of power.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, GetPydanticSchema
+from pydantic_core.core_schema import no_info_after_validator_function
 
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot.motion import rates
@@ -36,9 +39,25 @@ SMOOTH = 0.05
 """Positions are averaged over this before their way is measured, s."""
 
 
+def _columns(by_joint: Mapping[int, tuple[float, ...]]) -> Float:
+    """(T, n) from the column of each joint, counted from 1."""
+    if sorted(by_joint) != list(range(1, len(by_joint) + 1)) or len({*map(len, by_joint.values())}) != 1:
+        raise ValueError("position must have every joint, all of the same length")
+    return np.column_stack([by_joint[joint] for joint in range(1, len(by_joint) + 1)])
+
+
+def _read(convert: Callable[[Any], Float], kind: Any) -> GetPydanticSchema:
+    """An array that stands in a file as a ``kind``."""
+    return GetPydanticSchema(lambda _, schema: no_info_after_validator_function(convert, schema(kind)))
+
+
+_Row = Annotated[Float, _read(np.array, tuple[float, ...])]
+_Columns = Annotated[Float, _read(_columns, dict[int, tuple[float, ...]])]
+
+
 @dataclass(frozen=True)
 class Pattern:
-    """One task at one speed, averaged over healthy cycles.
+    """One task at one speed, averaged over healthy cycles, as it stands in the reference file.
 
     ``step`` s; ``position`` (T, n) rad and ``power`` (T,) W from ``MARGIN`` before the first move, with ``spread`` W,
     the standard deviation over ``cycles`` cycles; ``moves`` their start and end, s from the first sample;
@@ -46,16 +65,27 @@ class Pattern:
     that it was learnt from stands for, 0 for that of a sample.
     """
 
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
     task: str
     speed: float
-    cycles: int
-    step: float
-    moves: tuple[tuple[float, float], ...]
-    position: Float
-    power: Float
-    spread: Float
-    repeat: Float
+    cycles: Annotated[int, Field(ge=1)]
+    step: Annotated[float, Field(gt=0)]
+    moves: Annotated[tuple[tuple[float, float], ...], Field(min_length=1)]
+    repeat: _Row
+    power: _Row
+    spread: _Row
+    position: _Columns
     window: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not len(self.power) == len(self.spread) == len(self.position) > 1:
+            raise ValueError("power, spread and every position must have the same length, at least 2")
+        if len(self.repeat) != self.position.shape[1]:
+            raise ValueError("position and repeat must have every joint")
+        edges = [edge for move in self.moves for edge in move]
+        if sorted(edges) != edges or edges[0] < 0 or edges[-1] > self.step * len(self.power):
+            raise ValueError("moves must follow each other within the cycle")
 
     @cached_property
     def time(self) -> Float:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.noise import white_noise
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]

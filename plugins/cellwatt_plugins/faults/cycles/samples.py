@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.noise import white_noise
 from cellwatt_plugins.faults.cycles.arm import Motion
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load, load_of
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.meter import Meter, Readings
 from cellwatt_plugins.robot.samples import interpolated
 

@@ -1,8 +1,7 @@
-"""Whole cycles and the fitted arm in the reference file."""
+"""The fitted arm in the reference file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -11,7 +10,6 @@ from pydantic import ConfigDict, Field
 from cellwatt_plugins.robot.meter import Meter
 
 _STRICT = ConfigDict(extra="forbid")
-_Rising = Annotated[float, Field(gt=0)]
 
 
 @dataclass(frozen=True)
@@ -39,30 +37,3 @@ class StoredModel:
     regenerate: float
     joints: tuple[StoredJoint, ...]
     meter: Meter | None = None
-
-
-@dataclass(frozen=True)
-class StoredCycle:
-    """One task at one speed: see ``Pattern``; ``position`` by joint number."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
-
-    task: str
-    speed: float
-    cycles: Annotated[int, Field(ge=1)]
-    step: _Rising
-    moves: Annotated[tuple[tuple[float, float], ...], Field(min_length=1)]
-    repeat: tuple[float, ...]
-    power: tuple[float, ...]
-    spread: tuple[float, ...]
-    position: Mapping[int, tuple[float, ...]]
-
-    def __post_init__(self) -> None:
-        lengths = {len(self.power), len(self.spread), *map(len, self.position.values())}
-        if len(lengths) != 1 or len(self.power) < 2:
-            raise ValueError("power, spread and every position must have the same length, at least 2")
-        if sorted(self.position) != list(range(1, len(self.repeat) + 1)):
-            raise ValueError("position and repeat must have every joint")
-        edges = [edge for move in self.moves for edge in move]
-        if sorted(edges) != edges or edges[0] < 0 or edges[-1] > self.step * len(self.power):
-            raise ValueError("moves must follow each other within the cycle")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,8 +21,9 @@ def new_tasks(runs: Sequence[Run], matches: Sequence[Match], patterns: Sequence[
     Moves of known tasks, as where the recording begins or ends within a cycle, and moves to a start are none.
     """
     out: list[tuple[int, int]] = []
-    for first, last in _between(len(runs), matches):
-        group = runs[first : last + 1]
+    begins = [0, *(match.last + 1 for match in matches)]
+    for first, end in zip(begins, [*(match.first for match in matches), len(runs)], strict=True):
+        group = runs[first:end]
         if sum(not _known(run, patterns) for run in group) < FEWEST:
             continue
         spans = closed_spans(group, FEWEST) or [(0, len(group) - 1)]
@@ -30,21 +31,7 @@ def new_tasks(runs: Sequence[Run], matches: Sequence[Match], patterns: Sequence[
     return out
 
 
-def _between(count: int, matches: Sequence[Match]) -> Iterator[tuple[int, int]]:
-    begin = 0
-    for match in matches:
-        if match.first > begin:
-            yield begin, match.first - 1
-        begin = match.last + 1
-    if begin < count:
-        yield begin, count - 1
-
-
 def _known(run: Run, patterns: Sequence[Pattern]) -> bool:
     """True if some pattern has a move from and to these poses."""
-    for pattern in patterns:
-        before, after = pattern.poses
-        near = (np.abs(before - run.before) < POSE).all(axis=1) & (np.abs(after - run.after) < POSE).all(axis=1)
-        if near.any():
-            return True
-    return False
+    here = np.hstack([run.before, run.after])
+    return any((np.abs(np.hstack(pattern.poses) - here) < POSE).all(axis=1).any() for pattern in patterns)

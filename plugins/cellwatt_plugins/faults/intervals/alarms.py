@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -137,12 +137,23 @@ class IntervalAlarms:
 
         Its sentence stays as it was raised: a spring draws more in one interval and less in the next.
         """
-        alarm = self._alarm(joint, kind, finding, alternatives, score)
-        before = self._book[alarm.id].alarm if alarm.id in self._book else None
-        if before is not None and before.alternatives == alternatives:
-            alarm = replace(alarm, statement=before.statement)
-        known = before is not None and (before.interval, before.alternatives) == (alarm.interval, alternatives)
-        return self._book.raise_(alarm, update=not known)
+        assert finding.place is not None
+        name, task = self._name(kind, joint), self.reference.tasks[finding.place.task]
+        evidence = {
+            "task": task.name,
+            "speed": task.variants[finding.place.variant].speed,
+            "task_interval": finding.place.index + 1,
+            **finding.evidence,
+            **({} if score is None else {"score": round(score, 2)}),
+        }
+        before = self._book[name].alarm if name in self._book else None
+        same = before is not None and before.alternatives == alternatives
+        text = before.statement if before and same else _statement(joint, kind, alternatives, evidence)
+        number, since, time = finding.interval.number, finding.since, finding.time
+        alarm = Alarm(
+            name, kind, "error", True, since, time, text, self.source, joint, alternatives, number, evidence=evidence
+        )
+        return self._book.raise_(alarm, update=not (before and same and before.interval == number))
 
     def _count_clean(self, finding: Finding) -> list[Alarm]:
         """Count an interval in which joints moved without a deviation; enough of them clear an alarm."""
@@ -195,35 +206,6 @@ class IntervalAlarms:
         """Take notices down: the arm is back in the reference."""
         text = "Resolved: the arm runs as in the reference again"
         return [a for kind in sorted(self._said) for a in self._book.clear(self._name(kind), finding.time, text)]
-
-    def _alarm(
-        self, joint: int, kind: str, finding: Finding, alternatives: tuple[int, ...], score: float | None
-    ) -> Alarm:
-        place = finding.place
-        assert place is not None
-        task = self.reference.tasks[place.task]
-        evidence: dict[str, Any] = {
-            "task": task.name,
-            "speed": task.variants[place.variant].speed,
-            "task_interval": place.index + 1,
-            **finding.evidence,
-        }
-        if score is not None:
-            evidence["score"] = round(score, 2)
-        return Alarm(
-            id=self._name(kind, joint),
-            kind=kind,
-            severity="error",
-            active=True,
-            since=finding.since,
-            time=finding.time,
-            statement=_statement(joint, kind, alternatives, evidence),
-            source=self.source,
-            joint=joint,
-            alternatives=alternatives,
-            interval=finding.interval.number,
-            evidence=evidence,
-        )
 
 
 def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: dict[str, Any]) -> str:

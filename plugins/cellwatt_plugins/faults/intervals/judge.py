@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -180,48 +180,32 @@ class Judge:
 
     def _settle(self, interval: Interval, match: Match, trace: Trace) -> list[Finding]:
         """The task went on: joints whose encoder deviated before, or showed no motion at all, are faulty."""
-        doubt = self._doubt
+        doubt, rules, end = self._doubt, self.rules, interval.end
+        missed = np.abs(np.subtract(interval.pose, self.follower[match.place].pose))
         if match.skipped == 0 and doubt is not None and not match.foreign:
-            joints = self._still_off(doubt, interval, match)
+            # Of an interrupted motion, the joints that this interval finds short of their goal.
+            short = [j for j in doubt.joints if not doubt.interrupted or missed[j - 1] > rules.tolerance.position]
             found = verdict(position_outside=True, power_outside=doubt.power_outside)
-            return self._encoders(doubt.interval, doubt.place, joints, found, doubt.evidence, interval.end)
+            return _off(doubt.interval, doubt.place, short, found, doubt.evidence, end)
         if match.skipped == 1 and self.follower.last is not None:
             place = self.follower.after(self.follower.last)
-            reference, now = self.follower[place], self.follower[match.place]
-            still = [
-                j
-                for j in reference.moving
-                if abs(interval.pose[j - 1] - now.pose[j - 1]) > self.rules.tolerance.position
-            ]
+            reference = self.follower[place]
+            still = [j for j in reference.moving if missed[j - 1] > rules.tolerance.position]
             if still:
-                rules = self.rules
                 agrees = power_agrees(reference, trace, self._last_end, interval.start, rules.tolerance, rules.frames)
                 found = verdict(position_outside=True, power_outside=not agrees)
-                off = max(abs(interval.pose[j - 1] - now.pose[j - 1]) for j in still)
-                evidence = {"position_residual_rad": off}
-                return self._encoders(interval, place, tuple(still), found, evidence, interval.end)
+                off = float(max(missed[j - 1] for j in still))
+                return _off(interval, place, still, found, {"position_residual_rad": off}, end)
         return []
 
-    def _still_off(self, doubt: _Doubt, interval: Interval, match: Match) -> tuple[int, ...]:
-        """Of an interrupted motion, the joints that the next interval finds short of their goal; else all in doubt."""
-        if not doubt.interrupted:
-            return doubt.joints
-        pose = self.follower[match.place].pose
-        return tuple(j for j in doubt.joints if abs(interval.pose[j - 1] - pose[j - 1]) > self.rules.tolerance.position)
 
-    def _encoders(
-        self,
-        interval: Interval,
-        place: Place,
-        joints: tuple[int, ...],
-        found: Verdict,
-        evidence: Mapping[str, float],
-        now: int,
-    ) -> list[Finding]:
-        if not joints:
-            return []
-        verdicts = dict.fromkeys(joints, found)
-        return [Finding(interval, place, "deviates", interval.start, now, verdicts=verdicts, evidence=evidence)]
+def _off(
+    interval: Interval, place: Place, joints: Sequence[int], found: Verdict, evidence: Mapping[str, float], now: int
+) -> list[Finding]:
+    """The finding on joints whose encoder deviates; none where there are none."""
+    verdicts = dict.fromkeys(joints, found)
+    finding = Finding(interval, place, "deviates", interval.start, now, verdicts=verdicts, evidence=evidence)
+    return [finding] if joints else []
 
 
 def _course(

@@ -19,7 +19,7 @@ from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
-from cellwatt_plugins.faults.paper.following import CycleFollower, CyclesSeen
+from cellwatt_plugins.faults.paper.following import CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.trace import Trace
 from cellwatt_plugins.robot.drive import drive_power
@@ -48,7 +48,7 @@ def recorded(
                 "segment", stage.Settings.model_validate({"arm": arm}), frames.layout, CellInfo("", "", None, Path())
             )
             columns = [*frames.layout.joints("position", arm), frames.layout.index(power)]
-            seen = CyclesSeen(CycleFollower(courses, tolerance), len(columns) - 1)
+            seen = CyclesSeen(courses, tolerance, len(columns) - 1)
         block = Trace(frames.time, frames.values[:, columns[:-1]], frames.values[:, columns[-1]])
         intervals = [result for result in segment.process(frames, ()) if isinstance(result, Interval)]
         for cycle in seen.feed(block, intervals):

@@ -36,19 +36,41 @@ class CycleSoFar:
 
 
 @dataclass
-class CycleFollower:
-    """Follows one arm from its intervals and its trace."""
+class CyclesSeen:
+    """Follows the cycles of one arm out of its frames and its intervals, block by block.
+
+    ``latest`` is the number of the motion under way.
+    """
 
     courses: Sequence[Course]
     tolerance: Tolerance
+    joints: int
     residual: Residual = "samples"
+    latest: int | None = None
     _start: int | None = None
     _course: Course | None = None
     _possible: Sequence[Course] = ()
     _verdicts: list[IntervalVerdict] = field(default_factory=list)
     _free_from: int = 0
 
-    def see(self, interval: Interval) -> None:
+    def __post_init__(self) -> None:
+        self._trace = Trace.empty(self.joints)
+
+    def feed(self, block: Trace, intervals: Iterable[Interval]) -> Iterator[CycleSoFar]:
+        """The cycle under way after each of its intervals that is known to be over; ``intervals`` are of this block."""
+        self._trace = self._trace.with_more(block)
+        for interval in intervals:
+            # An interval comes open, ending at the frame that confirmed it, and closed later.
+            if interval.moving and not interval.closed:
+                yield from self._judge(self._trace.between(0, interval.end))
+                self.latest = interval.number
+                self._see(interval)
+        yield from self._judge(self._trace)
+        if len(self._trace):
+            newest = int(self._trace.time[-1])
+            self._trace = self._trace.between((self._start or newest) - MARGIN, newest)
+
+    def _see(self, interval: Interval) -> None:
         """A motion has begun: it may be the first of a cycle."""
         if self._start is not None or interval.start < self._free_from or not interval.complete:
             return
@@ -56,9 +78,8 @@ class CycleFollower:
         if self._possible:
             self._start = interval.start
 
-    def judge(self, trace: Trace) -> list[CycleSoFar]:
+    def _judge(self, trace: Trace) -> Iterator[CycleSoFar]:
         """The cycle under way after each interval that has ended within ``trace``."""
-        out: list[CycleSoFar] = []
         while (start := self._start) is not None and len(trace):
             now = (int(trace.time[-1]) - start) * 1e-9
             if not self._decided(trace, now) or self._course is None:
@@ -66,20 +87,15 @@ class CycleFollower:
             expected = self._course.intervals[len(self._verdicts)]
             if now < expected.end + AFTER:
                 break
-            readings = _readings(trace, start)
+            readings, end = _readings(trace, start), start + round(expected.end * 1e9)
             if not _known(readings, expected.start, expected.end):
-                self._end(start + round(expected.end * 1e9))
+                self._end(end)
                 break
             self._verdicts.append(judge_interval(expected, readings, self.tolerance, self.residual))
             over = len(self._verdicts) == len(self._course.intervals)
-            out.append(CycleSoFar(self._course, start, tuple(self._verdicts), over))
+            yield CycleSoFar(self._course, start, tuple(self._verdicts), over)
             if over:
-                self._end(start + round(expected.end * 1e9))
-        return out
-
-    def earliest(self) -> int | None:
-        """Start of the cycle under way, ns: frames from there on are still needed."""
-        return self._start
+                self._end(end)
 
     def _decided(self, trace: Trace, now: float) -> bool:
         """True if the speed is known: that which fits best, for as long as the fastest takes for its first interval."""
@@ -104,33 +120,6 @@ class CycleFollower:
     def _end(self, at: int) -> None:
         self._start = self._course = None
         self._possible, self._verdicts, self._free_from = (), [], at + 1
-
-
-@dataclass
-class CyclesSeen:
-    """Cycles of one arm out of its frames and its intervals, block by block; ``latest`` is the motion under way."""
-
-    follower: CycleFollower
-    joints: int
-    latest: int | None = None
-    _trace: Trace = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._trace = Trace.empty(self.joints)
-
-    def feed(self, block: Trace, intervals: Iterable[Interval]) -> Iterator[CycleSoFar]:
-        """The cycle under way after each of its intervals that is known to be over; ``intervals`` are of this block."""
-        self._trace = self._trace.with_more(block)
-        for interval in intervals:
-            # An interval comes open, ending at the frame that confirmed it, and closed later.
-            if interval.moving and not interval.closed:
-                yield from self.follower.judge(self._trace.between(0, interval.end))
-                self.latest = interval.number
-                self.follower.see(interval)
-        yield from self.follower.judge(self._trace)
-        if len(self._trace):
-            newest = int(self._trace.time[-1])
-            self._trace = self._trace.between((self.follower.earliest() or newest) - MARGIN, newest)
 
 
 def _readings(trace: Trace, start: int) -> Readings:

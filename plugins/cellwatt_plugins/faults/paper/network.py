@@ -29,8 +29,8 @@ from pydantic import BaseModel
 
 from cellwatt.config import reads_version
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt.onnx_file import OnnxFile
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
+from cellwatt_plugins.onnx_file import OnnxFile
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]

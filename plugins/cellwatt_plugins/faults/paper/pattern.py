@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.bevf import PowerEquation
 from cellwatt_plugins.faults.paper.course import Course, Key
+from cellwatt_plugins.faults.paper.equation import load
 from cellwatt_plugins.faults.reference import LEAD, TAIL, Variant
 
 Float = NDArray[np.float64]
@@ -39,25 +39,17 @@ def cycle_pattern(variant: Variant) -> tuple[Float, Float]:
     return t, np.asarray(np.interp(t, np.concatenate(times), np.concatenate(powers)), dtype=np.float64)
 
 
-def equations_in(folder: Path) -> Mapping[Key, PowerEquation]:
-    """The equations of a folder by task and speed. Raises ``ModelError`` where there is none, or one is wrong."""
-    found: dict[Key, PowerEquation] = {}
-    for file in sorted(folder.glob("*.yaml")):
-        each = equation.load(file)
-        if each.task is None or each.speed is None:
-            raise ModelError(f"power equation {file}: does not say of which task and speed it is")
-        found[each.task, each.speed] = each
-    if not found:
-        raise ModelError(f"power equations {folder}: none there; make them with `cellwatt train pattern`")
-    return found
-
-
 def by_equations(courses: Sequence[Course], folder: Path) -> list[Course]:
     """Courses whose power is that of the equations in a folder, in place of the mean of healthy cycles.
 
-    Raises ``ModelError`` where a course has no equation, or one of another length.
+    Raises ``ModelError`` where a course has no equation, or one of another length, or an equation says not of which.
     """
-    found = equations_in(folder)
+    found: dict[Key, PowerEquation] = {}
+    for file in sorted(folder.glob("*.yaml")):
+        equation = load(file)
+        if equation.task is None or equation.speed is None:
+            raise ModelError(f"power equation {file}: does not say of which task and speed it is")
+        found[equation.task, equation.speed] = equation
     out = []
     for course in courses:
         each, end = found.get(course.key), course.intervals[-1].end

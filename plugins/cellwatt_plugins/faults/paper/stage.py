@@ -10,14 +10,13 @@ from typing import Any
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
-from cellwatt.onnx_file import OnnxFile
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.following import CycleFollower, CycleSoFar, CyclesSeen
+from cellwatt_plugins.faults.paper.following import CycleSoFar, CyclesSeen
 from cellwatt_plugins.faults.paper.judging import (
     IntervalVerdict,
     Isolation,
@@ -29,10 +28,9 @@ from cellwatt_plugins.faults.paper.judging import (
 )
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
-from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import Reference, columns_of, load
-from cellwatt_plugins.faults.stage import ToleranceSettings
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.onnx_file import OnnxFile
 
 TRAIN = "train it with `cellwatt faults train`"
 
@@ -43,45 +41,32 @@ def networks_of(path: Path, reference: Reference, where: Path) -> dict[Key, Faul
     Raises ``ModelError`` where there is none, one is of no task of the reference, or two are of the same;
     ``ConfigError`` where a package is missing that it needs.
     """
-    courses = courses_of(reference)
-    out: dict[Key, FaultNetwork] = {}
-    files: dict[Key, Path] = {}
-    for file in _files(path):
-        network = FaultNetwork(OnnxFile(file))
-        if network.task is None:
-            raise ModelError(f"fault network {file}: does not say of which task it is; {TRAIN}")
-        fits = [course for course in courses if not network.task.differs(course)]
-        if not fits:
-            raise ModelError(_of_no_course(file, network.task, courses, where))
-        for course in fits:
-            if course.key in files:
-                raise _twice(file, files[course.key], course.key)
-            out[course.key], files[course.key] = network, file
-    return out
-
-
-def _twice(file: Path, other: Path, key: Key) -> ModelError:
-    return ModelError(f"fault network {file}: is for {key[0]} at speed {key[1]:.2f}, as is {other}: keep one of them")
-
-
-def _files(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return [path]
-    found = sorted(path.glob("*.onnx"))
-    if not found:
+    files, courses = sorted(path.glob("*.onnx")) if path.is_dir() else [path], courses_of(reference)
+    if not files:
         raise ModelError(f"fault networks {path}: no .onnx file in this folder; make some with `cellwatt faults train`")
-    return found
-
-
-def _of_no_course(file: Path, task: TrainedFor, courses: Sequence[Course], reference: Path) -> str:
-    """The one line that says what does not fit, of the course of that name, else of the first."""
     if not courses:
-        return f"fault network {file}: reference {reference} has no tasks by intervals to use it for"
-    course = next((c for c in courses if c.key == (task.task, task.speed)), courses[0])
-    return (
-        f"fault network {file}: was trained for {task.words}, which is none of reference {reference}: its "
-        f"{course.task} at speed {course.speed:.2f} has {task.differs(course)}; {TRAIN}"
-    )
+        raise ModelError(f"fault networks {path}: reference {where} has no tasks by intervals to use them for")
+    out: dict[Key, FaultNetwork] = {}
+    by_task: dict[Key, Path] = {}
+    for file in files:
+        network = FaultNetwork(OnnxFile(file))
+        task = network.task
+        if task is None:
+            raise ModelError(f"fault network {file}: does not say of which task it is; {TRAIN}")
+        fits = [course for course in courses if not task.differs(course)]
+        if not fits:
+            course = next((c for c in courses if c.key == (task.task, task.speed)), courses[0])
+            raise ModelError(
+                f"fault network {file}: was trained for {task.words}, which is none of reference {where}: its "
+                f"{course.task} at speed {course.speed:.2f} has {task.differs(course)}; {TRAIN}"
+            )
+        for name, speed in (course.key for course in fits):
+            if other := by_task.get((name, speed)):
+                raise ModelError(
+                    f"fault network {file}: is for {name} at speed {speed:.2f}, as is {other}: keep one of them"
+                )
+            out[name, speed], by_task[name, speed] = network, file
+    return out
 
 
 _WHAT = {
@@ -104,7 +89,7 @@ class PaperFaultsSettings(StageSettings):
     network: Path | None = None
     """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several; it names the joint in place
     of a comparison with the motion."""
-    tolerance: ToleranceSettings = ToleranceSettings()
+    tolerance: Tolerance = Tolerance()
     """Distance from the reference that is still healthy."""
     equations: Path | None = None
     """Folder made by ``cellwatt train pattern``: power is held against these equations, not against mean cycles."""
@@ -125,12 +110,10 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
         reference = load(path)
         self._positions, self._power = columns_of(reference, path, layout, settings.arm, settings.power)
         self._source = layout.channels[self._positions[0]].source
-        t = settings.tolerance
         courses = courses_of(reference)
         if settings.equations:
             courses = by_equations(courses, cell.folder / settings.equations)
-        follower = CycleFollower(courses, Tolerance(t.position, t.power, t.floor), settings.residual)
-        self._seen = CyclesSeen(follower, len(self._positions))
+        self._seen = CyclesSeen(courses, settings.tolerance, len(self._positions), settings.residual)
         networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else {}
         self._isolation = {key: by_network_or_agreement(network) for key, network in networks.items()}
         self._book = AlarmBook()
@@ -171,20 +154,10 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
         where = f", in interval {', '.join(map(str, fault.intervals))} of {cycle.course.task}"
         others = f"; it may as well be joint {' or '.join(map(str, fault.alternatives))}" if fault.alternatives else ""
         what = _WHAT[fault.kind].format(joint=fault.joint, watts=fault.watts, degrees=degrees)
-        return Alarm(
-            id=self._name(fault),
-            kind=f"{fault.kind}_fault",
-            severity="error",
-            active=True,
-            since=cycle.start + round(shown[0].interval.start * 1e9),
-            time=now,
-            statement=f"{what}{where}{others}.",
-            source=self._source,
-            joint=fault.joint,
-            alternatives=fault.alternatives,
-            interval=self._seen.latest,
-            evidence=evidence,
-        )
+        since = cycle.start + round(shown[0].interval.start * 1e9)
+        kind, text = f"{fault.kind}_fault", f"{what}{where}{others}."
+        about = fault.joint, fault.alternatives, self._seen.latest, evidence
+        return Alarm(self._name(fault), kind, "error", True, since, now, text, self._source, *about)
 
 
 def _evidence(fault: NamedFault, course: Course, shown: Sequence[IntervalVerdict]) -> Mapping[str, Any]:

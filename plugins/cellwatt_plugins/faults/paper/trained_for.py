@@ -52,24 +52,26 @@ class TrainedFor:
 
     def differs(self, course: Course) -> str:
         """Name what differs between a course and the task; empty if nothing does."""
-        own, other = self, TrainedFor.of(course)
-        if other.joints != own.joints:
-            return f"{other.joints} joints, expected {own.joints}"
-        if len(other.moving) != len(own.moving):
-            return f"{len(other.moving)} intervals, expected {len(own.moving)}"
-        for number, (mine, its) in enumerate(zip(own.moving, other.moving, strict=True), start=1):
+        other = TrainedFor.of(course)
+        if (other.joints, len(other.moving)) != (self.joints, len(self.moving)):
+            return f"{other.joints} joints, {len(other.moving)} intervals, expected {self.joints}, {len(self.moving)}"
+        for number, (mine, its) in enumerate(zip(self.moving, other.moving, strict=True), start=1):
             if mine != its:
                 return f"other joints in motion in interval {number}: {_words(its)}, expected {_words(mine)}"
-            off = np.abs(np.subtract(own.way[number - 1], other.way[number - 1]))
-            if off.max() > WAY:
-                joint = int(off.argmax())
-                found, expected = (math.degrees(each[number - 1][joint]) for each in (other.way, own.way))
-                return (
-                    f"another way in interval {number}: joint {joint + 1} goes {found:+.0f}°, expected {expected:+.0f}°"
-                )
-            seconds, expected = other.seconds[number - 1], own.seconds[number - 1]
-            if abs(seconds - expected) > PACE * expected:
-                return f"another pace: interval {number} takes {seconds:.2f} s, expected {expected:.2f} s"
+        off = np.abs(np.subtract(self.way, other.way))
+        if off.max() > WAY:
+            number, joint = divmod(int(off.argmax()), off.shape[1])
+            found, expected = (math.degrees(each.way[number][joint]) for each in (other, self))
+            return (
+                f"another way in interval {number + 1}: joint {joint + 1} goes {found:+.0f}°, expected {expected:+.0f}°"
+            )
+        slow = np.abs(np.divide(other.seconds, self.seconds) - 1)
+        if slow.max() > PACE:
+            number = int(slow.argmax())
+            return (
+                f"another pace: interval {number + 1} takes {other.seconds[number]:.2f} s, "
+                f"expected {self.seconds[number]:.2f} s"
+            )
         return ""
 
 

@@ -30,11 +30,6 @@ class Column:
     origin: Origin
     cycles: Sequence[Codes]
 
-    @property
-    def code(self) -> Codes:
-        """Its column of the table."""
-        return column_of(self.cycles)
-
 
 @dataclass(frozen=True)
 class Sources:
@@ -61,17 +56,13 @@ class Sources:
 
 @dataclass(frozen=True)
 class CodeNetwork:
-    """A task's table as it was learnt, column by column, and its network as an ONNX file; None where no fault moves the
-    power beyond its tolerance, so that there is nothing to tell apart."""
+    """A task's ``table`` (intervals, joints) as it was learnt, column by column, and its network as an ONNX file; None
+    where no fault moves the power beyond its tolerance, so that there is nothing to tell apart."""
 
     course: Course
     columns: tuple[Column, ...]
+    table: Codes
     content: bytes | None
-
-    @property
-    def table(self) -> Codes:
-        """(intervals, joints)."""
-        return np.stack([column.code for column in self.columns], axis=1)
 
     @property
     def alike(self) -> tuple[tuple[int, ...], ...]:
@@ -89,7 +80,7 @@ def train_codes(course: Course, sources: Sources, seed: int = 0) -> CodeNetwork:
         "tolerance": {"position_rad": tolerance.position, "power": tolerance.power, "floor_W": tolerance.floor},
         "seed": seed,
     }
-    table = np.stack([column.code for column in columns], axis=1)
+    table = np.stack([column_of(column.cycles) for column in columns], axis=1)
     task = TrainedFor.of(course)
     content = train(table, seed=seed, task=task, signed=True, made=made) if table.any() else None
-    return CodeNetwork(course, columns, content)
+    return CodeNetwork(course, columns, table, content)

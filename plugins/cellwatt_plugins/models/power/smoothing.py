@@ -12,9 +12,9 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.noise import white_noise
 from cellwatt_plugins.models.graph import Graph, Tensor
 from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.noise import white_noise
 
 Float = NDArray[np.float64]
 

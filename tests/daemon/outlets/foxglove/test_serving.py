@@ -16,8 +16,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from cellwatt import FrameChannel, Frames, Layout
-from cellwatt.blocks import cut
 from cellwatt.errors import ConfigError
+from cellwatt.frames import cut
 from cellwatt.outlets.foxglove import serve
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.record import Header, Recorder, RecordSettings

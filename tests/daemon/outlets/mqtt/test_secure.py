@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from cellwatt.certificates import issue, new_authority
+from cellwatt.door.certificates import issue, new_authority
 from cellwatt.errors import OutletError
 from tests.daemon.outlets.mqtt.broker import PROGRAM, Broker, ears, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import ROOT, Cell, outlet_of, serving

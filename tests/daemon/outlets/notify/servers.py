@@ -19,7 +19,7 @@ from typing import Any
 from aiohttp import web
 from aiosmtpd.smtp import SMTP, AuthResult, Envelope, LoginPassword, Session
 
-from cellwatt.certificates import Pair, issue, new_authority
+from cellwatt.door.certificates import Pair, issue, new_authority
 from tests.daemon.outlets.historian.loopback import Loopback
 
 Answer = Callable[[web.BaseRequest], Awaitable[web.StreamResponse]]

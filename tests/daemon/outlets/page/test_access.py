@@ -57,12 +57,6 @@ async def page(tmp_path: Path) -> AsyncIterator[Served]:
         yield found
 
 
-@pytest.fixture
-async def browser() -> AsyncIterator[aiohttp.ClientSession]:
-    async with client() as found:
-        yield found
-
-
 async def code_of(browser: aiohttp.ClientSession, url: str, **more: Any) -> int:
     async with browser.get(url, **more) as response:
         return response.status

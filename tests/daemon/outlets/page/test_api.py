@@ -25,7 +25,6 @@ from tests.daemon.outlets.page.cell import (
     Served,
     Stream,
     alarm,
-    client,
     csrf,
     frames,
     interval,
@@ -37,12 +36,6 @@ from tests.daemon.outlets.page.cell import (
 @pytest.fixture
 async def page(tmp_path: Path) -> AsyncIterator[Served]:
     async with served(tmp_path) as found:
-        yield found
-
-
-@pytest.fixture
-async def browser() -> AsyncIterator[aiohttp.ClientSession]:
-    async with client() as found:
         yield found
 
 

@@ -16,7 +16,7 @@ from cellwatt.outlets.page.archive import THREADS, WAITING, Archive, Desk
 from cellwatt.outlets.page.cells import follow_arms
 from cellwatt.report import Provenance, Report
 from tests.daemon.outlets.page import cell, recorded
-from tests.daemon.outlets.page.cell import API, Served, client, served
+from tests.daemon.outlets.page.cell import API, Served, served
 from tests.daemon.outlets.page.recorded import MS, SESSION, STEP, S, alarm, frames, interval, recording
 from tests.patience import eventually
 
@@ -49,12 +49,6 @@ async def page(tmp_path: Path) -> AsyncIterator[Served]:
         yield found
     await asyncio.to_thread(archive.close)
     await asyncio.to_thread(desk.close)
-
-
-@pytest.fixture
-async def browser() -> AsyncIterator[aiohttp.ClientSession]:
-    async with client() as found:
-        yield found
 
 
 async def get(browser: aiohttp.ClientSession, page: Served, path: str) -> Any:

@@ -1,10 +1,7 @@
-"""A publishing cell as a process: a ``ZenohOutlet`` over a record in memory or in a ``folder``, ordered about in JSON
-lines.
+"""A publishing cell as a process: a ``ZenohOutlet`` over a record in memory or in a ``folder``.
 
-Orders: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from where it is,
-``{"offer_only": n}`` / ``{"record_only": n}`` samples that only go there, ``{"frames": n}`` and ``{"tasks": n}``
-publish those at once.
-Health goes out each 0.2 s.
+Orders, in JSON lines: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from
+where it is, ``{"frames": n}`` at once. Health goes out each 0.2 s.
 """
 
 from __future__ import annotations
@@ -19,13 +16,11 @@ from typing import Any
 from cellwatt import Batch, Frames
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
-from cellwatt.results import Event, Result
-from cellwatt.ring import Ring, RingJournal
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames, task
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames
 from tests.doing import doing
 from tests.patience import PATIENCE
 
-FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH, TASKS_OF_A_FLUSH = 10, 500, 100
+FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH = 10, 500
 
 
 class RecordingView(FakeView):
@@ -36,7 +31,6 @@ class RecordingView(FakeView):
         self.recorder = Recorder(RecordSettings(folder=folder, file_size=10e3), Header(SITE, CELL, session))
         self.recorder.start()
         self._history = History(folder, self.recorder)
-        self.journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
 
     def record(self, item: Batch | Frames, session: int | None = None) -> None:
         assert self.recorder.put(item)
@@ -45,14 +39,10 @@ class RecordingView(FakeView):
         return self._history.recordings()
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        asked = source, stream, session, first, count
-        return self._history.history(*asked) or self._history.later(*asked)
+        return self._history.history(source, stream, session, first, count)
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         return self._history.frames(session, first, count)
-
-    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
-        return self._history.results(series, session, first, count)
 
 
 class Cell:
@@ -63,7 +53,7 @@ class Cell:
         for session, count in settings.pop("recorded", {}).items():
             self.view.record(batch(0, count), int(session))
         self.outlet = ZenohOutlet("zenoh", ZenohSettings(**settings), self.view)
-        self.samples = self.frames = self.alarms = self.tasks = 0
+        self.samples = self.frames = self.alarms = 0
 
     async def stream(self, samples: int, frames_too: bool, every: int, rate: float, block: int) -> None:
         """``samples`` of one source at ``rate`` Hz in blocks; a frame a block; an alarm every ``every`` blocks."""
@@ -93,28 +83,14 @@ class Cell:
                 assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
         self.say_published()
 
-    async def found(self, count: int) -> None:
-        """Tasks at once; they are on disk when it says so."""
-        assert self.recorded is not None
-        for _ in range(count):
-            item = task(self.tasks)
-            assert self.recorded.recorder.put(item, self.recorded.journal.put(item))
-            self.outlet.offer(item)
-            self.tasks += 1
-            if self.tasks % TASKS_OF_A_FLUSH == 0:
-                assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
-        self.say_published()
-
     def say_published(self) -> None:
-        made = {"samples": self.samples, "frames": self.frames, "alarms": self.alarms, "tasks": self.tasks}
+        made = {"samples": self.samples, "frames": self.frames, "alarms": self.alarms}
         say({"published": made})
 
-    def offer(self, item: Any, live: bool = True, record: bool = True) -> None:
+    def offer(self, item: Any) -> None:
         self.samples += len(item)
-        if record:
-            self.view.record(item)
-        if live:
-            self.outlet.offer(item)
+        self.view.record(item)
+        self.outlet.offer(item)
 
     async def beat(self) -> None:
         while True:
@@ -131,12 +107,6 @@ class Cell:
                     group.create_task(self.stream(**order["stream"]))
                 elif "frames" in order:
                     group.create_task(self.burst(order["frames"]))
-                elif "tasks" in order:
-                    group.create_task(self.found(order["tasks"]))
-                elif "record_only" in order:
-                    self.offer(batch(self.samples, order["record_only"]), live=False)
-                elif "offer_only" in order:
-                    self.offer(batch(self.samples, order["offer_only"]), record=False)
                 elif "alarm" in order:
                     self.outlet.offer(alarm(**order["alarm"]))
                 elif "account" in order:

@@ -7,10 +7,10 @@ import sys
 import threading
 from typing import Any
 
-from cellwatt import Alarm, Batch, Frames, Task
+from cellwatt import Alarm, Batch, Frames
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.subscriber import Gap, Message, Subscriber
-from tests.daemon.outlets.zenoh.fake_cell import frames, task
+from tests.daemon.outlets.zenoh.fake_cell import frames
 
 _one_at_a_time = threading.Lock()
 
@@ -31,8 +31,6 @@ def summary(message: Message) -> dict[str, Any]:
             about["as_offered"] = same_frames(content, frames(content.sequence, len(content)))
     elif isinstance(content, Alarm):
         about |= {"id": content.id, "active": content.active}
-    elif isinstance(content, Task):
-        about["as_offered"] = content == task(message.sequence)
     elif isinstance(content, Gap):
         about["gap"] = content.reason
     return about

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Alarm, AlarmBook, Batch, Channel, FrameChannel, Frames, Layout, Stream
-from cellwatt.blocks import Block, cut
+from cellwatt.frames import Block, cut
 from cellwatt.results import Event, Result, Task
 
 SITE, CELL = "plant-1", "weld-3"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cellwatt import Alarm, Task
 from cellwatt.outlets.zenoh.follow import GRACE, Following
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Gap, Part
+from cellwatt.outlets.zenoh.order import Follower, Gap, Part
 from cellwatt.outlets.zenoh.questions import Question
 from tests.daemon.outlets.zenoh.fake_cell import alarm, batch, frames, task
 
@@ -42,24 +42,66 @@ def confirm(following: Following, positions: Mapping[str, tuple[int, int]], now:
     return [part for _, part in following.told(1, positions, now)]
 
 
-def test_begins_where_the_cell_is() -> None:
-    following = Following(WANTED)
-    assert numbers(raw(following, 40, 2)) == [(1, 40), (1, 41)]
-    following.told(1, {RAW: (1, 42), "alarm": (1, 7), "frame": (1, 9)}, 0.0)
-    assert following.begun == {RAW: (1, 40), "alarm": (1, 7)}
-    assert following.questions(0.0) == []
-
-
 def test_once_joined_a_new_topic_is_owed_from_its_first_number() -> None:
     following = Following(WANTED)
     following.told(1, {}, 0.0)
     assert raw(following, 3) == []
-    confirm(following, {RAW: (1, 4)})
+    assert confirm(following, {RAW: (1, 4)}) == []
     (question,) = following.questions(0.0)
     assert (question.hole.first, question.hole.count) == (0, 3)
     given_out = following.filled(question, [(mark(1, 0, 3), batch(0, 3))])
     assert numbers(given_out) == [(1, n) for n in range(4)]
     assert [p.backfilled for p in given_out] == [True, False]
+
+
+def test_what_is_early_waits_for_the_cells_word_and_for_what_is_missing() -> None:
+    following = Following(WANTED)
+    following.told(1, {RAW: (1, 0)}, 0.0)
+    assert raw(following, 3, 2) == raw(following, 5) == []
+    assert following.questions(0.0) == [], "nobody but the stranger says that anything is missing"
+    confirm(following, {RAW: (1, 5)})
+    (question,) = following.questions(0.0)
+    assert (question.hole.first, question.hole.count, question.hole.certain) == (0, 3, True)
+    given_out = following.filled(question, [(mark(1, 0, 3), batch(0, 3))])
+    assert [(p.sequence, p.end, p.backfilled) for p in given_out] == [(0, 3, True), (3, 5, False), (5, 6, False)]
+
+
+def test_what_the_cell_does_not_know_is_refused_and_what_came_since_is_not() -> None:
+    following = Following(WANTED)
+    following.told(1, {RAW: (1, 1)}, 0.0)
+    assert raw(following, 9) == raw(following, 0, 3, session=7) == []
+    assert following.asks_told(10.0)
+    assert raw(following, 12) == []
+    following.told(1, {RAW: (1, 1)}, 10.0)
+    assert following.counts == {"refused": 2}
+    assert [p.sequence for t in range(1, 9) for p in raw(following, t)] == list(range(1, 9))
+    confirm(following, {RAW: (1, 13)}, now=10.0)
+    (question,) = following.questions(20.0)
+    assert (question.hole.first, question.hole.count) == (9, 3)
+
+
+def test_a_flood_of_claims_takes_no_room_for_longer_than_until_the_cell_has_answered() -> None:
+    following = Following(WANTED)
+    following.told(1, {RAW: (1, 0)}, 0.0)
+    following.hinted(1, {f"raw/ghost{n}/samples": (1, 9) for n in range(1000)})
+    for n in range(2000):
+        assert raw(following, 7, session=100 + n) == []
+    confirm(following, {RAW: (1, 9)}, now=100.0)
+    assert raw(following, 4) == []
+    (question,) = following.questions(200.0)
+    assert [p.sequence for p in following.filled(question, [(mark(1, 0, 4), batch(0, 4))])] == [0, 4]
+
+
+def test_what_came_of_a_session_that_ended_at_once_is_no_forgery() -> None:
+    following = Following(WANTED)
+    following.told(1, {"alarm": (1, 2)}, 0.0)
+    assert following.message("alarm", mark(1, 3), alarm(3)) == []
+    assert following.asks_told(10.0)
+    following.told(2, {"alarm": (2, 0)}, 10.0)
+    (question,) = following.questions(10.0)
+    gap, kept = following.nothing(question, "nothing is kept", 10.0)
+    assert (gap.content, kept.content) == (Gap(1, "nothing is kept"), alarm(3))
+    assert "refused" not in following.counts
 
 
 def test_only_what_is_wanted_is_followed() -> None:
@@ -85,7 +127,7 @@ def test_what_is_only_announced_gets_time_to_arrive() -> None:
 
 
 def hole_in(following: Following, now: float) -> Question:
-    following.told(1, {}, 0.0)
+    following.told(1, {RAW: (1, 0)}, 0.0)
     raw(following, 5)
     confirm(following, {RAW: (1, 6)})
     (question,) = following.questions(now)
@@ -126,24 +168,55 @@ def test_the_next_piece_is_asked_for_at_once() -> None:
     assert (question.hole.first, question.hole.count) == (4, 6)
 
 
-def test_standing_alarms_are_given_once() -> None:
-    following = Following(WANTED)
-    following.told(1, {"alarm": (1, 3)}, 0.0)
-    assert len(following.standing(mark(1, 1), alarm(1))) == 1
-    assert following.standing(mark(1, 3), alarm(3)) == [], "this one comes live"
-    assert following.standing(mark(2, 0), alarm(3)) == [], "this one is of a session that is owed whole"
-    assert Following(WANTED).standing(mark(1, 1), alarm(1)) == []
+# one topic --------------------------------------------------------------------------------------------
 
 
-def test_resume_goes_on_from_there() -> None:
-    following = Following(WANTED, resume={RAW: (1, 7)})
-    assert raw(following, 9) == []
-    assert following.message("alarm", mark(1, 1), alarm(1)) == []
-    assert confirm(following, {RAW: (1, 10), "alarm": (1, 2)}) == []
-    (question, _) = following.questions(0.0)
-    assert (question.hole.first, question.hole.count) == (7, 2)
-    following.unanswered(_, -10.0)
-    assert [q.topic for q in following.questions(0.0)] == ["alarm"]
+def part(first: int, count: int, session: int = 1, backfilled: bool = False) -> Part:
+    return Part(session, first, count, backfilled, batch(first, count))
+
+
+def spans(parts: list[Part]) -> list[tuple[int, int, int]]:
+    return [(p.session, p.sequence, p.end) for p in parts]
+
+
+def test_a_session_may_have_a_lower_number_where_the_clock_was_set_back() -> None:
+    follower = Follower(100, 3)
+    follower.announce(50, 1)
+    tail = follower.hole()
+    assert tail is not None
+    assert follower.take(part(0, 1, session=50)) == []
+    assert spans(follower.give_up(tail, "")) == [(50, 0, 1)]
+    assert follower.take(part(3, 1, session=100)) == []
+    assert follower.hole() is None
+
+
+@settings(deadline=None)
+@given(st.data())
+def test_whatever_comes_each_sample_is_given_once_in_order(data: st.DataObject) -> None:
+    """Parts of two sessions arrive lost, doubled, shuffled and overlapping; holes are answered from a whole record."""
+    lengths = {1: data.draw(st.integers(1, 30)), 2: data.draw(st.integers(1, 30))}
+    follower = Follower(1, 0, hold=data.draw(st.integers(1, 6)))
+    given_out: list[Part] = []
+    follower.announce(1, lengths[1])
+    for session, length in lengths.items():
+        if session == 2:
+            follower.announce(2, data.draw(st.integers(0, length)))
+        for _ in range(data.draw(st.integers(0, 12))):
+            first = data.draw(st.integers(0, length - 1))
+            given_out += follower.take(part(first, data.draw(st.integers(1, length - first)), session))
+    follower.announce(2, lengths[2])
+    while (hole := follower.hole()) is not None:
+        available = lengths[hole.session] - hole.first
+        count = min(available, data.draw(st.integers(1, 5)))
+        answer = part(hole.first, count, hole.session, backfilled=True) if count else None
+        given_out += follower.give_up(hole, "end") if answer is None else follower.fill(answer)
+    expected = [(1, n) for n in range(lengths[1])] + [(2, n) for n in range(lengths[2])]
+    assert [(p.session, n) for p in given_out for n in range(p.sequence, p.end)] == expected
+    values = [v for p in given_out for v in p.content.values[:, 0]]  # type: ignore[union-attr]
+    assert values == [n for _, n in expected]
+
+
+# all of them --------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -172,7 +245,7 @@ class World:
 
     def beat(self) -> None:
         if self.up:
-            self.following.hinted(self.positions)
+            self.following.hinted(self.session, self.positions)
 
     def tell(self) -> None:
         if not self.up:

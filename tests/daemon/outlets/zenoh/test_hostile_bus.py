@@ -18,7 +18,6 @@ import pytest
 import zenoh
 
 from cellwatt import ProtocolError
-from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.encode import decode, encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
@@ -26,7 +25,6 @@ from cellwatt.outlets.zenoh.messages import encode_item, encode_json, health
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm, batch
 from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell, cell, joined, read
-from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
 __all__ = ["cell"]
@@ -84,12 +82,9 @@ async def only_the_truth(cell: Cell, subscriber: Subscriber, first: int) -> None
 FORGED: dict[str, Callable[[Stranger, int], None]] = {
     "a session in the future": lambda s, _: s.raw(FUTURE, 0),
     "a session in the future, far on": lambda s, _: s.raw(FUTURE, LEAP),
-    "a session in the past": lambda s, _: s.raw(EPOCH - 10**15, 3),
     "a leap of a million samples": lambda s, _: s.raw(EPOCH, LEAP),
     "a leap to the end of numbers": lambda s, _: s.raw(EPOCH, 2**63 - 10),
-    "a leap of some samples": lambda s, _: s.raw(EPOCH, 50),
     "a topic that is not": lambda s, _: s.raw(EPOCH, 3, topic="raw/ghost/samples"),
-    "alarms of the future": lambda s, _: s.alarm(FUTURE, 0),
     "a leap of alarms": lambda s, numbering: s.alarm(numbering, LEAP),
     "a million million samples by health": lambda s, numbering: s.health(
         EPOCH, {RAW: (EPOCH, 10**12), "alarm": (numbering, 10**12)}
@@ -143,28 +138,12 @@ async def test_who_is_forged_to_before_it_knows_the_cell_finds_it(cell: Cell, st
         # As if it had come before the cell's first answer.
         with subscriber._inbox.lock:
             following = subscriber._inbox.following
-            following.joined, following._topics = False, {}
+            following.joined, following.cell, following._topics = False, None, {}
             following.message(RAW, Mark(FUTURE, LEAP, 5, EPOCH), batch(0, 5))
-            following.doubt()
             subscriber._inbox.look.set()
         await refused(subscriber, 1)
         await only_the_truth(cell, subscriber, 100)
         assert subscriber.positions[RAW] == (EPOCH, 105)
-
-
-async def test_a_true_long_loss_is_followed(cell: Cell) -> None:
-    """A leap of two million that the cell confirms: what it no longer has is a gap, and the stream goes on."""
-    async with cell.subscriber(want=("raw",), patience=0.2) as subscriber:
-        await joined(subscriber)
-        cell.give(0, 5)
-        await read(subscriber, 1)
-        cell.view.forgotten = 2 * LEAP
-        cell.give(2 * LEAP, 5)
-        gap, live = await read(subscriber, 2)
-        assert "refused" not in subscriber.counts
-    assert isinstance(gap.content, Gap)
-    assert (gap.sequence, gap.count) == (5, 2 * LEAP - 5)
-    assert (live.sequence, live.count) == (2 * LEAP, 5)
 
 
 async def test_a_true_restart_is_followed_beside_a_forged_one(cell: Cell, stranger: Stranger) -> None:
@@ -195,7 +174,7 @@ async def test_a_true_restart_is_followed_beside_a_forged_one(cell: Cell, strang
 # what cannot be a message --------------------------------------------------------------------------------
 
 
-def packed(compression: str) -> bytes:
+def packed() -> bytes:
     """A batch of 20 million zeros, packed."""
     rows = 2_000_000
     real = pa.ipc.open_stream(encode(batch(0, 1))).schema
@@ -208,14 +187,13 @@ def packed(compression: str) -> bytes:
     ]
     made = pa.RecordBatch.from_arrays(columns, schema=real)
     out = io.BytesIO()
-    with pa.ipc.new_stream(out, real, options=pa.ipc.IpcWriteOptions(compression=compression)) as writer:
+    with pa.ipc.new_stream(out, real, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
         writer.write_batch(made)
     return out.getvalue()
 
 
-@pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_what_is_small_and_unpacks_to_much_is_not_unpacked(compression: str) -> None:
-    payload = packed(compression)
+def test_what_is_small_and_unpacks_to_much_is_not_unpacked() -> None:
+    payload = packed()
     assert len(payload) < 1_000_000
     before = pa.total_allocated_bytes()
     with pytest.raises(ProtocolError, match="its columns are compressed"):
@@ -231,22 +209,16 @@ MARK = Mark(EPOCH, 0, 1, EPOCH)
     ("path", "payload", "mark"),
     [
         ("alarm/error/joint_fault", DEEP, MARK),
-        ("alarm/error/joint_fault", b'{"mark": 1e999}', MARK),
         ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, count=10**9)),
         ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, sequence=-1)),
-        ("alarm/error/joint_fault", encode_item(alarm(1), MARK), replace(MARK, session=-1)),
-        ("event", b"1" + b"0" * 5000, MARK),
         (RAW, encode(batch(0, 5)), replace(MARK, sequence=2**63 - 2, count=5)),
         (RAW, encode(batch(0, 0)), replace(MARK, count=0)),
         ("health", DEEP, MARK),
-        ("health", b'{"session": 1e999, "time": 1, "positions": {}, "status": {}}', MARK),
-        ("health", b'{"session": 1, "time": 1, "positions": {"frame": [1, 1e400]}, "status": {}}', MARK),
         ("health", b'{"session": 1, "time": 1, "positions": {"frame": [1, 9223372036854775808]}, "status": {}}', MARK),
-        ("health", b'{"session": 1, "time": 1, "positions": {}, "status": 5}', None),
         ("health", encode_json({"positions": {f"raw/a{i}/b": (1, 1) for i in range(2000)}}), MARK),
         ("raw/%FF/\u00e4\u2028", b"", None),
     ],
-    ids=range(15),
+    ids=range(9),
 )
 async def test_what_is_no_message_ends_nothing(
     cell: Cell, stranger: Stranger, path: str, payload: bytes, mark: Mark | None
@@ -318,67 +290,3 @@ async def test_health_has_the_mark_of_every_message(cell: Cell, stranger: Strang
     mark = Mark.decode(reply.ok.attachment.to_bytes(), reply.ok.payload.to_bytes())
     assert mark.backfill
     assert mark.sequence > numbers[-1]
-
-
-async def test_health_that_was_damaged_on_its_way_is_not_taken(cell: Cell, stranger: Stranger) -> None:
-    async with cell.subscriber(want=("health",)) as subscriber:
-        await joined(subscriber)
-        mark = Mark(EPOCH, 7, 1, EPOCH)
-        good = health(mark, EPOCH, {}, {"state": "green"})
-        stranger.session.put(f"{ROOT}/health", good.replace(b"green", b"grean"), attachment=mark.encode(good))
-        await eventually(lambda: subscriber.counts.get("unreadable") == 1, "the damaged one")
-        messages = await read(subscriber, 3)
-    assert all(m.content.status == {"state": "green"} for m in messages)  # type: ignore[union-attr]
-    assert [m.sequence for m in messages] == list(range(messages[0].sequence, messages[0].sequence + 3))
-
-
-# access rules ----------------------------------------------------------------------------------------------
-
-
-def ruled(*allowed: tuple[str, str]) -> dict[str, Any]:
-    """Access rules of a cell that let everybody do what is named, by message and direction, and nothing else."""
-    keys = [f"{ROOT}/**", f"{ROOT}/@/**"]
-    rules = [
-        {"id": f"{message} {flow}", "messages": [message], "flows": [flow], "permission": "allow", "key_exprs": keys}
-        for message, flow in allowed
-    ]
-    names = [rule["id"] for rule in rules]
-    policies = [{"rules": names, "subjects": ["all"]}]
-    return {
-        "access_control": {
-            "enabled": True,
-            "default_permission": "deny",
-            "rules": rules,
-            "subjects": [{"id": "all"}],
-            "policies": policies,
-        }
-    }
-
-
-SEE = (("declare_subscriber", "ingress"), ("put", "egress"))
-
-
-async def test_rules_keep_a_stranger_from_speaking_and_a_viewer_who_may_only_see_sees() -> None:
-    """Through the settings of the outlet; whoever may not ask gets what comes live, from where it is."""
-    cell = Cell()
-    cell.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=cell.link.connect, options=ruled(*SEE)), cell.view)
-    async with doing(cell.outlet.run()):
-        async with cell.subscriber(want=("raw", "health")) as viewer:
-            session = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
-            try:
-                green = {"state": "green"}
-                await eventually(lambda: cell.outlet.health(green) or viewer._inbox.mailbox._items.qsize(), "health")
-                Stranger(session).raw(EPOCH, 0)
-                Stranger(session).health(FUTURE, {RAW: (FUTURE, 9)})
-                assert await asyncio.to_thread(lambda: list(session.get(f"{ROOT}/@/config", timeout=0.5))) == []
-                cell.give(0, 5)
-                heard = await read(viewer, 1, RAW)
-                cell.give(5, 5)
-                heard += await read(viewer, 1, RAW)
-            finally:
-                session.close()
-        assert [(m.session, m.sequence) for m in heard] == [(EPOCH, 0), (EPOCH, 5)]
-        np.testing.assert_array_equal(heard[1].content.values, batch(5, 5).values)  # type: ignore[union-attr]
-        assert set(viewer.counts) == {"live", "duplicates"}
-        assert viewer.counts["duplicates"] == 0
-        assert cell.outlet.account.counters == {}

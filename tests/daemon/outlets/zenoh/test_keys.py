@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from cellwatt import ConfigError, ProtocolError
 from cellwatt.outlets.zenoh.keys import (
-    KINDS,
     Address,
     CellKeys,
     alarm_path,
@@ -55,9 +54,8 @@ def test_any_name_is_one_chunk_that_zenoh_takes_as_it_is(name: str) -> None:
 @given(NAMES, NAMES, NAMES, NAMES)
 def test_parse_gives_back_what_the_key_was_made_of(site: str, cell: str, source: str, stream: str) -> None:
     keys, topic = CellKeys(site, cell), raw_topic(source, stream)
-    for key, backfill in ((keys.live(topic), False), (keys.backfill(topic), True)):
-        assert parse(key) == Address(site, cell, "raw", (source, stream), backfill)
-        assert parse(key).topic == topic
+    assert parse(keys.live(topic)) == Address(site, cell, "raw", (source, stream))
+    assert parse(keys.live(topic)).topic == topic
 
 
 def test_topic_of_an_alarm_is_without_severity_and_kind() -> None:
@@ -66,26 +64,15 @@ def test_topic_of_an_alarm_is_without_severity_and_kind() -> None:
     assert address.topic == "alarm"
 
 
-@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("raw", "prediction")])
-def test_plain_topics_parse(kind: str) -> None:
-    assert parse(KEYS.live(kind)) == Address("plant-1", "weld-3", kind)
-
-
 @pytest.mark.parametrize(
     "key",
     [
         "",
-        "cellwatt",
-        "cellwatt/a/b",
         "cellwatt/a/b/@/status",
-        "cellwatt/a/b/raw",
         "cellwatt/a/b/raw/arm",
         "cellwatt/a/b/raw/arm/main/more",
-        "cellwatt/a/b/prediction",
         "cellwatt/a/b/frame/x",
         "cellwatt/a/b/alarm/error",
-        "cellwatt/a/b/backfill",
-        "cellwatt/a/b/backfill/backfill/frame",
         "cellwatt/a//frame",
         "other/a/b/frame",
     ],

@@ -87,13 +87,6 @@ def test_raw_that_waits_together_leaves_as_one_message_a_stream() -> None:
     assert account.received == 15
 
 
-def test_a_hole_in_the_numbers_is_not_papered_over() -> None:
-    box, _ = outbox(100)
-    for first in (0, 1, 3, 4):
-        box.put(Lane.RAW, raw(first))
-    assert [(o.mark.sequence, o.mark.count) for o in take_all(box)] == [(0, 2), (3, 2)]
-
-
 def test_merged_messages_stay_of_bounded_size_and_other_streams_get_their_turn() -> None:
     box, _ = outbox(100)
     for i in range(10):
@@ -132,23 +125,6 @@ def test_positions_are_what_no_longer_waits() -> None:
     assert box.positions() == {"raw/arm/samples": (EPOCH, 0), "alarm": (EPOCH, 1)}
     box.take()
     assert box.positions() == {"raw/arm/samples": (EPOCH, 10), "alarm": (EPOCH, 1)}
-
-
-def test_what_was_dropped_is_told_by_the_positions() -> None:
-    box, _ = outbox(1)
-    box.put(Lane.RAW, raw(0, 5))
-    box.put(Lane.RESULTS, result(0))
-    assert box.positions()["raw/arm/samples"] == (EPOCH, 5)
-
-
-def test_wake_ends_a_take_that_waits() -> None:
-    box, _ = outbox(1)
-    taken: list[Outgoing | None] = []
-    thread = threading.Thread(target=lambda: taken.append(box.take()))
-    thread.start()
-    box.wake()
-    thread.join(PATIENCE)
-    assert taken == [None]
 
 
 LANES = st.sampled_from([(Lane.RAW, "arm"), (Lane.RAW, "meter"), (Lane.FRAMES, ""), (Lane.RESULTS, "")])

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 import zenoh
 
-from cellwatt import Event, OutletError, Prediction, Stream
+from cellwatt import Event, Prediction, Stream
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
 from cellwatt.outlets.zenoh.encode import decode, schema_in
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
@@ -22,7 +22,7 @@ from cellwatt.outlets.zenoh.mark import Mark
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STREAM, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.doing import doing
-from tests.patience import PATIENCE, eventually
+from tests.patience import eventually
 
 ROOT = "cellwatt/plant-1/weld-3"
 
@@ -112,18 +112,6 @@ async def test_each_item_has_its_key_encoding_and_mark(consumer: Consumer, outle
     assert json.loads(samples[1].payload.to_bytes())["mark"] == {"session": marks[1].session, "sequence": 0}
 
 
-async def test_health_tells_the_numbers_that_were_reached(consumer: Consumer, outlet: ZenohOutlet) -> None:
-    outlet.offer(batch(0, 5))
-    outlet.offer(alarm(1))
-    await consumer.until(2)
-    outlet.health({"state": "green"})
-    body = json.loads((await consumer.until(3))[-1].payload.to_bytes())
-    assert body["status"] == {"state": "green"}
-    assert body["session"] == EPOCH
-    assert body["positions"]["raw/arm/samples"] == [EPOCH, 5]
-    assert body["positions"]["alarm"][1] == 1
-
-
 async def test_a_late_comer_gets_the_active_alarms_and_not_the_cleared_ones(
     consumer: Consumer, outlet: ZenohOutlet
 ) -> None:
@@ -183,23 +171,6 @@ async def test_history_is_answered_on_its_backfill_key(consumer: Consumer, view:
     assert [row[0] for row in table["values"].to_pylist()] == [4, 5, 6]
     (nothing,) = await consumer.ask("@/history?source=arm;stream=samples;first=40")
     assert "nothing is recorded" in json.loads(nothing.err.payload.to_bytes())["error"]
-
-
-async def test_results_of_the_past(consumer: Consumer, outlet: ZenohOutlet) -> None:
-    for number in range(5):
-        outlet.offer(alarm(number))
-    (reply,) = await consumer.ask("@/results?kind=alarm;first=2")
-    assert [a["id"] for a in json.loads(reply.ok.payload.to_bytes())] == ["alarm-2", "alarm-3", "alarm-4"]
-
-
-async def test_a_record_that_breaks_is_an_answer_not_an_end(
-    consumer: Consumer, view: FakeView, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(view, "history", lambda *_: 1 / 0)
-    (reply,) = await consumer.ask("@/history?source=arm;stream=samples")
-    assert json.loads(reply.err.payload.to_bytes()) == {"error": "ZeroDivisionError: division by zero"}
-    assert "weld-3/@/history?source=arm;stream=samples' could not be answered" in caplog.text
-    assert (await consumer.ask_json("@/status"))["session"] == EPOCH
 
 
 async def test_liveliness_comes_and_goes_with_the_cell(outlet: ZenohOutlet, endpoint: str) -> None:
@@ -318,18 +289,6 @@ async def test_a_dead_router_holds_up_nobody_and_its_drops_are_counted_exactly(e
     assert outlet.account.residue == 0
 
 
-async def test_a_stop_while_it_looks_for_its_router_is_a_stop(endpoint: str, view: FakeView) -> None:
-    """The daemon runs an outlet again that raises ``OutletError``; a stop must not look like that."""
-    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,)), view)
-    task = asyncio.create_task(outlet.run())
-    await asyncio.sleep(0.05)
-    task.cancel()
-    async with asyncio.timeout(PATIENCE):
-        with pytest.raises(asyncio.CancelledError):
-            await task
-    assert task.cancelled()
-
-
 async def test_what_waits_for_a_router_is_published_once_it_is_there(endpoint: str, view: FakeView) -> None:
     outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,)), view)
     async with doing(outlet.run()):
@@ -342,17 +301,6 @@ async def test_what_waits_for_a_router_is_published_once_it_is_there(endpoint: s
             assert len(replies) == 1
             outlet.offer(alarm(2))
             await eventually(lambda: "alarm/error/joint_fault" in consumer.keys(), "an alarm")  # noqa: SIM118
-
-
-async def test_what_cannot_be_opened_is_a_outlet_error(view: FakeView, endpoint: str) -> None:
-    with open_session(LinkSettings(listen=(endpoint,))):
-        outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), view)
-        with pytest.raises(OutletError, match="Address already in use"):
-            await outlet.run()
-    async with doing(outlet.run()) as task:  # the daemon runs it again
-        outlet.offer(alarm(1))
-        await eventually(lambda: outlet.account.received, "the alarm")
-        assert not task.done()
 
 
 async def test_an_item_that_cannot_be_encoded_costs_only_itself(

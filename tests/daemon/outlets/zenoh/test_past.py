@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from cellwatt import FrameChannel, Frames
-from cellwatt.blocks import concatenate
+from cellwatt.frames import concatenate
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import decode
 from cellwatt.outlets.zenoh.mark import Mark
@@ -22,7 +23,8 @@ from cellwatt.record import History
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.openfile import OpenFile
 from cellwatt.results import Event, Result
-from tests.daemon.outlets.zenoh.fake_cell import FakeView, batch, task
+from tests.daemon.outlets.zenoh.fake_cell import FakeView, task
+from tests.daemon.outlets.zenoh.fake_cell import frames as numbered_frames
 from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
 
 BLOCK = 10
@@ -109,16 +111,11 @@ def test_all_frames_once_in_order_first_from_the_record_then_from_memory(
     assert 1 < max(m.count for m, _ in given) <= min(MOST_SAMPLES, piece / 80)
 
 
-@pytest.mark.parametrize(("first", "count"), [(0, 1), (7, 3), (2495, 10), (END - IN_MEMORY - 1, 1), (END - 5, 5)])
+@pytest.mark.parametrize(("first", "count"), [(7, 3), (2495, 10), (END - IN_MEMORY - 1, 1)])
 def test_just_the_frames_that_were_asked_for(folder: Path, truth: list[Frames], first: int, count: int) -> None:
     past = Past(Recorded(folder), remembering(truth), lambda: 1e9)
     (numbers,) = [(f.sequence, len(f)) for _, f in answers(past, first, count)]
     assert numbers == (first, count)
-
-
-def test_what_memory_has_needs_no_record(truth: list[Frames]) -> None:
-    past = Past(FakeView(SESSION), remembering(truth), lambda: 1e9)
-    assert [m.sequence for m, _ in answers(past, END - 7, 7)] == [END - 7]
 
 
 def test_where_frames_are_gone_the_answer_begins_with_the_first_that_is_left(folder: Path, truth: list[Frames]) -> None:
@@ -130,14 +127,6 @@ def test_where_frames_are_gone_the_answer_begins_with_the_first_that_is_left(fol
     for path in folder.glob("*.mcap"):
         path.unlink()
     assert [m.sequence for m, _ in answers(past, 100, END - 100)] == [END - IN_MEMORY]
-
-
-def test_where_the_record_begins_after_memory_the_answer_begins_with_memory(
-    tmp_path: Path, truth: list[Frames]
-) -> None:
-    write_chunks(tmp_path, [truth[-1:]])
-    past = Past(Recorded(tmp_path), remembering(truth), lambda: 1e9)
-    assert [(m.sequence, m.count) for m, _ in answers(past, 0, END)] == [(END - IN_MEMORY, IN_MEMORY)]
 
 
 def test_frames_that_were_not_published_are_in_the_record(folder: Path, truth: list[Frames]) -> None:
@@ -163,23 +152,6 @@ def test_frames_of_an_earlier_session_to_its_end(folder: Path) -> None:
     assert first == END
 
 
-def test_a_question_without_count_finds_what_is_left_however_far(folder: Path) -> None:
-    past = Past(Recorded(folder), Backlog(SESSION, 1e9), lambda: 1e9)
-    sorted(folder.glob("*.mcap"))[0].unlink()
-    answer = ask(past, 3)
-    assert answer.mark is not None
-    assert answer.mark.sequence == FILES[1][0] > MOST_SAMPLES
-
-
-def test_samples_without_count_are_found_however_far() -> None:
-    view = FakeView()
-    view.record(batch(0, 5 * MOST_SAMPLES))
-    view.forgotten = 4 * MOST_SAMPLES
-    mark = Past(view, Backlog(1, 1e6), lambda: 1e9).history({"source": "arm", "stream": "samples"}).mark
-    assert mark is not None
-    assert (mark.sequence, mark.count) == (4 * MOST_SAMPLES, MOST_SAMPLES)
-
-
 def test_frames_of_another_layout_are_another_answer(tmp_path: Path) -> None:
     other = (FrameChannel("arm.supply.power", "W", "continuous", "average"),)
     old = frames_of(0, 20)
@@ -191,19 +163,6 @@ def test_frames_of_another_layout_are_another_answer(tmp_path: Path) -> None:
         (5, 15, old.layout.names),
         (20, 20, ("arm.supply.power",)),
     ]
-
-
-def test_where_numbers_went_back_the_record_is_not_asked(folder: Path, truth: list[Frames]) -> None:
-    """Two frames of the session then have one number, and the record does not say which of them was published."""
-    backlog = remembering(truth)
-    backlog.add_frames(truth[3])
-    past = Past(Recorded(folder), backlog, lambda: 1e9)
-    for session in (SESSION, SESSION + 1):
-        with pytest.raises(NothingKeptError):
-            ask(past, 0, session, count=20)
-    mark = ask(past, 30, SESSION + 1, count=10).mark
-    assert mark is not None
-    assert (mark.session, mark.sequence) == (SESSION + 1, 30)
 
 
 @pytest.fixture
@@ -233,7 +192,7 @@ def test_all_results_once_in_order_first_from_the_record_then_from_memory(judged
     backlog = Backlog(SESSION, 1e6)
     for number in range(2000):
         backlog.add(task(number))
-    kept = backlog._topics["task"].kept
+    kept = backlog._kept["task"]
     while len(kept) > 100:
         kept.popleft()
     past, given = Past(Recorded(judged), backlog, lambda: 1e9), []
@@ -258,3 +217,18 @@ def test_where_results_are_gone_the_answer_begins_with_the_first_that_is_left(ju
     assert told(past, 3)[0] == (1000, task(1000))
     with pytest.raises(NothingKeptError):
         told(past, 3, count=997)
+
+
+@pytest.mark.parametrize(("recorded", "most"), [(True, 0.5e6), (False, 4e6)])
+def test_frames_that_the_record_has_take_little_memory(
+    monkeypatch: pytest.MonkeyPatch, recorded: bool, most: float
+) -> None:
+    view = FakeView()
+    view.record_folder = Path("/record")
+    monkeypatch.setattr(view, "config", lambda: {"record": {"frames": recorded}})
+    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=("tcp/127.0.0.1:0",)), view)
+    for first in range(0, 200_000, 2000):
+        outlet.offer(numbered_frames(first, 2000))
+    kept = [block for _, block in outlet._backlog.frames(view.session, 0, 200_000)]
+    size = sum(array.nbytes for block in kept for array in (block.time, block.values, block.quality, block.bound))
+    assert 0.7 * most < size <= most

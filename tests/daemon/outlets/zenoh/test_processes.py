@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
+import threading
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,12 +16,12 @@ import pytest
 from tests.daemon.outlets.zenoh.processes import ROOT, Child, free_port
 from tests.daemon.outlets.zenoh.test_link_cut import (
     assert_complete,
-    check_all,
     reached,
     received,
     start_consumer,
     stream,
 )
+from tests.docs.pages import blocks
 from tests.patience import PATIENCE, wait_until
 
 
@@ -55,16 +58,6 @@ def test_a_consumer_that_is_frozen_holds_up_neither_the_cell_nor_another_consume
             assert figures["received"] == 120_000 + 600 + 60
 
 
-def test_a_consumer_that_is_killed_leaves_the_others_alone(port: int) -> None:
-    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
-        cell.ready()
-        with start_consumer(port) as victim, start_consumer(port) as other:
-            cell.send(stream=stream(2.0))
-            wait_until(lambda: reached(victim, "raw/arm/samples", 100), "some data")
-            victim.kill()
-            check_all(cell, other, 2.0)
-
-
 def test_cell_and_consumer_end_by_themselves(port: int) -> None:
     with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
         cell.ready()
@@ -82,17 +75,6 @@ with Subscriber(SITE, CELL, link) as cell:
     cell.receive(PATIENCE)
     raise SystemExit(7)
 """,
-    "the program never opens what it made": """
-subscriber = Subscriber(SITE, CELL, link)
-raise SystemExit(7)
-""",
-    "a thread still waits for messages when the context is left": """
-with Subscriber(SITE, CELL, link, want=("task",)) as cell:
-    reader = threading.Thread(target=lambda: list(cell))
-    reader.start()
-reader.join()
-raise SystemExit(7)
-""",
     "asyncio ends by an exception while a task reads": """
 async def main():
     async with Subscriber(SITE, CELL, link) as cell:
@@ -103,16 +85,6 @@ async def main():
         await asyncio.sleep(0.1)
         raise SystemExit(7)
 asyncio.run(main())
-""",
-    "the process forks while the session is open": """
-with Subscriber(SITE, CELL, link) as cell:
-    cell.receive(PATIENCE)
-    child = os.fork()
-    if child == 0:
-        os._exit(3)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
-    cell.receive(PATIENCE)
-raise SystemExit(7)
 """,
     "work goes to a spawned process while the session is open": """
 if __name__ == "__main__":
@@ -165,3 +137,58 @@ asyncio.run(main())
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=PATIENCE, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+# The programs of docs/zenoh.md and docs/alarms.md, run as they are printed ---
+
+
+def programs(page: str) -> list[str]:
+    """Return the Python programs of a page."""
+    return [block.text for block in blocks(page, "python")]
+
+
+PRINTED = {
+    "subscriber": (programs("zenoh.md")[0], r"raw/arm/samples \d+ \[|needs more power"),
+    "plain": (programs("zenoh.md")[1], r"\d{19} \{'joint_1.position \[rad\]': \d+\.\d"),
+    "alarms": (programs("alarms.md")[0], r"raised joint_fault Joint \d+ needs more power"),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_program_of_the_docs_runs(name: str, tmp_path: Path) -> None:
+    text, expected = PRINTED[name]
+    found = re.compile(expected).search
+    port = free_port()
+    program = tmp_path / "program.py"
+    program.write_text(text.replace("7447", str(port)))
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
+        samples = int(2 * PATIENCE * 500.0)  # for as long as anybody may wait for one
+        cell.ready().send(stream={"samples": samples, "frames_too": False, "every": 5, "rate": 500.0, "block": 5})
+        command = [sys.executable, "-u", str(program)]
+        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+            lines: list[str] = []
+            reader = threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")))  # type: ignore[union-attr]
+            reader.start()
+            try:
+                # Of the alarms half are over from the first: one of those may come before.
+                wait_until(lambda: any(map(found, list(lines))) or run.poll() is not None, f"a line like {expected}")
+            finally:
+                run.kill()
+                reader.join()
+            assert any(map(found, lines)), run.stderr.read() if run.stderr else ""
+            assert found(lines[0]) or name == "alarms", lines[0]
+
+
+def test_every_setting_is_in_the_docs() -> None:
+    from cellwatt.outlets.zenoh import ZenohSettings
+
+    text = (ROOT / "docs" / "zenoh.md").read_text()
+    table = text[text.index("## Settings") : text.index("## What can be lost")]
+    assert set(re.findall(r"`(\w+)`", table)) >= set(ZenohSettings.model_fields)
+
+
+def test_every_field_of_an_alarm_is_in_the_docs() -> None:
+    from schemas import schemas
+
+    text = (ROOT / "docs" / "alarms.md").read_text()
+    assert set(re.findall(r"`(\w+)`", text)) >= set(schemas()["alarm"]["properties"])

@@ -20,12 +20,12 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import NameOID
 
 from cellwatt import Alarm, ConfigError, OutletError
+from cellwatt.door.signing import Signer, Verifier
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, health
 from cellwatt.outlets.zenoh.signing import Seal, Witness
-from cellwatt.signing import Signer, Verifier
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.processes import free_port
@@ -350,10 +350,3 @@ async def test_an_answer_of_before_cannot_be_given_again(
     async with subscriber(bus, keys, "alarm") as cell:
         await eventually(lambda: cell.counts.get("unsigned", 0) > 0, "the answer of before")
         assert not cell._inbox.following.joined
-
-
-async def test_a_cell_whose_key_is_gone_publishes_nothing(bus: LinkSettings, keys: Path) -> None:
-    (keys / "cell.key").unlink()
-    outlet = ZenohOutlet("zenoh", ZenohSettings(**bus.model_dump(), sign=keys / "cell.key"), FakeView())
-    with pytest.raises(OutletError, match=r"^sign: .*cell\.key cannot be read"):
-        await outlet.run()

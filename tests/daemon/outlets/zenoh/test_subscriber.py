@@ -6,7 +6,6 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Sequence
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,8 @@ from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
 from cellwatt.outlets.zenoh.encode import encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
-from cellwatt.subscriber.inbox import Schemas
+from cellwatt.subscriber import Gap, LinkSettings, Message, Subscriber
+from cellwatt.subscriber.mailbox import Mailbox
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
@@ -88,23 +87,6 @@ async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
     assert messages["alarm"].content == alarm(1)
 
 
-async def test_health_comes_when_wanted(cell: Cell) -> None:
-    async with cell.subscriber(want=("health",)) as subscriber:
-        (message,) = await read(subscriber, 1)
-    assert isinstance(message.content, Health)
-    assert message.content.status == {"state": "green"}
-    assert message.content.session == EPOCH
-
-
-async def test_only_what_is_wanted_comes(cell: Cell) -> None:
-    async with cell.subscriber(want=("alarm",)) as subscriber:
-        await joined(subscriber)
-        cell.give(0, 5)
-        cell.outlet.offer(alarm(1))
-        (message,) = await read(subscriber, 1)
-    assert message.topic == "alarm"
-
-
 async def test_a_late_comer_gets_the_active_alarms(cell: Cell) -> None:
     for item in (alarm(1), alarm(2), alarm(1, active=False)):
         cell.outlet.offer(item)
@@ -140,19 +122,6 @@ async def test_the_end_is_not_missed_when_nothing_follows_it(cell: Cell) -> None
     assert (message.sequence, message.count, message.backfilled) == (5, 7, True)
 
 
-async def test_a_record_that_lags_is_waited_for(cell: Cell) -> None:
-    async with cell.subscriber(want=("raw",)) as subscriber:
-        await joined(subscriber)
-        cell.view.lag = 12
-        cell.give(0, 7, live=False)
-        cell.give(7, 5)
-        await asyncio.sleep(0.3)  # not for synchronisation: so that it is asked for in vain
-        cell.view.lag = 0
-        messages = await read(subscriber, 2)
-    assert [(m.sequence, m.count) for m in messages] == [(0, 7), (7, 5)]
-    assert not any(isinstance(m.content, Gap) for m in messages)
-
-
 async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
     async with cell.subscriber(want=("raw",)) as subscriber:
         await joined(subscriber)
@@ -164,17 +133,6 @@ async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
     assert isinstance(gap.content, Gap)
     assert (gap.sequence, gap.count) == (0, 60)
     assert (rest.sequence, rest.count, live.sequence) == (60, 40, 100)
-
-
-async def test_what_was_never_recorded_is_a_gap_after_some_patience(cell: Cell) -> None:
-    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
-        await joined(subscriber)
-        cell.give(0, 4, live=False, record=False)
-        cell.give(4, 5)
-        gap, live = await read(subscriber, 2)
-    assert isinstance(gap.content, Gap)
-    assert "nothing is recorded of arm/samples" in gap.content.reason
-    assert (gap.count, live.sequence) == (4, 4)
 
 
 async def test_what_is_being_repaired_is_asked_for_until_it_is_there(
@@ -275,21 +233,6 @@ async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Ce
     np.testing.assert_array_equal(again.content.values, batch(0, 5).values)
 
 
-async def test_an_answer_that_cannot_be_read_is_a_gap_after_some_patience(
-    cell: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
-        await joined(subscriber)
-        monkeypatch.setattr("cellwatt.outlets.zenoh.past.encode", lambda _: b"not Arrow")
-        cell.give(0, 4, live=False)
-        cell.give(4, 5)
-        gap, live = await read(subscriber, 2)
-        assert subscriber.counts["unreadable"] >= 2
-    assert isinstance(gap.content, Gap)
-    assert "not a cellwatt Arrow stream" in gap.content.reason
-    assert (gap.count, live.sequence) == (4, 4)
-
-
 def test_topics_that_no_cell_has_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"no cell publishes alarms, x/y; topics begin with raw, frame, "):
         Subscriber(SITE, CELL, LinkSettings(), want=("raw/arm", "alarms", "x/y"))
@@ -308,43 +251,58 @@ async def test_opening_that_is_cancelled_leaves_nothing_behind() -> None:
         subscriber.receive()
 
 
-async def test_a_router_that_is_away_is_named() -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    subscriber = Subscriber(SITE, CELL, LinkSettings(mode="client", connect=(endpoint,)))
-    subscriber._stopped.set()
-    with pytest.raises(OutletError, match=f"{endpoint}: nobody answers"):
-        async with subscriber:
-            pass
-
-
-async def test_messages_before_their_schema_wait_for_it_and_come_in_order(
+async def test_messages_before_their_schema_are_asked_for_once_it_came(
     cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As for a consumer that came late and may not ask the cell for it."""
     monkeypatch.setattr(publisher, "SCHEMA_EVERY", 1e9)
     monkeypatch.setattr(publisher.Publisher, "tell_schemas", lambda _: None)
     async with cell.subscriber(want=("raw",), patience=PATIENCE) as subscriber:
         await joined(subscriber)
         cell.give(0, 5)
         (first,) = await read(subscriber, 1)
-        subscriber._inbox._schemas = Schemas()
+        subscriber._inbox._schemas.clear()
         for n in (1, 2):
-            cell.give(5 * n, 5, record=False)
-            await eventually(lambda n=n: subscriber._inbox._schemas._held == n, "a message that cannot be read yet")  # type: ignore[misc]
+            cell.give(5 * n, 5)
+            await eventually(lambda n=n: subscriber.counts.get("let go") == n, "a message that cannot be read yet")  # type: ignore[misc]
         monkeypatch.setattr(publisher, "SCHEMA_EVERY", 0.0)
         cell.give(15, 5)
-        later = await read(subscriber, 3)
-    assert [(m.sequence, m.count) for m in (first, *later)] == [(0, 5), (5, 5), (10, 5), (15, 5)]
-    assert [m.content.values.tolist() for m in later] == [batch(n, 5).values.tolist() for n in (5, 10, 15)]  # type: ignore[union-attr]
+        later = await read(subscriber, 2)
+    assert [(m.sequence, m.count, m.backfilled) for m in (first, *later)] == [
+        (0, 5, False),
+        (5, 10, True),
+        (15, 5, False),
+    ]
+    assert later[0].content.values.tolist() == batch(5, 10).values.tolist()  # type: ignore[union-attr]
     assert subscriber.counts["duplicates"] == 0
 
 
-def test_no_more_messages_wait_for_a_schema_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    sample: Any = SimpleNamespace(payload=b"rows")
-    schemas = Schemas()
-    monkeypatch.setattr("cellwatt.subscriber.inbox._MOST", 3)
-    assert [schemas.hold(RAW, sample) for _ in range(4)] == [True, True, True, False]
-    assert schemas.learn(RAW, b"a schema") == [sample] * 3
-    monkeypatch.setattr("cellwatt.subscriber.inbox.HELD_BYTES", 4)
-    assert [schemas.hold(RAW, sample) for _ in range(2)] == [True, False]
-    assert list(schemas.of(RAW).values()) == [b"a schema"]
+# what waits for the consumer ------------------------------------------------------------------------------
+
+
+def test_an_error_comes_after_what_is_left() -> None:
+    box: Mailbox[int] = Mailbox(2)
+    box.put(1)
+    box.end(ValueError("broken"))
+    box.end()
+    assert box.take() == 1
+    with pytest.raises(ValueError, match="broken"):
+        box.take()
+
+
+async def test_an_event_loop_takes_what_a_thread_puts() -> None:
+    box: Mailbox[int] = Mailbox(10)
+    putter = threading.Thread(target=lambda: [box.put(i) for i in range(5000)])
+    putter.start()
+    assert [await box.take_async() for _ in range(5000)] == list(range(5000))
+    putter.join(PATIENCE)
+
+
+async def test_a_cancelled_take_loses_nothing() -> None:
+    box: Mailbox[int] = Mailbox(10)
+    waiting = asyncio.create_task(box.take_async())
+    await asyncio.sleep(0)
+    waiting.cancel()
+    box.put(1)
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+    assert await box.take_async() == 1

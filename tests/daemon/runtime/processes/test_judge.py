@@ -70,11 +70,6 @@ def test_alarms_of_stages_that_others_replace_are_taken_back() -> None:
     assert over.statement == "Withdrawn, as stage heat begins anew: Joint 2: heat."
 
 
-def test_at_the_end_of_the_daemon_alarms_stay() -> None:
-    JUDGES["heat"].give = lambda *_: [alarm("heat")]
-    assert [a.active for a in alarms_in(said_by_a_judge())] == [True]
-
-
 def test_a_judge_that_is_behind_drops_the_oldest_and_counts_them() -> None:
     JUDGES["heat"].give = lambda frames, _: [prediction("heat", frames.sequence)]
     said = said_by_a_judge(blocks=QUEUED_FRAMES // 10 + 30)

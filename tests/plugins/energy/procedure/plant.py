@@ -19,8 +19,6 @@ from scipy.optimize import nnls
 from tests.plugins.energy.procedure.cube import CUBES
 
 STEP = 0.002
-ANALYZER = 50
-"""Steps that one value of the analyzer stands for: 0.1 s."""
 DWELL, BETWEEN = 1.0, 3.0
 TURNED = 0.5
 """Share of the braking power on the bus that the electronics take."""

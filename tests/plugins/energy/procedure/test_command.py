@@ -1,6 +1,5 @@
 import json
 
-import pytest
 from click.testing import CliRunner
 
 from cellwatt_plugins.energy.procedure.command import campaign
@@ -9,13 +8,6 @@ from tests.plugins.energy.procedure.recording import Taped
 
 def run(*words):
     return CliRunner().invoke(campaign, [str(word) for word in words], catch_exceptions=False)
-
-
-@pytest.mark.parametrize(("speeds", "said"), [("fast", "expected numbers"), ("100,-5", "above 0")])
-def test_speeds_that_are_none(tmp_path, speeds, said):
-    done = run("cut", tmp_path, "--robot", tmp_path, "--out", tmp_path, "--speeds", speeds)
-    assert done.exit_code == 2
-    assert said in done.output
 
 
 def test_the_rest_pose_is_told(plant, tmp_path):

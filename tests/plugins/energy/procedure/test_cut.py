@@ -1,15 +1,12 @@
 """Runs cut from a recording: all of them, and why some are refused."""
 
-import re
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt import Channel, Stream
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
-from cellwatt_plugins.energy.procedure.recorded import Recorded, Span
+from cellwatt_plugins.energy.procedure.recorded import Recorded
 from cellwatt_plugins.energy.recordings import read_motion
 from cellwatt_plugins.energy.repetitions import find_repetitions
 from tests.plugins.energy.procedure.conftest import SPEEDS
@@ -59,16 +56,6 @@ def test_all_repetitions_of_all_speeds(cut, programme, plant, arm, tmp_path):
         assert [r.seconds for r in kept] == pytest.approx([seconds] * 3, abs=0.05)
 
 
-def test_a_hole_in_the_rest_between_two_repetitions_parts_them(cut, programme, plant, arm, tmp_path):
-    """What is written can be read: the hole is in no file."""
-    rest = begins(plant, 250.0, 1) * STEP - 0.7 * DWELL
-    found = cut(*programme, silent=("arm", rest, rest + 0.3), least=2)["250_0kg"]
-    assert (found.repetitions, found.written) == (2, True)
-    kept, notes = find_repetitions(read_motion(tmp_path / "runs" / "250_0kg.robot.parquet", arm.joints))
-    assert len(kept) == 2
-    assert notes == []
-
-
 def test_what_the_files_hold_is_what_arm_and_analyzer_said(cut, programme, plant, tmp_path):
     """Torques are the recorded currents times the torque constants; power is the supply's, beside the motion."""
     rows, watts = programme
@@ -105,35 +92,12 @@ def test_an_interrupted_repetition_is_refused_with_the_reason(cut, programme, pl
     assert "1 of 3 repetitions, too few: not written, run it again" in runs["250_0kg"].in_words()
 
 
-def test_a_short_stop_is_found_by_the_time_it_took(cut, programme, plant):
-    rows, watts = programme
-    at = begins(plant, 250.0, 0) + round(2.6 / STEP)
-    held = np.repeat(rows[at : at + 1], round(0.35 / STEP), axis=0)
-    stopped = np.vstack([rows[:at], held, rows[at:]])
-    runs = cut(stopped, np.concatenate([watts[:at], watts[at : at + 1].repeat(len(held)), watts[at:]]), least=2)
-    assert runs["250_0kg"].repetitions == 2
-    assert re.search(r"it took 8\.[01] s instead of 7\.7 s: interrupted", runs["250_0kg"].refused[0])
-
-
 def test_a_recording_that_ends_on_the_way_is_incomplete(cut, programme, plant):
     rows, watts = programme
     end = begins(plant, 250.0, 2) + round(3 / STEP)
     runs = cut(rows[:end], watts[:end], least=2)
     assert runs["250_0kg"].repetitions == 2
     assert any("does not come back to the start: incomplete" in s for run in runs.values() for s in run.refused)
-
-
-def test_a_repetition_that_turns_back_took_another_way(cut, programme, plant):
-    rows, watts = programme
-    start = begins(plant, 200.0, 1)
-    half, whole = start + round(2 / STEP), start + round(plant.cube.seconds(200.0).sum() / STEP)
-    back = rows[start:half][::-1].copy()
-    back[:, 6:12] *= -1
-    turned = np.vstack([rows[:half], back, rows[whole:]])
-    power = np.concatenate([watts[:half], watts[start:half][::-1], watts[whole:]])
-    runs = cut(turned, power, least=1)
-    assert runs["200_0kg"].repetitions == 1
-    assert any("another way" in sentence for sentence in runs["200_0kg"].refused)
 
 
 def test_a_speed_that_was_not_asked_for(cut, programme):
@@ -174,28 +138,14 @@ def test_a_reading_at_rest_is_cut_with_its_mean(plant, arm, programme, tmp_path)
         assert table["t"].to_numpy()[-1] == pytest.approx(60, abs=0.2)
 
 
-def test_a_time_that_was_not_recorded(plant, arm, programme, tmp_path):
-    taped = Taped(tmp_path, plant)
-    taped.programme(0.0, programme[0][:2000], programme[1][:2000])
-    recorded = Recorded(taped.write(), arm)
-    with pytest.raises(RecordingError, match="nothing of arm in the recording at that time"):
-        recorded.motion(Span(0, 10))
-
-
-def test_a_source_that_is_not_there(plant, arm, programme, tmp_path):
-    taped = Taped(tmp_path, plant)
-    taped.programme(0.0, programme[0][:2000], programme[1][:2000])
-    folder = taped.write()
-    with pytest.raises(
-        RecordingError, match=r"one source with supply\.power, there are: supply; choose it with --supply"
-    ):
-        Recorded(folder, arm, supply="meter")
-
-
-def test_a_channel_that_was_not_recorded(plant, arm, programme, tmp_path):
-    taped = Taped(tmp_path, plant)
-    taped.stream = Stream("arm", tuple(Channel(f"joint_{i}.position", "rad") for i in range(1, 19)), 500.0, "device")
-    taped.programme(0.0, programme[0][:2000], programme[1][:2000])
-    folder = taped.write()
-    with pytest.raises(RecordingError, match=r"arm has no joint_1\.velocity: add it to the source's channels"):
-        Recorded(folder, arm)
+def test_a_repetition_that_turns_back_took_another_way(cut, programme, plant):
+    rows, watts = programme
+    start = begins(plant, 200.0, 1)
+    half, whole = start + round(2 / STEP), start + round(plant.cube.seconds(200.0).sum() / STEP)
+    back = rows[start:half][::-1].copy()
+    back[:, 6:12] *= -1
+    turned = np.vstack([rows[:half], back, rows[whole:]])
+    power = np.concatenate([watts[:half], watts[start:half][::-1], watts[whole:]])
+    runs = cut(turned, power, least=1)
+    assert runs["200_0kg"].repetitions == 1
+    assert any("another way" in sentence for sentence in runs["200_0kg"].refused)

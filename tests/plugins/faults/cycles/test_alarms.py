@@ -26,19 +26,6 @@ def book():
     return CycleAlarms("faults", "arm", clear_after=2)
 
 
-def test_an_early_alarm_is_renewed_by_the_whole_cycle(book):
-    (early,) = book.take_early(cycle(fault(2), end=3.0), EPOCH)
-    (whole,) = book.take(cycle(fault(2)), 1, EPOCH)
-    assert early.id == whole.id
-    assert [early.time, whole.time] == [EPOCH + 3 * 10**9, EPOCH + 8 * 10**9]
-    assert early.since == whole.since == EPOCH
-
-
-def test_an_early_alarm_is_raised_once(book):
-    assert len(book.take_early(cycle(fault(2), end=3.0), EPOCH)) == 1
-    assert book.take_early(cycle(fault(2), end=5.0), EPOCH) == []
-
-
 def test_an_early_alarm_goes_where_the_whole_cycle_names_another(book):
     early = book.take_early(cycle(fault(3, 0.7, (2,)), end=3.0), EPOCH)
     whole = book.take(cycle(fault(2)), 1, EPOCH)
@@ -61,17 +48,3 @@ def test_an_alarm_says_how_late_it_is_because_of_a_slow_meter(book):
     (alarm,) = book.take(cycle(fault(2)), 1, EPOCH)
     assert "power_behind_s" not in alarm.evidence
     assert alarm.statement == "Joint 2 turns harder."
-
-
-def test_a_kind_that_cannot_be_told_is_in_the_evidence(book):
-    (alarm,) = book.take(cycle(replace(fault(2), or_kind="encoder")), 1, EPOCH)
-    assert alarm.evidence["or_kind"] == "encoder"
-    (alarm,) = book.take(cycle(fault(2)), 2, EPOCH)
-    assert "or_kind" not in alarm.evidence
-
-
-def test_an_alarm_of_an_earlier_cycle_stays_until_it_has_been_calm(book):
-    book.take_early(cycle(fault(2), end=3.0), EPOCH)
-    book.take(cycle(fault(2)), 1, EPOCH)
-    assert book.take(cycle(), 2, EPOCH) == []
-    assert told(book.take(cycle(), 3, EPOCH)) == [(2, False, "error")]

@@ -27,13 +27,3 @@ def test_a_joint_at_rest_may_lack_the_power_that_holds_it(known, first_joint_mov
     heat = RESISTANCE[1] * (held / CONSTANT[1]) ** 2
     assert heat > 0.5
     assert effect.columns[-1, 0] == pytest.approx(-heat, rel=0.25)
-
-
-def test_a_joint_that_moves_is_seen_to_stand_still_instead(known, first_joint_moves):
-    assert unheld(known, first_joint_moves, 0) == []
-
-
-@pytest.mark.parametrize("share, sensible", [(1.0, True), (0.7, True), (0.3, False), (2.0, False), (-1.0, False)])
-def test_holding_power_lacks_as_a_whole_or_not_at_all(known, first_joint_moves, share, sensible):
-    (effect,) = unheld(known, first_joint_moves, 1)
-    assert effect.sensible(np.array([share])) is sensible

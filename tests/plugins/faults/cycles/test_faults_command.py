@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.errors import CellwattError, ModelError
+from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.cycles.known import restored, stored
 from cellwatt_plugins.faults.reference import load
@@ -94,10 +94,6 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_p
     assert {str(folder / name) for name in ("test.parquet", "reference.yaml")} < {r[0] for r in page.tables["Files"]}
 
 
-def test_as_json(folder):
-    assert len(json.loads(judge(folder, "--json").stdout)["cycles"]) == 2
-
-
 def test_the_file_keeps_what_was_learned(folder, known, robot):
     kept = load(folder / "reference.yaml")
     again = restored(*stored(known, robot), robot)
@@ -124,9 +120,3 @@ def test_another_robot_is_refused(folder, tmp_path):
     result = called(faults, folder / "test.parquet", *known)
     assert isinstance(result.exception, ModelError)
     assert "joint_4" in str(result.exception)
-
-
-def test_a_place_that_cannot_be_written(folder, tmp_path):
-    result = judge(folder, "--out", folder / "robot.yaml" / "findings.json")
-    assert isinstance(result.exception, CellwattError)
-    assert "cannot be written" in str(result.exception)

@@ -4,7 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt.errors import ModelError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import FaultsSettings, FaultsStage
@@ -12,7 +11,6 @@ from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.reference import Reference, save
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, describe, run
 
@@ -79,19 +77,6 @@ def test_the_size_of_blocks_makes_no_difference(known):
     assert one == many
 
 
-def test_what_was_told_of_leaves_no_run_behind(known):
-    measured = run([Cycle("A"), Cycle("B")], seed=13)
-    watch = CycleWatch(known, 1 / RATE)
-    ends = []
-    for i in range(0, len(measured.time), 4):
-        part = slice(i, i + 4)
-        told = over(watch.feed(measured.time[part], measured.position[part], measured.power[part]))
-        if told:
-            kept = Recording(watch._time, watch._position, watch._power)
-            ends.append(len(find_runs(kept)))
-    assert ends == [0, 0]
-
-
 @pytest.mark.parametrize("joint, moves", [(0, 1), (1, 2), (3, 3)])
 def test_a_faulty_joint_is_told_while_the_cycle_runs(known, joint, moves):
     """``moves`` have gone when a joint has first moved in task A."""
@@ -137,11 +122,6 @@ def test_a_new_task_that_begins_like_a_known_one_has_no_faults(known):
     told = fed(known, run([Cycle("A"), Cycle("E"), Cycle("B"), Cycle("E"), Cycle("A")], seed=19))
     assert [t.finding for t in told if t.finding.faults] == []
     assert [t.finding.status for t in told] == ["healthy", "new_task", "healthy", "new_task", "healthy"]
-
-
-def test_nothing_is_told_while_healthy_cycles_run(known):
-    changes = [Cycle("A", 1.04), Cycle("B", pause=2.0), Cycle("B", 0.6, warmth=0.15), Cycle("A", part=0.6), Cycle("C")]
-    assert [t.finding for t in fed(known, run(changes, seed=17)) if t.finding.faults] == []
 
 
 def test_a_last_move_that_is_late_is_waited_for(known):
@@ -216,12 +196,11 @@ def test_the_end_of_the_frames_settles_the_last_cycle(folder):
     assert {a.joint for a in (*early, *settled) if a.active} - {a.joint for a in settled if not a.active} == {4}
 
 
+def test_nothing_is_told_while_healthy_cycles_run(known):
+    changes = [Cycle("A", 1.04), Cycle("B", pause=2.0), Cycle("B", 0.6, warmth=0.15), Cycle("A", part=0.6), Cycle("C")]
+    assert [t.finding for t in fed(known, run(changes, seed=17)) if t.finding.faults] == []
+
+
 def test_the_stage_says_a_new_task_once(folder):
     found = alarms(stage(folder), run([Cycle("A"), Cycle("C"), Cycle("C"), Cycle("B"), Cycle("A")], seed=12))
     assert [(a.kind, a.severity, a.active) for a in found] == [("new_task", "info", True), ("new_task", "info", False)]
-
-
-def test_a_reference_without_cycles_is_refused(folder, known):
-    save(Reference(1, "points", "arm", "supply.power", 4, ()), folder / "ref.yaml")
-    with pytest.raises(ModelError, match="learn it again with --robot"):
-        stage(folder)

@@ -21,23 +21,6 @@ def test_tasks_are_found_among_moves_between_them():
     assert [len(loop.starts) for loop in found] == [4, 4]
 
 
-def test_a_task_may_come_by_a_pose_twice():
-    pick = [0, 1, 2, 1, 3]
-    found = find_loops(runs_of(*pick, *pick, *pick, *pick, 0))
-    assert [len(loop.moves) for loop in found] == [5]
-    assert len(found[0].starts) == 4
-
-
-def test_tasks_that_often_follow_each_other_stay_two():
-    a, b = [0, 1, 2], [5, 6, 7]
-    order = [*a, 0, *b, 5, *a, 0, *b, 5, *a, 0, *b, *b, *b, *b, 5, *a, *a, *a, *a, 0]
-    assert sorted(len(loop.moves) for loop in find_loops(runs_of(*order))) == [3, 3]
-
-
-def test_nothing_recurs():
-    assert find_loops(runs_of(0, 1, 2, 3, 4, 5)) == []
-
-
 def test_loops_of_an_unknown_task_are_cut_into_turns():
     assert closed_spans(runs_of(9, 0, 1, 2, 0, 1, 2, 0, 8), 3) == [(1, 3), (4, 6)]
     assert closed_spans(runs_of(0, 1, 2, 3), 3) == []

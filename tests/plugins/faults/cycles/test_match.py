@@ -32,29 +32,6 @@ def test_moves_that_only_a_wrong_encoder_shows_are_timed_by_it(of_two_joints):
     assert match.warp.t[0] == pytest.approx(measured.spans[1][0] + 0.1, abs=0.05)
 
 
-def test_an_encoder_that_stops_within_a_move_times_none(of_two_joints):
-    """It shows more than half of the way of a move that nobody else makes; the cycle is known by the other joint."""
-    cycle = Cycle("D")
-    measured = run([Cycle("B"), cycle, Cycle("B")], seed=24)
-    start, end = measured.spans[1]
-    inside = np.flatnonzero((measured.time >= start) & (measured.time <= end))
-    moving = inside[np.abs(np.gradient(measured.position[inside, 0])) > 1e-3]
-    first = moving[: int(np.argmax(np.diff(moving) > 20)) + 1]
-    stop = first[int(0.6 * len(first))]
-    measured.position[stop : inside[-1] + 60, 0] = measured.position[stop, 0]
-    recording = Recording(measured.time, measured.position, measured.power)
-    matches = find_cycles(recording, find_runs(recording), of_two_joints.patterns)
-    (match,) = [m for m in matches if start - 0.1 < m.warp.t[0] < end]
-    assert match.odd == (0,)
-    assert 0 in match.unseen
-    assert match.pace == pytest.approx(1.0, abs=0.03)
-
-
-def test_the_same_joints_elsewhere_are_no_known_cycle(of_two_joints):
-    matches, _ = found(of_two_joints, Cycle("D2"))
-    assert matches == []
-
-
 def begun(known, cycle, moves):
     """The match of a cycle of which so many moves have gone."""
     measured = run([Cycle("A"), cycle], seed=25)
@@ -74,10 +51,3 @@ def test_a_cycle_under_way_is_known_by_the_joints_that_keep_to_their_path(known)
     assert 0.0 < odds[0] < odds[1] < odds[2]
     # By chance a joint ends within 0.4 degrees on either side of a place in a range of one radian.
     assert odds[0] == pytest.approx(np.log(1.0 / 0.014), abs=0.5)
-
-
-def test_a_second_joint_off_its_path_makes_a_cycle_less_known(known):
-    one = begun(known, Cycle("A", faults=(Fault("encoder_offset", 0, 0.1),)), 2)
-    two = begun(known, Cycle("A", faults=(Fault("encoder_offset", 0, 0.1), Fault("encoder_offset", 3, 0.1))), 2)
-    assert (one.odd, two.odd) == ((0,), (0, 3))
-    assert two.known < one.known

@@ -58,11 +58,3 @@ def test_a_fault_that_comes_and_goes_keeps_one_alarm(known):
     assert len({a.since for _, a in alarms}) == 1
     assert {n for n, a in alarms if a.active} == {2, 4, 7}
     assert [n for n, a in alarms if not a.active] == [10]  # three calm cycles in a row
-
-
-def test_a_fault_that_comes_back_after_it_was_cleared_is_told_anew_under_its_id(known):
-    there, calm = LONE, replace(LONE, faults=())
-    alarms = told(known, [there, calm, there], clear=1)
-    assert {a.id for _, a in alarms} == {"faults.arm.joint_1.joint_fault"}
-    assert [n for n, a in alarms if not a.active] == [2]
-    assert len({a.since for _, a in alarms if a.active}) == 2

@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.cycles.learn import learn_patterns
-from cellwatt_plugins.faults.cycles.pattern import Warp, timing
+from cellwatt_plugins.faults.cycles.pattern import timing
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Run, run
@@ -32,24 +30,3 @@ def test_a_pattern_is_the_healthy_power(known):
         middle = 0.5 * (found.start + found.end)
         expected = np.interp(middle, truth.time, truth.power)
         assert np.interp(np.mean(pattern.moves[move]), pattern.time, pattern.power) == pytest.approx(expected, abs=2.0)
-
-
-def test_a_slower_move_is_timed_by_its_way(known):
-    slow = run([Cycle("A", 0.97)], seed=4)
-    seen = find_runs(recorded(slow))[0]
-    found = timing(known.patterns[0], 0, recorded(slow), (seen.first, seen.last), [0])
-    start, end = known.patterns[0].moves[0]
-    assert (found.end - found.start) * 0.97 == pytest.approx(end - start, rel=0.01)
-    assert found.error < 0.005
-
-
-def test_a_warp_runs_at_its_own_pace_outside():
-    warp = Warp(np.array([1.0, 2.0, 3.0]), np.array([11.0, 13.0, 14.0]))
-    assert warp.to_pattern(np.array([10.0, 12.0, 13.5, 16.0])).tolist() == [0.0, 1.5, 2.5, 5.0]
-    assert warp.to_recording(np.array([0.0, 1.5, 5.0])).tolist() == [10.0, 12.0, 16.0]
-    assert warp.pace(np.array([10.0, 12.0, 13.5, 16.0])).tolist() == [1.0, 0.5, 1.0, 1.0]
-
-
-def test_nothing_to_learn_from():
-    with pytest.raises(ModelError, match="record more healthy cycles"):
-        learn_patterns(recorded(run([Cycle("A"), Cycle("A")])))

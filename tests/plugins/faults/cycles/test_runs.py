@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from cellwatt import FrameChannel, Frames, Layout
-from cellwatt_plugins.faults.cycles.loops import find_loops
-from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
-from cellwatt_plugins.faults.cycles.runs import find_runs, jumps, without_jumps
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import find_runs
 from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
 
 
@@ -40,30 +39,3 @@ def frames(time, position, power):
     zeros = np.zeros(values.shape)
     when = np.round(time[there] * 100).astype(np.int64) * 10_000_000
     return Frames(layout, 0, when, values, zeros.astype(np.uint8), zeros.astype(np.int64))
-
-
-def test_the_way_from_the_end_of_a_table_to_the_start_of_the_next_is_no_motion():
-    """Of cycles whose last move nobody recorded, it would else close the loop."""
-    measured = run([Cycle("A")] * 4, seed=4)
-    for start, end in measured.spans:
-        measured.position[(measured.time > start + 0.6 * (end - start)) & (measured.time < end + 0.2)] = np.nan
-    recording = recording_of([frames(measured.time, measured.position, measured.power)], None, "supply.power")
-    found = find_runs(recording)
-    assert recording.unknown is not None and recording.unknown.any()
-    assert not any(recording.unknown[run.first : run.last + 1].any() for run in found)
-    assert find_loops(found) == []
-
-
-def test_a_short_hole_is_bridged():
-    measured = run([Cycle("A")], seed=2)
-    measured.position[200:230] = np.nan
-    recording = recording_of([frames(measured.time, measured.position, measured.power)], None, "supply.power")
-    assert recording.unknown is None
-    assert len(find_runs(recording)) == 5
-
-
-def test_jumps_are_told_from_fast_motion():
-    way = np.column_stack([np.linspace(0, 1.0, 20), np.repeat([0.0, 0.3], 10)])
-    assert np.flatnonzero(jumps(way)[:, 0]).size == 0
-    assert np.flatnonzero(jumps(way)[:, 1]).tolist() == [9]
-    assert np.allclose(without_jumps(way)[:, 1], 0.0)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
@@ -83,10 +81,3 @@ def test_a_cycle_is_told_once_its_last_values_are_there(known, recording):
                 waited = recording.time[part][-1] - each.finding.end
                 assert waited > WINDOW + LATE
     assert watch.behind == pytest.approx(WINDOW + LATE, abs=0.02)
-
-
-def test_power_that_does_not_follow_the_motion_is_refused(robot):
-    measured = run(HEALTHY, seed=1)
-    measured.power = np.random.default_rng(3).normal(100, 20, len(measured.time))
-    with pytest.raises(ModelError, match=r"every 0\.1 s, and the motion does not tell"):
-        learn_known(through(measured, 0.4), robot)

@@ -3,7 +3,7 @@ import pytest
 from bench.faults.printed import phase_18, power_17
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.paper.bevf import PowerEquation, bode_response, fit, pattern, rms
+from cellwatt_plugins.faults.paper.bevf import bode_response, fit, rms
 from cellwatt_plugins.faults.paper.rational import Rational
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, Run, run
 from tests.plugins.faults.paper.patterns import pattern_of
@@ -46,14 +46,6 @@ def test_equation_18_as_printed_by_hand():
     assert phase_18(PAIR, np.array([0.0, 2.0, 5.0])) == pytest.approx(by_hand)
 
 
-def test_one_pole_alone_is_what_17_says():
-    """With a single pole and no constant the sum of moduli is the modulus: there (17) is exact."""
-    one = Rational(np.array([-0.5 + 3j]), np.array([4 - 3j]), 0.0)
-    t = np.linspace(0, 6, 50)
-    equation = PowerEquation(one, 6.0, ())
-    assert power_17(equation.response, t) == pytest.approx(equation.power(t))
-
-
 def test_17_of_a_whole_fit_lies_above_the_pattern(task):
     """The triangle inequality: a sum of moduli is never below the modulus of the sum."""
     t, power = task
@@ -82,10 +74,6 @@ def test_the_equation_holds_for_a_cycle_it_has_not_seen_and_between_its_samples(
 
 def test_rms_is_eq_19():
     assert rms(np.array([1.0, 2.0, 5.0]), np.array([1.0, 4.0, 4.0])) == pytest.approx(np.sqrt(5 / 3))
-
-
-def test_pattern_is_the_mean_as_far_as_all_cycles_go():
-    assert pattern([np.array([1.0, 2.0, 3.0]), np.array([3.0, 6.0])]).tolist() == [2.0, 4.0]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cellwatt.errors import CellwattError, ModelError
+from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper import equation as file
 from cellwatt_plugins.faults.paper.bevf import fit
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE
@@ -50,19 +50,3 @@ def test_a_wrong_file_is_refused_with_its_place(fitted, tmp_path, change, proble
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | change))
     with pytest.raises(ModelError, match=problem):
         file.load(path)
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"), [("{", "not valid YAML"), ("[1, 2]", "found a list, expected"), ("", "the file is empty")]
-)
-def test_what_is_no_equation_is_refused(tmp_path, text, problem):
-    (tmp_path / "task.yaml").write_text(text)
-    with pytest.raises(ModelError, match=problem):
-        file.load(tmp_path / "task.yaml")
-
-
-def test_a_file_that_is_not_there_and_one_that_cannot_be_written(fitted, tmp_path):
-    with pytest.raises(ModelError, match=r"none\.yaml: cannot be read"):
-        file.load(tmp_path / "none.yaml")
-    with pytest.raises(CellwattError, match="cannot be written"):
-        file.save(fitted[1], tmp_path)

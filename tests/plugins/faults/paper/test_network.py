@@ -3,7 +3,6 @@ import onnx
 import pytest
 from bench.faults.tables import PICK_AND_PLACE, POLISHING
 
-from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 
 
@@ -19,11 +18,6 @@ def test_its_layers_are_those_of_the_paper(trained):
     intervals = len(table)
     assert shapes["hidden_weights"] == (intervals, 3 * intervals)
     assert shapes["output_weights"] == (3 * intervals, 6 + 1)
-
-
-def test_the_same_seed_gives_the_same_file(trained):
-    table, content = trained
-    assert train(table) == content
 
 
 def test_it_is_run_from_a_file_and_knows_its_table(trained, tmp_path):
@@ -57,17 +51,3 @@ def test_joints_with_one_column_are_named_together_and_joints_without_codes_neve
     assert network.groups == ((2,), (3, 4), (5,), (6,))
     assert network.joints(table[:, 3]) == (3, 4)
     assert network.joints(table[:, 0]) == ()
-
-
-def test_a_table_without_codes_is_refused():
-    with pytest.raises(ModelError, match="no joint has a code"):
-        train(np.zeros((6, 6), np.int8))
-
-
-def test_codes_of_another_task_and_files_that_are_no_network_are_refused(tmp_path):
-    network = FaultNetwork(train(PICK_AND_PLACE))
-    with pytest.raises(ModelError, match=r"expected \(cycles, 6 intervals\)"):
-        network.outputs(np.zeros((1, 10), np.int8))
-    (tmp_path / "x.onnx").write_bytes(b"no graph")
-    with pytest.raises(ModelError, match=r"x\.onnx is refused: onnxruntime cannot load it"):
-        FaultNetwork(tmp_path / "x.onnx")

@@ -26,21 +26,6 @@ def test_poles_residues_and_constant_of_a_rational_function_are_found():
     assert found.constant == pytest.approx(1.5, rel=1e-6)
 
 
-def test_a_function_beyond_the_order_is_approached_by_its_strongest_poles():
-    found = fitted(S, TRUE.at(S), 4)
-    assert np.abs(found.poles - (-0.2 + 3j)).min() < 0.1
-    error = np.abs(found.at(S) - TRUE.at(S))
-    assert 1e-6 < error.max() < 0.5
-
-
-def test_noise_moves_poles_little():
-    random = np.random.default_rng(3)
-    f = TRUE.at(S) + 0.02 * (random.standard_normal(400) + 1j * random.standard_normal(400))
-    found = fitted(S, f, 6)
-    for pole in TRUE.poles[[0, 2]]:
-        assert np.abs(found.poles - pole).min() < 0.02
-
-
 def test_all_poles_are_stable_and_come_in_pairs():
     random = np.random.default_rng(5)
     found = fitted(S, random.standard_normal(400) + 0j, 10)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ LEAST: Final = 3
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
 Index = NDArray[np.int64]
-Values = NDArray[np.floating]
+Values = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)

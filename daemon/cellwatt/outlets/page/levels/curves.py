@@ -21,8 +21,8 @@ from cellwatt.outlets.page.levels.following import Pace
 from cellwatt.outlets.page.levels.gathering import CURVES, Samples, samples_of
 from cellwatt.outlets.page.levels.store import Keeper, Store, ends_at, near
 from cellwatt.outlets.page.shapes import significant
-from cellwatt.record.opening import open_recording
-from cellwatt.record.retention import Kept
+from cellwatt.record.folder import RecordFile
+from cellwatt.record.survey import open_recording
 
 PATIENCE: Final = 5.0
 """s after which an answer is given as far as it goes."""
@@ -45,7 +45,7 @@ Memory = tuple[int, Mapping[str, Samples]]
 class _Asked:
     """A question, with the recordings that are there; times UTC ns. ``pace`` raises ``TimeoutError`` in the end."""
 
-    recordings: Sequence[Kept]
+    recordings: Sequence[RecordFile]
     names: Sequence[str]
     start: int
     end: int
@@ -72,10 +72,10 @@ class Curves:
 
         There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
         samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
-        Where a step is one frame there is no ``max``. Channels are those of the
-        frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory`` has what may
-        not be recorded yet. ``complete`` is false where something is left out, for want of time or because it is too
-        much. Never call it on an event loop.
+        Of a short span the last one has the newest sample; where a step is one frame there is no ``max``. Channels are
+        those of the frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory``
+        has what may not be recorded yet. ``complete`` is false where something is left out, for want of time or because
+        it is too much. Never call it on an event loop.
 
         Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
         """
@@ -102,7 +102,8 @@ class Curves:
             return None
         if step > BESIDE:
             return None
-        grid = fitting(asked.start, asked.end, points, step)
+        newest = max((int(t[-1]) for each in samples.values() for t, _ in each if len(t)), default=asked.start)
+        grid = fitting(asked.start, max(min(asked.end, newest + 1), asked.start + 1), points, step)
         found = _drawn(grid, {name: [_bucketed(grid, *each)] if each else [] for name, each in samples.items()})
         for values in found["v"].values() if grid.step == step else ():
             del values["max"]

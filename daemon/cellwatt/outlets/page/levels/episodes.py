@@ -17,7 +17,7 @@ from cellwatt.outlets.page.levels.following import Pace
 from cellwatt.outlets.page.levels.store import Source, Store, ends_at, near
 from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record import packs
-from cellwatt.record.retention import Kept
+from cellwatt.record.folder import RecordFile
 from cellwatt.results import Alarm, Event
 
 MOST: Final = 2000
@@ -25,7 +25,7 @@ MOST: Final = 2000
 PATIENCE: Final = 10.0
 """s after which an answer is given as far as it goes."""
 
-Found = Sequence[tuple[Kept, Source]]
+Found = Sequence[tuple[RecordFile, Source]]
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Episode:
             self.cleared, self.cleared_statement = time, statement
 
 
-def episodes(recordings: Sequence[Kept], found: Found) -> list[Episode]:
+def episodes(recordings: Sequence[RecordFile], found: Found) -> list[Episode]:
     """Alarms by time of raise, of the sources in order; those of a session end with the begin of the next."""
     by_id: dict[str, list[Episode]] = {}
     sessions = sorted({kept.name.session for kept in recordings})
@@ -88,16 +88,16 @@ def _hear(alarm: Alarm, known: list[Episode]) -> None:
 def _note(event: Event, known: Mapping[str, Sequence[Episode]]) -> None:
     """Give an event to the alarms that it is about: the last of each id, of evidence the first that has none yet."""
     ids = event.data.get("alarms", [event.data.get("alarm")])
-    for episodes in (known[alarm_id] for alarm_id in ids if alarm_id in known):
+    for raised in (known[alarm_id] for alarm_id in ids if alarm_id in known):
         if event.kind != "evidence":
-            episodes[-1].words.append(event)
+            raised[-1].words.append(event)
         elif "pack" in event.data:
             start = event.data.get("start", 0)
-            inside = (episode for episode in episodes if episode.raised >= start and episode.pack is None)
-            next(inside, episodes[-1]).pack = str(event.data["pack"])
+            inside = (episode for episode in raised if episode.raised >= start and episode.pack is None)
+            next(inside, raised[-1]).pack = str(event.data["pack"])
 
 
-def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: Pace) -> dict[str, Any]:
+def marks(store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace) -> dict[str, Any]:
     """Intervals and alarms from ``start`` to before ``end`` UTC ns, as far as ``pace`` lets them be read.
 
     Recordings of long before are asked only if they have a level file: an alarm that is still up may stand there.
@@ -126,13 +126,13 @@ def marks(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: 
     }
 
 
-def read(store: Store, recordings: Sequence[Kept], start: int, end: int, pace: Pace) -> tuple[Found, bool]:
+def read(store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace) -> tuple[Found, bool]:
     """Recordings begun before ``end`` with their sources, in order, and true if these are all.
 
     The newest are read first, until ``pace`` raises ``TimeoutError``; those of before ``start`` only from level files.
     """
     wanted = {kept.path for kept in near(recordings, start, end)}
-    found: list[tuple[Kept, Source]] = []
+    found: list[tuple[RecordFile, Source]] = []
     complete = True
     for kept in reversed(recordings):
         if kept.name.session < end:

@@ -21,9 +21,9 @@ from cellwatt.record.container import CHUNK_HEAD, MAGIC, RECORD, Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.openfile import DEFINITIONS
-from cellwatt.record.opening import open_recording, survey
 from cellwatt.record.reader import numbered_items
 from cellwatt.record.scan import read_at
+from cellwatt.record.survey import open_recording, survey
 
 _LAST: Final = int(max(Opcode))
 

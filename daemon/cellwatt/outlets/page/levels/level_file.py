@@ -24,8 +24,8 @@ from cellwatt.files import COMPUTED, open_file
 from cellwatt.outlets.page.levels.buckets import Buckets, levels
 from cellwatt.outlets.page.levels.gathering import Columns, Digest, Span
 from cellwatt.record import messages
+from cellwatt.record.folder import RecordFile
 from cellwatt.record.header import FileName, plain_cell
-from cellwatt.record.retention import Kept
 from cellwatt.results import Alarm, Event
 
 FOLDER: Final = "levels"
@@ -63,7 +63,7 @@ def path_of(recording: Path) -> Path:
     return recording.parent / FOLDER / f"{recording.stem}{SUFFIX}"
 
 
-def write(recording: Kept, digest: Digest) -> None:
+def write(recording: RecordFile, digest: Digest) -> None:
     """Write the level file of a closed recording, wholly or not at all. Raises ``OSError``."""
     said = tuple((isinstance(message, Alarm), messages.encode(message).decode()) for message in digest.said)
     about = (VERSION, recording.path.name, recording.size, digest.start, digest.end)
@@ -91,7 +91,7 @@ class LevelFile:
     Raises ``OSError``, and ``ValueError`` where it is damaged or of another recording. So do its methods.
     """
 
-    def __init__(self, recording: Kept) -> None:
+    def __init__(self, recording: RecordFile) -> None:
         self.path = path_of(recording.path)
         with _archive(self.path) as archive:
             if archive.getinfo(_HEAD_NAME).file_size > _LARGEST_HEAD:
@@ -141,7 +141,7 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
             raise ValueError(f"is damaged: {error}") from None
 
 
-def listing(folder: Path, cell: str) -> list[Kept]:
+def listing(folder: Path, cell: str) -> list[RecordFile]:
     """The level files of a cell's recordings in ``folder``, oldest first, each with the name of its recording.
 
     Raises ``OSError``.
@@ -151,5 +151,5 @@ def listing(folder: Path, cell: str) -> list[Kept]:
         name = FileName.parse(f"{path.stem}.mcap")
         if name is not None and name.cell == plain_cell(cell):
             status = path.stat()
-            found.append(Kept(path, status.st_size, status.st_mtime, True, name))
+            found.append(RecordFile(path, status.st_size, status.st_mtime, True, name))
     return sorted(found, key=lambda kept: kept.name)

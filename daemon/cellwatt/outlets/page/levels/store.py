@@ -21,9 +21,9 @@ from cellwatt.outlets.page.levels import level_file
 from cellwatt.outlets.page.levels.following import Growing, Pace, Places, gather, places_in
 from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Digest
 from cellwatt.outlets.page.levels.level_file import LevelFile
+from cellwatt.record.folder import RecordFile, listing, remove, surplus
 from cellwatt.record.header import FileName
-from cellwatt.record.opening import ATTEMPTS
-from cellwatt.record.retention import Kept, listing, remove, surplus
+from cellwatt.record.survey import ATTEMPTS
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ class Store:
         self.folder, self.cell, self._most = folder, cell, most
         self.counts: Counter[str] = Counter()
         """Level files unwritten, damaged and over the budget; recordings that could not be read."""
-        self._listing: tuple[float, float, list[Kept]] = (0.0, 0.0, [])
+        self._listing: tuple[float, float, list[RecordFile]] = (0.0, 0.0, [])
         """UTC s at which the folder was listed, its last change then, and what was in it."""
         self._files: dict[FileName, LevelFile] = {}
         self._growing: dict[FileName, Growing] = {}
@@ -56,7 +56,7 @@ class Store:
         self._again: dict[Path, float] = {}
         """Monotonic time, s, before which a recording that could not be read, or the folder, is not tried again."""
 
-    def recordings(self) -> list[Kept]:
+    def recordings(self) -> list[RecordFile]:
         """Recordings that are there, in order; those of which nothing can be read are among them.
 
         Raises ``RecordingError`` where the folder cannot be read.
@@ -74,7 +74,7 @@ class Store:
             raise RecordingError(f"record.folder {self.folder} cannot be read: {why(error)}") from error
         return [kept for kept in found if not kept.closed or kept.path.suffix == ".mcap"]
 
-    def _settled(self) -> list[Kept]:
+    def _settled(self) -> list[RecordFile]:
         """A listing that no rename has disturbed, as far as that can be had: a file is missing in one of them."""
         before: list[Path] | None = None
         for _ in range(ATTEMPTS):
@@ -85,7 +85,7 @@ class Store:
             before = names
         return found
 
-    def source(self, kept: Kept, pace: Pace, *, curves: bool = True) -> Source | None:
+    def source(self, kept: RecordFile, pace: Pace, *, curves: bool = True) -> Source | None:
         """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
 
         None where nothing in it can be read. Raises what ``pace`` raises.
@@ -109,7 +109,7 @@ class Store:
                 self._failed(kept.path, f"{kept.path} has no curves: {error}")
             return None
 
-    def known(self, kept: Kept) -> LevelFile | None:
+    def known(self, kept: RecordFile) -> LevelFile | None:
         """The level file of a closed recording; None where there is no sound one."""
         file = self._files.get(kept.name)
         if file is not None and file.size == kept.size:
@@ -123,7 +123,7 @@ class Store:
             return None
         return file
 
-    def spoiled(self, kept: Kept, reason: str) -> None:
+    def spoiled(self, kept: RecordFile, reason: str) -> None:
         """Forget and remove a level file that is damaged: it is made anew."""
         self._files.pop(kept.name, None)
         self.counts["damaged"] += 1
@@ -134,7 +134,7 @@ class Store:
         except OSError as error:
             log.warning("%s cannot be removed: %s", path, why(error))
 
-    def _made(self, kept: Kept, pace: Pace) -> Digest:
+    def _made(self, kept: RecordFile, pace: Pace) -> Digest:
         """Read a closed recording, and write its level file where that may be."""
         digest = gather(kept.path, kept.size, CURVES | TELLING, pace)
         if self._allows(kept):
@@ -148,7 +148,7 @@ class Store:
                 self._failed(self.folder, f"{level_file.path_of(kept.path)} cannot be written: {error}")
         return digest
 
-    def places(self, kept: Kept, pace: Pace) -> Places:
+    def places(self, kept: RecordFile, pace: Pace) -> Places:
         """The chunks of a recording. Raises ``OSError``, ``RecordingError``, and what ``pace`` raises."""
         if kept.closed:
             return places_in(kept.path, kept.size)
@@ -191,7 +191,7 @@ class Store:
         """True where the disk has room for level files, and takes them."""
         return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
 
-    def _allows(self, kept: Kept) -> bool:
+    def _allows(self, kept: RecordFile) -> bool:
         """False for a recording that is as old as one whose level file was beyond the budget, or older."""
         return self._over is None or kept.name > self._over
 
@@ -204,7 +204,7 @@ class Store:
             self._again[path] = time.monotonic() + RETRY
 
 
-def near(recordings: Iterable[Kept], start: int, end: int) -> list[Kept]:
+def near(recordings: Iterable[RecordFile], start: int, end: int) -> list[RecordFile]:
     """Recordings that may have something of a span in UTC ns: begun before its end, and written after its start."""
     late = LATE * 1e9
     return [k for k in recordings if k.name.session < end + late and (not k.closed or k.modified * 1e9 + late >= start)]

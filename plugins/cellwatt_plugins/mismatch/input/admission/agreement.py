@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from cellwatt.noise import white_noise
 from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook, Patience
@@ -19,8 +19,6 @@ PATIENCE: Final = 3
 AGREED: Final = Patience(PATIENCE)
 STEADY: Final = Patience(PATIENCE, 15.0)
 """For how long a source must be back before its alarm is cleared: one that comes and goes is one alarm."""
-FLAPPING: Final = 60.0
-"""s over which it is counted how often a source went away."""
 SPAN: Final = 10.0
 """s over which it is looked at what a source gives and a stage takes."""
 FEWEST: Final = 10
@@ -284,7 +282,7 @@ def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
     return [Trouble("clock_unsure", "warning", name, text, {"bound_s": round(worst, 3)})]
 
 
-class Watch:
+class Monitor:
     """Turns what ``troubles`` finds, look by look, into alarms.
 
     ``active`` are the alarms that another watch has left active; those of other kinds are not ours to clear.
@@ -295,9 +293,6 @@ class Watch:
         """Findings of the last look, alarm or not yet."""
         self._past: deque[tuple[int, Mapping[str, Any]]] = deque()
         self._book = AlarmBook()
-        self._away: dict[str, list[int]] = {}
-        """When each source went away, ns, within the last ``FLAPPING`` s."""
-        self._down: set[str] = set()
         for alarm in active:
             if alarm.kind in KINDS:
                 self._book.take(alarm)
@@ -309,13 +304,8 @@ class Watch:
             self._past.popleft()
         then, before = self._past[0]
         self.troubles = troubles(status, before, (now - then) * 1e-9, self._waited())
-        again = self._count_away(now)
-        found = {alarm.id: alarm for alarm in (self._told(trouble, now).alarm(now) for trouble in self.troubles)}
-        said = [
-            a
-            for alarm in found.values()
-            for a in self._book.raise_(alarm, after=AGREED, update=alarm.id in self._book and alarm.source in again)
-        ]
+        found = {alarm.id: alarm for alarm in (trouble.alarm(now) for trouble in self.troubles)}
+        said = [a for alarm in found.values() for a in self._book.raise_(alarm, after=AGREED, update=False)]
         for name in self._book:
             if name not in found:
                 kind, _, part = name.partition(":")
@@ -331,22 +321,3 @@ class Watch:
                 if process.get("starved"):
                     found[name] = max(process["silent_s"], found.get(name, 0.0))
         return found
-
-    def _count_away(self, now: int) -> set[str]:
-        """Note which sources are down; return those that have just gone away again."""
-        down = {trouble.part for trouble in self.troubles if trouble.kind == "source_down"}
-        for part in down | set(self._away):
-            kept = [at for at in self._away.get(part, ()) if (now - at) * 1e-9 <= FLAPPING]
-            self._away[part] = [*kept, now] if part in down - self._down else kept
-        gone, self._down = down - self._down, down
-        return {part for part in gone if len(self._away[part]) > 1}
-
-    def _told(self, trouble: Trouble, now: int) -> Trouble:
-        """Say of a source that is down how often it went away."""
-        away = self._away.get(trouble.part, [])
-        if trouble.kind != "source_down" or len(away) < 2:
-            return trouble
-        seconds = (now - away[0]) * 1e-9
-        reason = trouble.statement.partition(" is down: ")[2]
-        text = f"Source {trouble.part} went away {len(away)} times in {seconds:.0f} s: {reason}"
-        return replace(trouble, statement=text, evidence={**trouble.evidence, "times": len(away)})

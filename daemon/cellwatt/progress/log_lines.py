@@ -8,7 +8,7 @@ import time
 from collections import OrderedDict
 from typing import Final
 
-from cellwatt.address import blank
+from cellwatt.host import blank
 
 SPAN: Final = 60.0
 """s over which lines of a kind are counted."""

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from cellwatt.address import blank, secrets_of
+from cellwatt.host import blank, secrets_of
 
 BLANKED = {
     "mqtt://u:hunter2@plant:1883": "mqtt://***@plant:1883",

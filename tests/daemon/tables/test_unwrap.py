@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt.turns import counted_on, wraps
+from cellwatt.tables.unwrap import unwrapped, wraps
 
 TIME = np.arange(0, 20, 0.02)
 TURNING = 0.9 * TIME + 0.3 * np.sin(3 * TIME)
@@ -17,20 +17,20 @@ def modulo(angles, window):
 @pytest.mark.parametrize("window", WINDOWS)
 @pytest.mark.parametrize("true", [TURNING, -TURNING, SWINGING, SWINGING + np.pi])
 def test_the_motion_is_what_it_was_but_for_whole_turns(true, window):
-    found = counted_on(modulo(true, window))
+    found = unwrapped(modulo(true, window))
     turns = (found - true) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-9)
 
 
 def test_the_middle_is_within_half_a_turn():
-    assert abs(np.median(counted_on(modulo(SWINGING, "0…360°")))) < 0.1
+    assert abs(np.median(unwrapped(modulo(SWINGING, "0…360°")))) < 0.1
 
 
 def test_missing_values_stay_missing_and_hide_no_turn():
     angles = modulo(TURNING, "±180°")
     at = wraps(angles)
     angles[at[0] - 2 : at[0] + 3] = np.nan
-    found = counted_on(angles)
+    found = unwrapped(angles)
     assert np.isnan(found[at[0]])
     known = np.isfinite(found)
     turns = (found - TURNING)[known] / (2 * np.pi)
@@ -53,4 +53,4 @@ def test_missing_values_stay_missing_and_hide_no_turn():
 )
 def test_what_is_not_modulo_a_turn_stays(angles):
     assert len(wraps(angles)) == 0
-    np.testing.assert_array_equal(counted_on(angles), angles)
+    np.testing.assert_array_equal(unwrapped(angles), angles)

@@ -4,7 +4,7 @@ from google.protobuf.message_factory import GetMessageClass
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.record.protobuf import Field, Kind, file_descriptor_set, identifiers, tag, varint
+from cellwatt.protobuf import Field, Kind, file_descriptor_set, identifiers
 
 FIELDS = (
     Field("quality", 1, Kind.BYTES),
@@ -34,19 +34,6 @@ def test_the_library_understands_the_descriptor():
     assert fields["joint1_position"].type == FieldDescriptorProto.TYPE_DOUBLE
     assert [f.number for f in file.message_type[0].field] == [1, 2, 3, 16, 2047]
     assert frame(left=7).SerializeToString() == bytes.fromhex("1d07000000")
-
-
-def test_every_double_takes_two_bytes_of_tag():
-    _, frame = message_class()
-    assert frame(joint_1_position=1.0).SerializeToString() == tag(16, 1) + bytes.fromhex("000000000000f03f")
-    assert frame(joint1_position=1.0).SerializeToString() == tag(2047, 1) + bytes.fromhex("000000000000f03f")
-    assert len(tag(16, 1)) == len(tag(2047, 1)) == 2
-
-
-def test_varint_of_the_protobuf_documentation():
-    assert varint(150) == bytes.fromhex("9601")
-    assert varint(1) == bytes.fromhex("01")
-    assert varint(0) == bytes.fromhex("00")
 
 
 def test_names_stay_apart():

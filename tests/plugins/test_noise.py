@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt.noise import white_noise
+from cellwatt_plugins.noise import white_noise
 
 STEP = 0.008
 

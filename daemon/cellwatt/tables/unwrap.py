@@ -36,7 +36,7 @@ def wraps(angles: Float) -> NDArray[np.intp]:
     return np.asarray(rows[1:][jumps], np.intp)
 
 
-def counted_on(angles: Float) -> Float:
+def unwrapped(angles: Float) -> Float:
     """The ``angles`` (N,) rad, continued by whole turns where they jump by one; the middle one is within ±π."""
     at = wraps(angles)
     if not len(at):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cellwatt import terminal
+from cellwatt.progress import terminal
 
 HEADER = ("source", "device", "stream", "declared", "measured", "jitter p99", "clock ±", "lost", "verdict")
 ROW = ("arm", "Universal Robots UR10e 5.11", "rtde", "500 Hz", "499.9 Hz", "0.12 ms", "0.25 ms", "0", "ok")

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from cellwatt import log_lines
-from cellwatt.log_lines import MOST, Lines
+from cellwatt.progress import log_lines
+from cellwatt.progress.log_lines import MOST, Lines
 
 
 @pytest.fixture

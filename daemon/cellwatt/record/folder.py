@@ -1,0 +1,226 @@
+"""A record folder: if it can be written, which daemon has it, its files, and which of them make room for new ones."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import logging
+import os
+import shutil
+import socket
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+from cellwatt.errors import RecordingError
+from cellwatt.record.header import DAMAGED, FileName, plain_cell
+from cellwatt.record.seal import seal_of
+from cellwatt.record.settings import RecordSettings
+
+_ADVICE: Final = "choose another folder, or let that user write there"
+_UNKNOWN: Final = (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL)
+"""Answers of file systems that know no files without a name."""
+_BLOCK: Final = bytes(4096)
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacles:
+    """Obstacles to recording on this PC for the user who asks: one that keeps a daemon from starting, and warnings."""
+
+    refusal: str = ""
+    warnings: tuple[str, ...] = ()
+
+
+def obstacles(settings: RecordSettings) -> Obstacles:
+    """Try the folder of the record, or the nearest one above it, by a file without a name: it leaves no trace."""
+    folder = settings.folder.absolute()
+    there = next(parent for parent in (folder, *folder.parents) if os.access(parent, os.F_OK))
+    if not there.is_dir():
+        return Obstacles(f"folder {folder} cannot be made: {there} is no folder")
+    reason = _tried(there)
+    if reason and there != folder:
+        return Obstacles(f"folder {folder} cannot be made in {there} by user {_user()} ({reason}): {_ADVICE}")
+    if reason:
+        return Obstacles(warnings=(f"folder {folder} cannot be written by user {_user()} ({reason}): {_ADVICE}",))
+    return Obstacles(warnings=tuple(_space(settings, there)))
+
+
+def _tried(folder: Path) -> str:
+    """Reason for which a file cannot be made and written in a folder; empty if it can."""
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return os.strerror(errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES)
+    try:
+        file = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        try:
+            os.write(file, _BLOCK)
+        finally:
+            os.close(file)
+    except OSError as error:
+        return "" if error.errno in _UNKNOWN else str(error.strerror)
+    return ""
+
+
+def _space(settings: RecordSettings, there: Path) -> list[str]:
+    free = shutil.disk_usage(there).free
+    used = sum(file.stat().st_size for file in settings.folder.rglob("*.mcap*")) if settings.folder.is_dir() else 0
+    packs = settings.evidence.keep if settings.evidence.severity != "none" else 0.0
+    if free + used >= settings.keep + packs:
+        return []
+    asked = f"keep asks for {settings.keep / 1e9:.1f} GB" + (
+        f", evidence.keep for {packs / 1e9:.1f} GB" if packs else ""
+    )
+    found = f"{(free + used) / 1e9:.1f} GB are free or used by recordings"
+    return [f"folder {settings.folder}: {found}, and {asked}: the disk will run full"]
+
+
+def _user() -> str:
+    return os.environ.get("USER") or str(os.geteuid())
+
+
+log = logging.getLogger(__name__)
+
+LOCK: Final = ".cellwatt.lock"
+_LONGEST = 200  # bytes of what stands in the lock
+
+
+class Claim:
+    """The lock on a folder; it belongs to the process that calls, not to those it forks.
+
+    One of them may die and be begun again, and one that outlives the caller holds up nobody.
+    """
+
+    def __init__(self, folder: Path, cell: str) -> None:
+        self._folder, self._cell = folder, cell
+        self._lock: int | None = None
+
+    def take(self) -> None:
+        """Hold the folder, made where it is missing. Raises ``RecordingError`` where another process has it.
+
+        Where the file system takes no lock, or is read-only or full, recording goes on without and the log says so.
+        """
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            # Not by its name but as it is: a file that somebody put in its place must not be opened or changed.
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+            lock = os.open(self._folder / LOCK, flags, 0o640)
+            try:
+                _take(lock, self._folder, self._cell)
+            except BaseException:
+                os.close(lock)
+                raise
+        except OSError as error:
+            if self._folder.is_dir():  # otherwise the recorder says why it cannot be made
+                log.warning("%s cannot be locked against a second daemon: %s", self._folder, error.strerror)
+        else:
+            self.release()
+            self._lock = lock
+
+    def release(self) -> None:
+        """Hold nothing."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+
+@contextmanager
+def claimed(folder: Path | None, cell: str) -> Iterator[Claim | None]:
+    """Hold a folder against others who would record into it; ``None`` holds nothing. Raises as ``Claim.take``."""
+    if folder is None:
+        yield None
+        return
+    claim = Claim(folder, cell)
+    try:
+        claim.take()
+        yield claim
+    finally:
+        claim.release()
+
+
+def _take(lock: int, folder: Path, cell: str) -> None:
+    try:
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EAGAIN):
+            raise
+        holder = os.pread(lock, _LONGEST, 0).decode(errors="replace").strip()
+        told = f" ({holder})" if holder and holder.isprintable() else ""
+        raise RecordingError(
+            f"record.folder {folder} is taken: another cellwatt records into it{told}; stop that one, or give each a "
+            "folder of its own"
+        ) from error
+    os.ftruncate(lock, 0)
+    os.pwrite(lock, f"cell {cell}, process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """A file that a budget counts, of ``size`` bytes, last changed at ``modified``, UTC s."""
+
+    path: Path
+    size: int
+    modified: float
+    closed: bool
+    """True where it may be removed."""
+
+    @property
+    def beside(self) -> tuple[Path, ...]:
+        """Files that go with it: its seal."""
+        return (seal_of(self.path),)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordFile(Stored):
+    """A file of the recording folder."""
+
+    name: FileName
+
+
+def listing(folder: Path, cell: str) -> list[RecordFile]:
+    """The files of one cell, oldest first; files with other names are not ours and never touched."""
+    found = []
+    for path in folder.iterdir() if folder.is_dir() else ():
+        name = FileName.parse(path.name)
+        if name is None or name.cell != plain_cell(cell):
+            continue
+        with contextlib.suppress(FileNotFoundError):
+            status = path.stat()
+            closed = path.suffix in (".mcap", DAMAGED)
+            found.append(RecordFile(path, status.st_size, status.st_mtime, closed, name))
+    return sorted(found, key=lambda k: (k.name, k.path.name))
+
+
+S = TypeVar("S", bound=Stored)
+
+
+def surplus(files: Sequence[S], *, keep: float, age: float, now: float, reserve: float) -> list[S]:
+    """Files to remove, oldest first, so that all files and ``reserve`` bytes more fit into ``keep`` bytes.
+
+    Closed files last written more than ``age`` s before ``now`` (UTC s) go as well; 0 keeps them.
+    """
+    total = sum(f.size for f in files) + reserve
+    gone = []
+    for file in files:
+        if not file.closed:
+            continue
+        if total > keep or (age and now - file.modified > age):
+            gone.append(file)
+            total -= file.size
+    return gone
+
+
+def remove(files: Iterable[Stored]) -> None:
+    """Delete files with what stands beside them. Raises ``OSError``."""
+    for file in files:
+        for path in (*file.beside, file.path):
+            path.unlink(missing_ok=True)
+
+
+def remove_oldest(folder: Path, cell: str) -> RecordFile | None:
+    """Delete the oldest closed file, whatever the budget says: the disk is full. Raises ``OSError``."""
+    oldest = next((f for f in listing(folder, cell) if f.closed), None)
+    if oldest is not None:
+        remove([oldest])
+    return oldest

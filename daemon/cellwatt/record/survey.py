@@ -1,0 +1,243 @@
+"""What a file holds, by its summary where that is sound, else by reading all of it; and the files of a recording.
+
+Files may be written, closed, repaired and removed meanwhile.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from io import FileIO
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Statistics
+
+from cellwatt.channel import Stream
+from cellwatt.errors import RecordingError
+from cellwatt.files import open_file
+from cellwatt.progress import steps
+from cellwatt.record.chunks import LARGEST_RECORD, definition, parse, parse_attachment, records_in
+from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
+from cellwatt.record.decoder import tracks_of
+from cellwatt.record.foreign import ForeignError, held, is_foreign
+from cellwatt.record.header import PART, FileName, Header
+from cellwatt.record.openfile import HEADER
+from cellwatt.record.rows import SampleRows
+from cellwatt.record.scan import LARGEST_SUMMARY, Damage, Scan, header_of, read_at, scan
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """A file's header, contents and damage; ``closed`` where it has a valid end of its own."""
+
+    path: Path
+    size: int
+    header: Header
+    contents: Contents
+    damage: tuple[Damage, ...]
+    closed: bool
+    identity: tuple[int, int]
+    """Device and inode, the same under every name."""
+
+
+def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
+    """Content of an open file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
+
+    A file that was not closed is read to its last whole chunk: what its writer is at there is no damage.
+    Raises ``OSError``, and ``RecordingError`` where nothing in it is a recording.
+    """
+    status, summary = os.fstat(file.fileno()), read_summary(file, chunks=chunks)
+    if summary is None:
+        found = scan(file, path)
+    else:
+        found = Scan(path, status.st_size, _header(file, summary), summary, closed=True)
+    contents = found.contents
+    if is_foreign(file, contents, found.header):
+        raise ForeignError(f"{path}: no recording of cellwatt: it has {held(file, contents)}")
+    if summary is None and not contents.chunks and found.header is None:
+        raise RecordingError(f"{path}: holds nothing that is a recording")
+    header = found.header or guess_header(path, contents)
+    sound = found.end if path.name.endswith(PART) else found.size + 1
+    damage = (*(d for d in found.damage if d.offset < sound), *_undeclared(path, contents))
+    return Survey(path, found.size, header, contents, damage, found.closed, (status.st_dev, status.st_ino))
+
+
+def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:
+    """Channels whose declaration is damaged; the others are read."""
+    return tuple(Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
+
+
+def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
+    """The summary at a file's end; ``None`` where there is none or its checksum is wrong. Raises ``OSError``."""
+    size = os.fstat(file.fileno()).st_size
+    tail = read_at(file, TAIL, max(size - TAIL, 0))
+    if len(tail) < TAIL or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
+        return None
+    start, _, crc = struct.unpack_from("<QQI", tail, RECORD.size)
+    if not 0 < start <= size - TAIL or size - TAIL - start > LARGEST_SUMMARY:
+        return None
+    summary = read_at(file, size - TAIL - start, start)
+    if crc and zlib.crc32(tail[: RECORD.size + 16], zlib.crc32(summary)) != crc:
+        return None
+    try:
+        return _contents(summary, chunks=chunks)
+    except (ValueError, struct.error):
+        return None
+
+
+def _contents(summary: bytes, *, chunks: bool) -> Contents:
+    contents = Contents()
+    for opcode, at, length in records_in(summary):
+        if opcode == Opcode.CHUNK_INDEX and not chunks:
+            continue
+        body = summary[at : at + length]
+        contents.define(definition(opcode, body))
+        if opcode == Opcode.CHUNK_INDEX:
+            contents.chunks.append(read_chunk_index(body))
+        elif opcode == Opcode.ATTACHMENT_INDEX:
+            contents.attachments.append(parse(AttachmentIndex, body))
+        elif opcode == Opcode.STATISTICS:
+            statistics = parse(Statistics, body)
+            contents.counts.update(statistics.channel_message_counts)
+            contents.start, contents.end = statistics.message_start_time, statistics.message_end_time
+    return contents
+
+
+def _header(file: FileIO, contents: Contents) -> Header | None:
+    for index in contents.attachments:
+        if index.name == HEADER:
+            record = read_at(file, min(index.length, LARGEST_RECORD), index.offset)
+            try:
+                return header_of(parse_attachment(record[RECORD.size :]).data)
+            except ValueError:
+                return None
+    return None
+
+
+def guess_header(path: Path, contents: Contents) -> Header:
+    """Header of a file that lost it: its name tells cell and session, its channels the streams."""
+    streams: dict[str, tuple[Stream, ...]] = {}
+    for track in tracks_of(contents.channels)[0].values():
+        if isinstance(track.rows, SampleRows):
+            streams[track.rows.source] = (*streams.get(track.rows.source, ()), track.rows.stream)
+    name = FileName.parse(path.name) or FileName(contents.start, 0, path.stem)
+    return Header(site="", cell=name.cell, session=name.session, number=name.number, streams=streams)
+
+
+ATTEMPTS = 10
+"""Listings of a folder until two in a row name the same files."""
+
+
+def open_recording(path: Path) -> tuple[Path, FileIO]:
+    """Open a file under its name, or the one that it has since its writer closed it. Raises ``OSError``.
+
+    A file loses ``.part`` behind its name when it is closed or repaired, and is never renamed back.
+    """
+    closed = path.with_name(path.name.removesuffix(PART))
+    try:
+        return path, open_file(path)
+    except FileNotFoundError:
+        if closed == path:
+            raise
+        return closed, open_file(closed)
+
+
+def survey(path: Path, *, chunks: bool = True) -> Survey:
+    """Content of a file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
+
+    Raises ``RecordingError`` where the file cannot be opened or nothing in it is a recording.
+    """
+    try:
+        found, file = open_recording(path)
+        with file:
+            return survey_open(file, found, chunks=chunks)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def in_folder(folder: Path) -> list[Path]:
+    """The recordings in a folder: a listing that no rename has disturbed, as far as that can be had."""
+    before = _listed(folder)
+    for _ in range(ATTEMPTS):
+        now = _listed(folder)
+        if now == before:
+            break
+        before = now
+    return now
+
+
+def _listed(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.name.endswith((".mcap", f".mcap{PART}")))
+
+
+def survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
+    """Files that can be read, each once. One without anything readable is damage, if others have something.
+
+    Raises ``RecordingError`` where none has.
+    """
+    surveys: dict[tuple[int, int], Survey] = {}
+    damage: list[Damage] = []
+    errors: list[RecordingError] = []
+    for path in steps(paths, "opening file"):
+        try:
+            found = survey(path, chunks=False)
+            surveys.setdefault(found.identity, found)
+        except RecordingError as error:
+            errors.append(error)
+            damage += _unread(path, error)
+    if not surveys:
+        raise errors[0]
+    return list(surveys.values()), damage
+
+
+def _unread(path: Path, error: RecordingError) -> list[Damage]:
+    """What is lost with a file that could not be read: nothing where its writer has just made it."""
+    if isinstance(error.__cause__, FileNotFoundError):
+        return [Damage(path, 0, 0, "was removed before it could be read")]
+    try:
+        size, regular = path.stat().st_size, path.is_file()
+    except OSError:
+        size, regular = 0, True
+    just_begun = path.name.endswith(PART) and regular and not size
+    return [] if just_begun else [Damage(path, 0, size, "nothing in it can be read")]
+
+
+def in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Survey], list[Damage]]:
+    """Files by session and number; of copies, the one that holds most."""
+    kept: dict[tuple[int, ...], Survey] = {}
+    for file in sorted(surveys, key=lambda f: (-f.contents.counts.total(), f.path.name)):
+        header, contents = file.header, file.contents
+        same = (header.session, header.number) if header.number else (header.session, 0, contents.start, contents.end)
+        first = kept.setdefault(same, file)
+        if first is not file:
+            damage.append(Damage(file.path, 0, 0, f"is a copy of {first.path.name}, not read again"))
+    filled = [f for f in kept.values() if f.contents.counts] or list(kept.values())[:1]
+    return sorted(filled, key=lambda f: (f.header.session, f.header.number, f.contents.start)), damage
+
+
+def removed(file: Survey) -> Damage:
+    """The loss of a file that was removed after it was opened."""
+    span = f"{utc(file.contents.start)} to {utc(file.contents.end)}"
+    return Damage(file.path, 0, 0, f"was removed while the recording was read; what it held is missing: {span}")
+
+
+def open_until(file: Survey) -> str:
+    """The line about a file that was not closed when it was opened."""
+    until = f"read up to {utc(file.contents.end)}" if file.contents.counts else "nothing is in it yet"
+    return f"{file.path.name}: is still being written, or was left open: {until}"
+
+
+def utc(time: int) -> str:
+    """A time in UTC ns for people, to the millisecond."""
+    return datetime.fromtimestamp(time // 1_000_000 * 1e-3, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3] + " UTC"
+
+
+def identity_of(file: FileIO) -> tuple[int, int]:
+    """Device and inode of an open file: the same under every name."""
+    status = os.fstat(file.fileno())
+    return status.st_dev, status.st_ino

@@ -1,0 +1,56 @@
+"""Thresholds of the segmentation: at which speed a joint moves, and which moves are the same."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from cellwatt.quantity import Fraction, Radians, Seconds, parse
+from cellwatt.stage import StageSettings
+
+_SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180}
+
+
+def _speed(value: object) -> float:
+    number = value if type(value) is float else parse(value, _SPEEDS, "1 deg/s")
+    if number <= 0:
+        raise ValueError("must be above zero, like '1 deg/s'")
+    return number
+
+
+Speed = Annotated[float, BeforeValidator(_speed), WithJsonSchema({"type": "string", "examples": ["1 deg/s"]})]
+
+
+class SegmentSettings(StageSettings):
+    """Cuts the motion of one arm into intervals and tasks, from its encoder positions alone."""
+
+    arm: str | None = None
+    """Source with the joints; may be left out where only one source has joints."""
+    start_speed: Speed = math.radians(1.0)
+    """A joint starts to move above this speed; raised on its own where the encoder noise asks for more."""
+    stop_speed: Speed = math.radians(0.5)
+    """A joint has come to rest below this speed."""
+    window: Seconds = Field(default=0.08, gt=0)
+    """Time over which speed is taken from positions."""
+    confirm: int = Field(default=3, ge=1, le=50)
+    """Frames in a row that must agree before a joint counts as started or stopped."""
+    minimum_length: Seconds = Field(default=0.12, ge=0)
+    """Sets of moving joints that last less belong to their neighbours."""
+    minimum_travel: Radians = Field(default=math.radians(1.0), ge=0)
+    """Joints that join before any other has moved as far belong to the same interval from its start."""
+    gap: Seconds = Field(default=0.1, gt=0)
+    """Positions missing for longer cut the interval."""
+    same_displacement: Radians = Field(default=math.radians(2.0), gt=0)
+    """Moves are the same up to this difference in each joint's displacement (what moves less counts as rest) …"""
+    same_pose: Radians = Field(default=math.radians(6.0), gt=0)
+    """… and up to this difference in each joint's start position."""
+    same_speed: Fraction = Field(default=0.03, gt=0)
+    """Repetitions of a task whose moving time differs by less are one variant."""
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> SegmentSettings:
+        if self.stop_speed > self.start_speed:
+            raise ValueError("stop_speed must not be above start_speed")
+        return self
