@@ -28,10 +28,6 @@ docs:
 bench *arguments:
     {{ python }} bench/daemon.py --json {{ arguments }}
 
-# The pictures of the live cell, by the demo's cell with a spring on the elbow; needs Chromium.
-picture:
-    {{ python }} bench/screens.py
-
 # Which lines and branches of the three packages the tests run.
 coverage *arguments:
     {{ python }} -m pytest -n auto --cov --cov-report=term:skip-covered {{ arguments }}

@@ -18,7 +18,6 @@ import asyncio
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -29,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from footprint import computed, family, memory
+from footprint import computed, family, free_port, memory
 from numpy.typing import NDArray
 
 from cellwatt.demo.cells import shape_file
@@ -235,12 +234,6 @@ def tell(process: subprocess.Popen[str]) -> None:
     process.stdin.flush()
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true")
@@ -257,11 +250,7 @@ def main() -> None:
         asyncio.run(devices(int(argument))) if role == "devices" else listen(argument)
         return
     runs = [run(robots, a.seconds, a.cores, a.stages, a.latency) for robots in a.robots for _ in range(a.repeats)]
-    if a.json:
-        print(json.dumps(runs))
-    else:
-        for figures in runs:
-            print(figures)
+    print(json.dumps(runs, indent=None if a.json else 1))
 
 
 if __name__ == "__main__":

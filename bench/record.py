@@ -139,14 +139,6 @@ def cpu() -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def child(kind: str, folder: Path) -> None:
-    """Record in real time until killed."""
-    if kind == "peer":
-        child_peer(folder)
-    else:
-        asyncio.run(child_ours(folder))
-
-
 def paced(n: int) -> Iterator[int]:
     begin = time.monotonic()
     for number in range(n):
@@ -265,19 +257,15 @@ def run(kills: int) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of a list")
+    parser.add_argument("--json", action="store_true", help="one line instead of a readable object")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--child", nargs=2, metavar=("KIND", "FOLDER"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.child:
-        child(arguments.child[0], Path(arguments.child[1]))
+        kind, folder = arguments.child
+        child_peer(Path(folder)) if kind == "peer" else asyncio.run(child_ours(Path(folder)))
         return
-    figures = run(arguments.kills)
-    if arguments.json:
-        print(json.dumps(figures))
-        return
-    for name, figure in figures.items():
-        print(f"{name:35} {figure}")
+    print(json.dumps(run(arguments.kills), indent=None if arguments.json else 1))
 
 
 if __name__ == "__main__":

@@ -4,9 +4,9 @@
 
 Per client: packets lost of those the controller made, and CPU time per packet made, with an idle reader and
 with one that stalls 30 ms every 100 ms. ``ur_rtde`` is the library's RTDEReceiveInterface read in the loop its
-documentation shows (initPeriod, waitPeriod), ``ur_rtde_polled`` the same read four times a period. Then many
-robots on one core with the native client, and how fast packets are decoded when nothing else is done.
-Clients take turns; each figure is the median of the repeats with its smallest and largest.
+documentation shows (initPeriod, waitPeriod). Then many robots on one core with the native client, and how fast
+packets are decoded when nothing else is done. Clients take turns; each figure is the median of the repeats with
+its smallest and largest.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ async def native(addresses: list[str], seconds: float, stalled: bool) -> dict[st
     return {"made": made, "lost": expected - received - lost, "cpu": cpu, "seconds": seconds, "blocks": blocks}
 
 
-def library(address: str, seconds: float, stalled: bool, polled: bool) -> dict[str, float]:
+def library(address: str, seconds: float, stalled: bool) -> dict[str, float]:
     """The same with the library's newest state, told apart by its timestamp."""
     from rtde_receive import RTDEReceiveInterface
 
@@ -111,7 +111,7 @@ def library(address: str, seconds: float, stalled: bool, polled: bool) -> dict[s
     seen = 0
     cpu, end, stall_at = time.process_time(), time.monotonic() + seconds, time.monotonic() + STALL_EVERY
     while time.monotonic() < end:
-        start = None if polled else receive.initPeriod()
+        start = receive.initPeriod()
         stamp = receive.getTimestamp()
         if stamp != last:
             last = stamp
@@ -121,10 +121,7 @@ def library(address: str, seconds: float, stalled: bool, polled: bool) -> dict[s
         if stalled and time.monotonic() >= stall_at:
             time.sleep(STALL)
             stall_at = time.monotonic() + STALL_EVERY - STALL
-        if start is None:
-            time.sleep(0.25 / RATE)
-        else:
-            receive.waitPeriod(start)
+        receive.waitPeriod(start)
     cpu = time.process_time() - cpu
     receive.disconnect()
     made = round((last - first) * RATE)
@@ -253,15 +250,14 @@ def main() -> None:
     elif given.measure == "native":
         print(json.dumps(asyncio.run(native(given.addresses, given.seconds, given.stalled))))
     elif given.measure:
-        polled = given.measure == "ur_rtde_polled"
-        print(json.dumps(library(given.addresses[0], given.seconds, given.stalled, polled)))
+        print(json.dumps(library(given.addresses[0], given.seconds, given.stalled)))
     else:
         report(given.repeats, given.seconds, given.robots, given.json)
 
 
 def report(repeats: int, seconds: float, robots: int, as_json: bool) -> None:
     """Run everything and print it."""
-    kinds = ["native", "ur_rtde", "ur_rtde_polled"]
+    kinds = ["native", "ur_rtde"]
     try:
         import rtde_receive  # noqa: F401
     except ImportError:
@@ -269,11 +265,7 @@ def report(repeats: int, seconds: float, robots: int, as_json: bool) -> None:
     results = compare(kinds, repeats, seconds)
     results |= many(robots, repeats, seconds)
     results["native.decode_packets_per_s"] = spread([decode_rate() for _ in range(repeats)])
-    if as_json:
-        print(json.dumps({f"rtde.{name}": figures for name, figures in results.items()}, indent=2))
-        return
-    for name, figures in results.items():
-        print(f"{name:<44} {figures['median']:>14,.2f}   ({figures['min']:,.2f} … {figures['max']:,.2f})")
+    print(json.dumps({f"rtde.{name}": figures for name, figures in results.items()}, indent=None if as_json else 1))
 
 
 if __name__ == "__main__":

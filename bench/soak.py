@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, get_args
@@ -34,18 +34,23 @@ import psutil
 import pyarrow.dataset as ds
 import yaml
 from aiohttp import web
+from aiohttp.test_utils import TestServer
 from asyncua import Client as OpcUa
-from outlet.cell import CELL, SITE, emulated
-from outlet.children import free_port
-from outlet.servers import DATABASE, influxd, mosquitto
 from websockets import connect
 from websockets.typing import Subprotocol
 
+from cellwatt.emulation import EmulatorProcess
 from cellwatt.frames import Frames
 from cellwatt.record import Recording
 from cellwatt.results import Alarm
 from cellwatt.subscriber import Gap, Health, LinkSettings, Subscriber
 from cellwatt.testing.outlet_rig import Line, State, line_to
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.daemon.outlets.historian.server import influxd
+from tests.daemon.outlets.mqtt.broker import Broker, free_port
+
+SITE, CELL = "bench", "cell"
 
 SPAN = 10**8
 """ns between two rows of those that are sent 10 a second."""
@@ -198,19 +203,6 @@ async def trouble(soak: Soak, minutes: float, kills: int, rnd: random.Random) ->
 
 
 @asynccontextmanager
-async def serving(app: web.Application) -> AsyncIterator[int]:
-    """A web server of this host; gives its port."""
-    runner = web.AppRunner(app)
-    await runner.setup()
-    site = web.TCPSite(runner, "127.0.0.1", 0)
-    await site.start()
-    try:
-        yield int(runner.addresses[0][1])
-    finally:
-        await runner.cleanup()
-
-
-@asynccontextmanager
 async def process(log: Path, *words: str, **more: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """A command of cellwatt."""
     with log.open("w") as out:
@@ -227,7 +219,7 @@ async def process(log: Path, *words: str, **more: str) -> AsyncIterator[asyncio.
 def settings(lines: dict[str, Line], ports: dict[str, int], sources: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The cell's file."""
     web_ = {name: f"http://{lines[name].address}/{name}" for name in ("hook", "people")}
-    influx = {"url": f"http://{lines['influx'].address}", "database": DATABASE, "rate": "10 Hz", "timeout": "10 s"}
+    influx = {"url": f"http://{lines['influx'].address}", "database": "plant", "rate": "10 Hz", "timeout": "10 s"}
     people = {"webhook": {"url": web_["people"]}, "severity": "info", "group": "0 s"}
     return {
         "site": SITE,
@@ -250,13 +242,12 @@ def settings(lines: dict[str, Line], ports: dict[str, int], sources: dict[str, A
     }
 
 
-def found(soak: Soak, folder: Path, in_influx: Iterable[int]) -> dict[str, Any]:
+def found(soak: Soak, folder: Path) -> dict[str, Any]:
     """What each peer has beside what the recording has."""
     recording = Recording.open(folder / "record")
     told = [(f.time, np.isfinite(f.values).any(axis=1)) for f in recording.frames()]
     frames, filled = (np.concatenate(each) for each in zip(*told, strict=True))
     rows, needed = ({int(t) for t in -(-times // SPAN) * SPAN} for times in (frames, frames[filled]))
-    soak.rows["influx"] = list(in_influx)
     soak.rows["lake"] = ds.dataset(folder / "lake" / "frames").to_table(["time"])["time"].cast("int64").to_pylist()
     peers = {}
     for name, got in soak.rows.items():
@@ -278,20 +269,34 @@ def found(soak: Soak, folder: Path, in_influx: Iterable[int]) -> dict[str, Any]:
 async def soaked(minutes: float, kills: int, seed: int, folder: Path) -> dict[str, Any]:
     """Run it."""
     async with AsyncExitStack() as stack:
-        broker = stack.enter_context(mosquitto(folder))
-        influx = stack.enter_context(influxd(folder / "influx"))
+        broker = Broker(folder)
+        stack.callback(broker.kill)
+        await broker.again()
+        (folder / "influx").mkdir()
+        influx = await stack.enter_async_context(influxd(folder / "influx"))
         lines: dict[str, Line] = {}
         ports = {name: free_port() for name in ("zenoh", "page", "metrics", "opc_ua", "foxglove")}
         soak = Soak(lines, ports | {"broker": broker.port})
         app = web.Application(client_max_size=2**26)
         app.add_routes([web.post("/hook", soak.blocks), web.post("/people", soak.people)])
-        told = await stack.enter_async_context(serving(app))
-        targets = {**ports, "mqtt": broker.port, "influx": int(influx.rpartition(":")[2]), "hook": told, "people": told}
+        told = (await stack.enter_async_context(TestServer(app))).port
+        targets = {
+            **ports,
+            "mqtt": broker.port,
+            "influx": int(influx.at.rpartition(":")[2]),
+            "hook": told,
+            "people": told,
+        }
         for name, port in targets.items():
             peer: Any = argparse.Namespace(address=f"127.0.0.1:{port}")
             lines[name] = await stack.enter_async_context(line_to(peer))
-        sources = await stack.enter_async_context(emulated())
-        sources["arm"]["rate"] = "125 Hz"
+        arm = await stack.enter_async_context(EmulatorProcess("ur", "--listen", "127.0.0.1:0"))
+        board = await stack.enter_async_context(EmulatorProcess("power_board", "--listen", "pty"))
+        host, _, port = arm.address.rpartition(":")
+        sources = {
+            "arm": {"driver": "ur", "host": host, "port": int(port), "rate": "125 Hz"},
+            "board": {"driver": "power_board", "port": board.address},
+        }
         file = folder / "cell.yaml"
         file.write_text(yaml.safe_dump(settings(lines, ports, sources, folder)))
         daemon = await stack.enter_async_context(process(folder / "log", "run", str(file), PYTHONPATH=_hook(folder)))
@@ -324,12 +329,8 @@ async def soaked(minutes: float, kills: int, seed: int, folder: Path) -> dict[st
             await asyncio.sleep(3.0)
             for task in running:
                 task.cancel()
-        query = {"q": "SELECT * FROM cellwatt", "db": DATABASE, "epoch": "ns"}
-        async with aiohttp.ClientSession() as session, session.get(f"{influx}/query", params=query) as answer:
-            series = (await answer.json())["results"][0]["series"][0]
-        told_ = [[*each, n] for each, n in soak.told.items()]
-        (folder / "got.json").write_text(json.dumps([soak.rows, sorted(soak.refused), told_, series["values"]]))
-        peers = found(soak, folder, [int(row[0]) for row in series["values"]])
+        soak.rows["influx"] = [row["time"] for row in await influx.query("SELECT * FROM cellwatt")]
+        peers = found(soak, folder)
         return {
             "done": dict(done),
             "peers": peers,

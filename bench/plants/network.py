@@ -79,15 +79,6 @@ class Network:
         shape = ("tbf", "rate", f"{8 * rate:.0f}bit", "burst", "32kb", "latency", "400ms")
         _run(_tool("tc"), "-n", self.name(f"plant{plant}"), "qdisc", "replace", "dev", "hq", "root", *shape)
 
-    def widen(self, plant: int) -> None:
-        """The line carries all again."""
-        _run(_tool("tc"), "-n", self.name(f"plant{plant}"), "qdisc", "del", "dev", "hq", "root")
-
-    def retries(self, count: int) -> None:
-        """TCP gives a connection up after so many unanswered repetitions (Linux: 15, a quarter of an hour)."""
-        for place in self._places():
-            _run(*self.inside(place), "sh", "-c", f"echo {count} >/proc/sys/net/ipv4/tcp_retries2")
-
     @staticmethod
     def _places() -> list[str]:
         return ["hq", *(f"{kind}{n}" for n in PLANTS for kind in ("plant", "gate", "cell"))]

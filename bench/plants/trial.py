@@ -7,13 +7,12 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from . import site
 from .network import PLANTS, Network, network
@@ -31,9 +30,6 @@ class Process:
         command = [*net.inside(place), sys.executable, "-m", f"bench.plants.{module}", json.dumps(order)]
         self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.said: dict[str, Any] = {}
-        self.lines: list[dict[str, Any]] = []
-        """All lines, where ``keeps`` is set."""
-        self.keeps = False
         self._name = f"{module} in {place}"
         self._reader = threading.Thread(target=self._read)
         self._reader.start()
@@ -48,8 +44,6 @@ class Process:
                 self.said[said] = True
                 continue
             self.said[next(iter(said))] = said
-            if self.keeps:
-                self.lines.append(said)
 
     def send(self, **order: Any) -> None:
         assert self._process.stdin is not None
@@ -91,7 +85,7 @@ class Process:
 
 @dataclass
 class Trial:
-    """The running network: routers start at once, cells and consumers by ``cell``, ``recorder`` and ``board``."""
+    """The running network: routers start at once, cells and consumers by ``cell`` and ``consumer``."""
 
     net: Network
     folder: Path
@@ -102,25 +96,16 @@ class Trial:
         """Start the cell of a plant with samples at ``rate`` Hz; ``zenoh`` and ``record`` are more settings."""
         order = {"site": f"plant-{n}", "cell": site.CELL, "folder": str(self.folder / f"record{n}"), "rate": rate}
         settings = site.cell_settings(self.folder, n) | (zenoh or {})
-        return self._start(f"cell{n}", "cell", order | {"width": WIDTH, "zenoh": settings, "record": record})
+        return self.start(f"cell{n}", "cell", order | {"width": WIDTH, "zenoh": settings, "record": record})
 
-    def recorder(self, n: int) -> Process:
-        """Start a consumer at headquarters that wants every sample of a plant's cell."""
-        return self._consumer(n, "recorder")
-
-    def board(self, n: int) -> Process:
-        """Start a consumer at headquarters that looks at what is live."""
-        return self._consumer(n, "board")
-
-    def _consumer(self, n: int, how: str) -> Process:
+    def consumer(self, n: int, how: str = "recorder") -> Process:
+        """Start a consumer at headquarters: one that wants every sample of a plant's cell, or a ``board``."""
         link = site.viewer_settings(self.folder, how)
         order = {"site": f"plant-{n}", "cell": site.CELL, "link": link, "how": how}
-        return self._start("hq", "consumer", order)
+        return self.start("hq", "consumer", order)
 
-    def router(self, place: str, order: dict[str, Any]) -> Process:
-        return self._start(place, "router", order)
-
-    def _start(self, place: str, module: str, order: dict[str, Any]) -> Process:
+    def start(self, place: str, module: str, order: dict[str, Any]) -> Process:
+        """Start a module of this package in a namespace."""
         process = Process(self.net, place, module, order)
         self.stack.callback(process.end)
         self.started.append(process)
@@ -138,17 +123,17 @@ def plants(folder: Path) -> Iterator[Trial]:
     site.make(folder)
     with network() as net, ExitStack() as stack:
         trial = Trial(net, folder, stack)
-        trial.router("hq", {"folder": str(folder / "hq"), "file": "hq.json5", "options": {}})
+        trial.start("hq", "router", {"folder": str(folder / "hq"), "file": "hq.json5", "options": {}})
         for n in PLANTS:
             order = {"folder": str(folder / f"plant{n}"), "file": "router/zenohd.json5", "options": site.uplink(n)}
-            trial.router(f"plant{n}", order)
+            trial.start(f"plant{n}", "router", order)
         yield trial
 
 
-def topics(recorder: Process) -> dict[str, dict[str, int]]:
+def topics(recorder: Process) -> dict[str, Counter[str]]:
     """What a consumer has, by topic."""
-    found: dict[str, dict[str, int]] = recorder.said.get("topics", {"topics": {}})["topics"]
-    return found
+    said = recorder.said.get("topics", {"topics": {}})["topics"]
+    return {name: Counter(numbers) for name, numbers in said.items()}
 
 
 RAW = "raw/arm/samples"
@@ -157,14 +142,14 @@ NAMES = {RAW: "samples", "frame": "frames", "alarm": "alarms"}
 
 def begun(recorder: Process) -> None:
     """Wait until a consumer follows all topics of its cell."""
-    recorder.until(lambda: all(topics(recorder).get(t, {}).get("count", 0) for t in NAMES), "something of each topic")
+    recorder.until(lambda: all(topics(recorder).get(t) for t in NAMES), "something of each topic")
 
 
 def caught_up(recorder: Process, made: dict[str, Any], patience: float) -> None:
     """Wait until a consumer has everything that a cell made."""
     for topic, name in NAMES.items():
         if made[name]:
-            reached = lambda t=topic, n=name: topics(recorder).get(t, {}).get("next", 0) >= made[n]  # noqa: E731
+            reached = lambda t=topic, n=name: topics(recorder).get(t, Counter())["next"] >= made[n]  # noqa: E731
             recorder.until(reached, f"all of {topic}", patience)
 
 
@@ -184,25 +169,6 @@ def judged(recorder: Process, made: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def delays(lines: list[dict[str, Any]], begin: float, end: float) -> dict[str, dict[str, float]]:
-    """Median, 99th percentile and longest time, ms, that live messages were on their way in a span of monotonic s."""
-    kinds: dict[str, list[float]] = {}
-    for line in lines:
-        if begin <= line.get("at", -1) <= end:
-            for kind, some in line["delays"].items():
-                kinds.setdefault(kind, []).extend(some)
-    return {
-        kind: {
-            "n": len(some),
-            "p50": round(float(np.percentile(some, 50)) * 1e3, 1),
-            "p99": round(float(np.percentile(some, 99)) * 1e3, 1),
-            "max": round(max(some) * 1e3, 1),
-        }
-        for kind, some in sorted(kinds.items())
-        if some
-    }
-
-
 def cut_and_catch_up(
     folder: Path,
     seconds: float,
@@ -210,22 +176,19 @@ def cut_and_catch_up(
     *,
     backfill: str | None = None,
     line: float | None = None,
-    retries: int | None = None,
     before: float = 3.0,
     after: float = 3.0,
     patience: float = PATIENCE,
 ) -> dict[str, Any]:
-    """Cut plant 1 off for ``seconds`` s; plant 2 goes on. Figures of both, and how late live data was meanwhile.
+    """Cut plant 1 off for ``seconds`` s; plant 2 goes on. What both got, and how many live blocks came meanwhile.
 
-    The line to headquarters carries ``line`` bytes a second; answers about the past get ``backfill``. TCP gives up
-    after ``retries`` repetitions.
+    The line to headquarters carries ``line`` bytes a second; answers about the past get ``backfill``.
     """
     zenoh = {} if backfill is None else {"backfill": backfill}
     with plants(folder) as trial:
         cells = [trial.cell(n, rate, zenoh=zenoh) for n in PLANTS]
-        recorders = [trial.recorder(n) for n in PLANTS]
-        board = trial.board(1)
-        board.keeps = True
+        recorders = [trial.consumer(n) for n in PLANTS]
+        board = trial.consumer(1, "board")
         trial.ready()
         for cell in cells:
             cell.send(run=None)
@@ -233,81 +196,41 @@ def cut_and_catch_up(
             begun(recorder)
         if line is not None:
             trial.net.narrow(1, line)
-        if retries is not None:
-            trial.net.retries(retries)
-        quiet = time.monotonic()
         time.sleep(before)
         trial.net.cut(1)
-        cut = time.monotonic()
         time.sleep(seconds)
+        live = board.said["live"]["live"]
         trial.net.restore(1)
         back = time.monotonic()
-        upto = cells[0].answer("told", tell=True)
-        caught_up(recorders[0], upto, patience)
-        caught = time.monotonic()
+        caught_up(recorders[0], cells[0].answer("told", tell=True), patience)
+        caught, live = time.monotonic() - back, board.said["live"]["live"] - live
         time.sleep(after)
         made = [cell.answer("ran", halt=True) for cell in cells]
         for recorder, whole in zip(recorders, made, strict=True):
             caught_up(recorder, whole, patience)
-        heard = next((x["at"] for x in board.lines if x["at"] > back and x["delays"].get("raw")), caught)
-        time.sleep(0.3)
-        return {
-            "cut_s": round(back - cut, 1),
-            "first_live_s": round(heard - back, 2),
-            "caught_up_s": round(caught - back, 1),
-            "plants": [judged(r, m) for r, m in zip(recorders, made, strict=True)],
-            "live_ms": {
-                "before": delays(board.lines, quiet, cut),
-                "catching_up": delays(board.lines, heard + 0.2, caught),
-                "after": delays(board.lines, caught, time.monotonic()),
-            },
-            "cell": made[0],
-        }
+        judgements = [judged(r, m) for r, m in zip(recorders, made, strict=True)]
+        return {"caught_up_s": caught, "live": live, "plants": judgements, "cell": made[0]}
 
 
 def past_and_catch_up(
-    folder: Path,
-    hours: float,
-    rate: float,
-    *,
-    backfill: str | None = None,
-    files: int = 432,
-    keep: str | None = None,
-    patience: float = 3600.0,
+    folder: Path, hours: float, rate: float, *, files: int, keep: str | None = None, patience: float = 3600.0
 ) -> dict[str, Any]:
     """Cut plant 1 off while its cell records ``hours`` of time stamps in about so many ``files``; then catch up."""
-    zenoh = {} if backfill is None else {"backfill": backfill}
     size = max(hours * 3600 * rate * 43 / files, 60e3)
     record = {"file_size": f"{size:.0f} B"} | ({} if keep is None else {"keep": keep})
     with plants(folder) as trial:
-        cell, recorder, board = trial.cell(1, rate, zenoh=zenoh, **record), trial.recorder(1), trial.board(1)
-        board.keeps = True
+        cell, recorder = trial.cell(1, rate, **record), trial.consumer(1)
         trial.ready()
         cell.send(run=None)
         begun(recorder)
         cell.answer("ran", halt=True)
         trial.net.cut(1)
-        began = time.monotonic()
         past = cell.answer("past", patience, past=hours)
-        wrote = time.monotonic() - began
         cell.send(run=None)
-        time.sleep(12.0 if hours > 1 else 2.0)
+        time.sleep(12.0)
         trial.net.restore(1)
-        back = time.monotonic()
         rss = recorder.said["topics"]["rss"]
         caught_up(recorder, past, patience)
-        caught = time.monotonic()
         made = cell.answer("ran", halt=True)
         caught_up(recorder, made, patience)
-        heard = next((x["at"] for x in board.lines if x["at"] > back and x["delays"].get("raw")), caught)
-        time.sleep(0.3)
-        return {
-            "hours": hours,
-            "written_s": round(wrote, 1),
-            "first_live_s": round(heard - back, 2),
-            "caught_up_s": round(caught - back, 1),
-            "plant": judged(recorder, made),
-            "consumer_rss_before_MB": round(rss / 1e6),
-            "live_ms": {"catching_up": delays(board.lines, heard + 0.2, caught)},
-            "cell": made,
-        }
+        return {"plant": judged(recorder, made), "consumer_rss_before_MB": round(rss / 1e6), "cell": made}

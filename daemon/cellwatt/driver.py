@@ -23,8 +23,6 @@ class SourceSettings(BaseModel):
     """Settings, beside host and port, that tell two devices at one address apart."""
     reached_by: ClassVar[tuple[str, ...]] = ("host",)
     """Settings of which one says where the device is; all but ``host`` are paths of serial ports or buses."""
-    asked: ClassVar[tuple[str, ...]] = ()
-    """Settings that ``cellwatt init`` asks for though they have a default, as it fits few devices."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,9 +35,12 @@ CELL_KEYS = {"site", "cell", "robot", "sources", "frames", "stages", "record", "
 NEEDED = {"site": "plant-1", "cell": "weld-3", "sources": {"arm": {"driver": "ur", "host": "192.0.2.10"}}}
 
 
-def named(blocks: list[Block]) -> pytest.MarkDecorator:
-    """Tests, one a block, that are called by its place."""
-    return pytest.mark.parametrize("block", blocks, ids=str)
+def by_page(blocks: list[Block]) -> pytest.MarkDecorator:
+    """Tests, one a page, of some of its blocks."""
+    pages: dict[str, list[Block]] = {}
+    for block in blocks:
+        pages.setdefault(block.page, []).append(block)
+    return pytest.mark.parametrize("blocks", pages.values(), ids=pages)
 
 
 def of(*languages: str) -> list[Block]:
@@ -45,24 +48,25 @@ def of(*languages: str) -> list[Block]:
     return [block for block in EVERY_BLOCK if block.language in languages and block.run_here]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_blocks_are_fenced_and_name_their_language(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    fences = re.findall(r"^```(.*)$", text, re.MULTILINE)
-    assert len(fences) == 2 * len(blocks(page)), "a fence is not closed, or indented"
-    assert {block.language for block in blocks(page)} <= {"sh", "python", "yaml", "toml", "ini", "json", *SHOWN}
-    outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
-    assert not re.search(r"^[^-*\d\s].*\n\n    \S", outside, re.MULTILINE), "an indented block names no language"
+def test_blocks_are_fenced_and_name_their_language() -> None:
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        fences = re.findall(r"^```(.*)$", text, re.MULTILINE)
+        assert len(fences) == 2 * len(blocks(page)), f"{page}: a fence is not closed, or indented"
+        found = {block.language for block in blocks(page)}
+        assert found <= {"sh", "python", "yaml", "toml", "ini", "json", *SHOWN}, page
+        outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+        indented = re.search(r"^[^-*\d\s].*\n\n    \S", outside, re.MULTILINE)
+        assert not indented, f"{page}: an indented block names no language"
 
 
-@named([block for block in EVERY_BLOCK if block.note])
-def test_a_note_says_who_runs_the_block_or_why_nobody_does(block: Block) -> None:
-    kind, _, rest = block.note.partition(" run")
-    if kind == "not":
-        assert re.match(r": \w.{8,}", rest)
-    else:
-        paths = block.note.removeprefix("run by ").split(", ")
-        assert block.note.startswith("run by ") and all((ROOT / path).is_file() for path in paths)
+def test_a_note_says_who_runs_the_block_or_why_nobody_does() -> None:
+    for block in EVERY_BLOCK:
+        if block.note.startswith("not run"):
+            assert re.match(r"not run: \w.{8,}", block.note), block
+        elif block.note:
+            paths = block.note.removeprefix("run by ").split(", ")
+            assert block.note.startswith("run by ") and all((ROOT / path).is_file() for path in paths), block
 
 
 def words(line: str) -> list[str]:
@@ -73,11 +77,10 @@ def words(line: str) -> list[str]:
     return out
 
 
-@named([block for block in OURS if re.search(r"^cellwatt ", block.text, re.MULTILINE)])
-def test_commands_and_options_are_there(block: Block) -> None:
-    for line in block.commands():
-        if not line.startswith("cellwatt "):
-            continue
+@by_page([block for block in OURS if re.search(r"^cellwatt ", block.text, re.MULTILINE)])
+def test_commands_and_options_are_there(blocks: list[Block]) -> None:
+    lines = [(block, line) for block in blocks for line in block.commands() if line.startswith("cellwatt ")]
+    for block, line in lines:
         context = cli.make_context("cellwatt", words(line)[1:])
         try:
             while isinstance(context.command, click.Group):
@@ -120,10 +123,10 @@ def others() -> list[Block]:
     return [b for b in of("sh") if not b.text.startswith("cellwatt emulate ")]
 
 
-@pytest.mark.parametrize("page", sorted({block.page for block in others()}))
-def test_commands_of_the_page_run(page: str, tmp_path: Path) -> None:
+@by_page(others())
+def test_commands_of_the_page_run(blocks: list[Block], tmp_path: Path) -> None:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for block in (b for b in others() if b.page == page):
+    for block in blocks:
         done = subprocess.run(
             ["bash", "-e", "-c", block.text],
             cwd=tmp_path,
@@ -136,33 +139,33 @@ def test_commands_of_the_page_run(page: str, tmp_path: Path) -> None:
         assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
 
 
-@pytest.mark.parametrize("page", sorted({block.page for block in of("python")}))
-def test_programs_of_the_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@by_page(of("python"))
+def test_programs_of_the_page_run(blocks: list[Block], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    for block in (b for b in of("python") if b.page == page):
+    for block in blocks:
         exec(compile("\n" * block.line + block.text, block.page, "exec"), names)
 
 
-@named(of("yaml"))
-def test_settings_are_right(block: Block, tmp_path: Path) -> None:
-    keys = set(yaml.safe_load(block.text) or {})
-    assert keys <= CELL_KEYS, "no settings of a cell: say in a note who reads it"
-    rest = {key: value for key, value in NEEDED.items() if key not in keys}
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(f"{block.text}\n{yaml.safe_dump(rest) if rest else ''}")
-    robots = [f"{folder}/robot.yaml" for folder in re.findall(r"^robot: (\w+/[\w./-]+)", block.text, re.MULTILINE)]
-    for model in (*re.findall(r"[\w./-]+\.onnx", block.text), *robots):  # the reader's
-        (tmp_path / model).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / model).touch()
-    load(cell, dict.fromkeys(re.findall(r"\$\{(\w+)}", block.text), "given"))
+@by_page(of("yaml"))
+def test_settings_are_right(blocks: list[Block], tmp_path: Path) -> None:
+    for block in blocks:
+        keys = set(yaml.safe_load(block.text) or {})
+        assert keys <= CELL_KEYS, f"{block}: no settings of a cell: say in a note who reads it"
+        rest = {key: value for key, value in NEEDED.items() if key not in keys}
+        cell = tmp_path / f"line-{block.line}.yaml"
+        cell.write_text(f"{block.text}\n{yaml.safe_dump(rest) if rest else ''}")
+        robots = [f"{folder}/robot.yaml" for folder in re.findall(r"^robot: (\w+/[\w./-]+)", block.text, re.MULTILINE)]
+        for model in (*re.findall(r"[\w./-]+\.onnx", block.text), *robots):  # the reader's
+            (tmp_path / model).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / model).touch()
+        load(cell, dict.fromkeys(re.findall(r"\$\{(\w+)}", block.text), "given"))
 
 
-@named(of("json", "toml", "ini"))
-def test_file_can_be_read(block: Block) -> None:
-    if block.language == "json":
-        json.loads(block.text.replace("…", ""))
-    elif block.language == "toml":
-        tomllib.loads(block.text)
-    else:
-        configparser.ConfigParser(strict=False).read_string(block.text)
+READ = {"json": json.loads, "toml": tomllib.loads, "ini": configparser.ConfigParser(strict=False).read_string}
+
+
+@by_page(of(*READ))
+def test_files_can_be_read(blocks: list[Block]) -> None:
+    for block in blocks:
+        READ[block.language](block.text.replace("…", ""))

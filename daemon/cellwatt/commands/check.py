@@ -11,7 +11,7 @@ import click
 
 from cellwatt.channel import Stream
 from cellwatt.commands import EXIT_USAGE
-from cellwatt.commands.ranges import span
+from cellwatt.commands.ranges import together
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
 from cellwatt.errors import ConfigError, Problem
@@ -79,7 +79,14 @@ def _describe(config: CellConfig, prepared: Prepared) -> None:
     show_table(
         ("source", "driver", "stream", "rate", "clock", "channels"),
         [
-            (name, config.sources[name].driver, stream.name, _rate(stream), stream.clock, _channels(stream))
+            (
+                name,
+                config.sources[name].driver,
+                stream.name,
+                _rate(stream),
+                stream.clock,
+                ", ".join(together(stream.names)),
+            )
             for name, streams in prepared.streams.items()
             for stream in streams
         ],
@@ -98,24 +105,3 @@ def _count(things: Sized, what: str) -> str:
 
 def _rate(stream: Stream) -> str:
     return f"{stream.rate:g} Hz" if stream.rate else "on change"
-
-
-def _channels(stream: Stream) -> str:
-    """``joint_1…6.position, .velocity, supply.power``: joints of a quantity together, quantities of them too."""
-    joints: dict[str, list[int]] = {}
-    names: dict[str, str] = {}
-    for name in stream.names:
-        joint, _, quantity = name.partition(".")
-        number = joint.removeprefix("joint_")
-        if joint != number and number.isdigit():
-            joints.setdefault(quantity, []).append(int(number))
-            names[f"joint.{quantity}"] = quantity
-        else:
-            names[name] = ""
-    texts, before = [], ""
-    for name, quantity in names.items():
-        prefix = f"joint_{span(joints[quantity])}" if quantity else ""
-        same = bool(prefix) and prefix == before
-        texts.append(f"{'' if same else prefix}.{quantity}" if quantity else name)
-        before = prefix
-    return ", ".join(texts)

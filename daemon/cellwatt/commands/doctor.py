@@ -13,7 +13,7 @@ import click
 from cellwatt.batch import Batch
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.commands.check import warn
-from cellwatt.commands.numbers import SECONDS
+from cellwatt.commands.options import SECONDS
 from cellwatt.commands.ranges import summary
 from cellwatt.config import load
 from cellwatt.progress.terminal import show_table

@@ -12,7 +12,7 @@ import click
 
 from cellwatt.commands import EXIT_ERROR, completion
 from cellwatt.commands.emulate_cell import emulate_cell
-from cellwatt.commands.numbers import FINITE, NOT_NEGATIVE
+from cellwatt.commands.options import FINITE, NOT_NEGATIVE
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
 from cellwatt.emulation.cell import emulator_of
 from cellwatt.emulation.control import answers, say

@@ -13,10 +13,7 @@ from typing import Any
 import click
 
 from cellwatt.batch import Batch
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.commands.units import with_units
+from cellwatt.commands.options import INPUT, with_progress, with_scheduler, with_units
 from cellwatt.errors import RecordingError
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages

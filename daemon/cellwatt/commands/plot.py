@@ -7,10 +7,7 @@ from pathlib import Path
 
 import click
 
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.numbers import FINITE
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.units import with_units
+from cellwatt.commands.options import FINITE, INPUT, with_progress, with_units
 from cellwatt.logs.opening import is_log
 from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import stage

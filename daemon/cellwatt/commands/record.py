@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.numbers import SECONDS
+from cellwatt.commands.options import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import RecordingError
 from cellwatt.progress.log_lines import log_to_stderr

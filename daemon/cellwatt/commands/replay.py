@@ -13,9 +13,7 @@ from typing import Any
 import click
 
 from cellwatt.commands import EXIT_FAILED
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.numbers import NOT_NEGATIVE
-from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.options import INPUT, NOT_NEGATIVE, with_progress
 from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames

@@ -13,7 +13,7 @@ import click
 from pydantic import ValidationError
 
 from cellwatt.commands.cell_link import Where, cell_options
-from cellwatt.commands.numbers import SECONDS
+from cellwatt.commands.options import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import ConfigError, why
 from cellwatt.files import read_text

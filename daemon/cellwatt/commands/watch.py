@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 import click
 
 from cellwatt.commands.cell_link import Where, cell_options
-from cellwatt.commands.numbers import SECONDS
+from cellwatt.commands.options import SECONDS
 from cellwatt.errors import OutletError
 from cellwatt.live.bulletin import Bulletin, line_of
 from cellwatt.live.site import line, summary

@@ -113,8 +113,11 @@ class _Reading:
                 self.complain(key, f"found {found(self.document, key)}, expected a finite value")
         return made
 
-    def find(self, what: Callable[[str], type[Any]], name: str, path: KeyPath, hint: str = "") -> type[Any] | None:
+    def find(self, what: Callable[[str], type[Any]], name: Any, path: KeyPath, hint: str = "") -> type[Any] | None:
         """A driver, stage or outlet class by name; ``None`` after a complaint."""
+        if not isinstance(name, str):
+            self.complain(path, f"found {found(self.document, path)}, expected a name")
+            return None
         try:
             return what(name)
         except ConfigError as error:
@@ -228,7 +231,7 @@ def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, S
         if kind is None:
             _no_driver(reading, path, values)
             continue
-        found_class = _class(reading, driver, kind, (*path, "driver"))
+        found_class = reading.find(driver, kind, (*path, "driver"))
         if found_class is None:
             continue
         settings = reading.settings(found_class.Settings, path, values)
@@ -256,7 +259,7 @@ def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, St
         hint = "" if known else f"; is {name!r} your own name? then add 'stage: KIND'"
         if isinstance(kind, str):
             kinds.add(kind)
-        found_class = _class(reading, stage, kind, place, hint)
+        found_class = reading.find(stage, kind, place, hint)
         if found_class is None:
             continue
         needs[name] = tuple(found_class.needs)
@@ -268,15 +271,6 @@ def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, St
             if kind not in kinds:
                 message = f"needs a stage of the kind {kind!r}, and there is none: add '{kind}: {{}}' to stages"
                 reading.complain(("stages", name), message, at_key=True)
-
-
-def _class(
-    reading: _Reading, what: Callable[[str], type[Any]], kind: Any, path: KeyPath, hint: str = ""
-) -> type[Any] | None:
-    if not isinstance(kind, str):
-        reading.complain(path, f"found {found(reading.document, path)}, expected a name")
-        return None
-    return reading.find(what, kind, path, hint)
 
 
 def _outlets(reading: _Reading, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, OutletConfig]]:

@@ -40,25 +40,14 @@ def _plain(settings: BaseModel) -> dict[str, Any]:
 
 def _blank(tree: Any, path: KeyPath, shown: str) -> None:
     """Put ``shown`` at ``path``, or in place of the last part of it that validation left standing."""
-    here = tree
-    for part in path[:-1]:
-        inner = _child(here, part)
-        if not isinstance(inner, dict | list):
-            break
-        here, path = inner, path[1:]
-    key = path[0]
-    if isinstance(here, dict):
-        here[str(key)] = shown
-    elif isinstance(key, int) and key < len(here):
-        here[key] = shown
+    key: Any = str(path[0]) if isinstance(tree, dict) else path[0]
+    there = key in tree if isinstance(tree, dict) else isinstance(key, int) and key < len(tree)
+    if there and len(path) > 1 and isinstance(tree[key], dict | list):
+        _blank(tree[key], path[1:], shown)
+    elif there or isinstance(tree, dict):
+        tree[key] = shown
     else:
-        here[:] = [shown]
-
-
-def _child(tree: Any, part: str | int) -> Any:
-    if isinstance(tree, dict):
-        return tree.get(str(part))
-    return tree[part] if isinstance(part, int) and part < len(tree) else None
+        tree[:] = [shown]
 
 
 def _long(secrets: Mapping[str, str]) -> Iterator[tuple[str, str]]:

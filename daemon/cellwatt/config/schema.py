@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel
@@ -99,10 +99,11 @@ def _chosen(key: str, parts: Sequence[Part], inline: Mapping[type[BaseModel], Sc
         {"if": {"properties": {key: {"const": p.name}}, "required": [key]}, "then": _with(key, p, inline)}
         for p in parts
     ]
+    titles = "\n".join(f"{p.name}: {p.title}" for p in parts)
     return {
         "type": "object",
         "required": [key],
-        "properties": {key: {"enum": _names(parts), "description": _titles(parts)}},
+        "properties": {key: {"enum": [p.name for p in parts], "description": titles}},
         "allOf": choices,
     }
 
@@ -130,11 +131,3 @@ def _stages(parts: Sequence[Part], inline: Mapping[type[BaseModel], Schema]) -> 
 def _outlet(part: Part, inline: Mapping[type[BaseModel], Schema]) -> Schema:
     off = {"enum": ["off", False], "description": f"No {part.name}."}
     return {"description": part.title, "anyOf": [_optional(_of(part, inline)), off]}
-
-
-def _names(parts: Iterable[Part]) -> list[str]:
-    return [p.name for p in parts]
-
-
-def _titles(parts: Iterable[Part]) -> str:
-    return "\n".join(f"{p.name}: {p.title}" for p in parts)

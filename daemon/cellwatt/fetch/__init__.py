@@ -1,6 +1,156 @@
-"""Files and folders at a URL, as a copy on this disk that is made once for each version of them."""
+"""Files and folders at a URL, S3 by pyarrow, all else by fsspec: a copy on this disk for each version of them."""
 
-from cellwatt.fetch.cache import fetch
-from cellwatt.fetch.remote import MissingError, is_url
+from __future__ import annotations
 
-__all__ = ["MissingError", "fetch", "is_url"]
+import hashlib
+import json
+import os
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.host import blank
+from cellwatt.outlets.historian.store import s3_options
+from cellwatt.progress import stage
+
+KEPT: Final = 30 * 86400.0
+"""s that a copy is kept after its last use."""
+_URL: Final = re.compile(r"[a-z][a-z0-9+.-]*(?:::|://)")
+_TAGS: Final = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
+"""Keys of fsspec's file systems for what tells two versions of a file apart."""
+_REFUSED: Final = ("ACCESS_DENIED", "INVALID_ACCESS_KEY_ID", "SIGNATURE_DOES_NOT_MATCH", "NO_CREDENTIALS", "FORBIDDEN")
+_PIECE: Final = 8_000_000
+
+
+class MissingError(CellwattError):
+    """Nothing is at the URL."""
+
+
+def is_url(text: str) -> bool:
+    """Tell a URL from a path."""
+    return _URL.match(text) is not None
+
+
+def copies() -> Path:
+    """The folder of the copies: ``$XDG_CACHE_HOME/cellwatt``, or ``~/.cache/cellwatt``."""
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    try:
+        return (given if given.is_absolute() else Path.home() / ".cache") / "cellwatt"
+    except RuntimeError:
+        raise CellwattError("there is no home for copies of what is fetched: set XDG_CACHE_HOME") from None
+
+
+def fetch(url: str) -> Path:
+    """Path of a copy of the file or folder at a URL, as it is now; a ``file://`` is its own copy.
+
+    Raises ``MissingError`` where there is none, ``ConfigError``, else ``CellwattError`` with the reason.
+    """
+    if url.startswith("file://"):
+        return Path(url2pathname(urlsplit(url).path))
+    with _told(url):
+        store, root = _file_system(url)
+        files = _files(store, root)
+    name = PurePosixPath(root).name
+    if name in ("", ".."):
+        raise CellwattError(f"{blank(url)} names no file and no folder")
+    if not files:
+        raise MissingError(f"{blank(url)} is a folder without files")
+    if wrong := next((below for below in files if "\0" in below or ".." in PurePosixPath(below).parts), None):
+        raise CellwattError(f"{blank(url)} has a file {wrong!r}, whose name leads out of the folder")
+    version = json.dumps([url, [(below, [str(about.get(tag)) for tag in _TAGS]) for below, about in files.items()]])
+    place = copies() / hashlib.sha256(version.encode()).hexdigest()[:32]
+    try:
+        if place.is_dir():
+            os.utime(place)
+        else:
+            _copy(url, store, files, place, name)
+    except OSError as error:
+        raise CellwattError(f"{blank(url)} cannot be kept in {place.parent}: {why(error)}") from error
+    return place / name
+
+
+def _files(store: Any, root: str) -> dict[str, Mapping[str, Any]]:
+    """What the store says of the file (under ""), or of all in the folder and below, by their paths within it."""
+    about = store.info(root)
+    if about["type"] != "directory":
+        return {"": {**about, "name": root}}
+    top = root.strip("/")
+    found = sorted(store.find(root, detail=True).items())
+    return {path.strip("/").removeprefix(top).lstrip("/"): {**about, "name": path} for path, about in found}
+
+
+def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], place: Path, name: str) -> None:
+    """Copy the files to ``place / name``: all of them or, where anything fails, none."""
+    place.parent.mkdir(0o700, parents=True, exist_ok=True)
+    for old in place.parent.iterdir():  # of long ago, or of a process that was killed
+        if old.stat().st_mtime < time.time() - KEPT:
+            shutil.rmtree(old, ignore_errors=True)
+    part = Path(tempfile.mkdtemp(prefix=".part-", dir=place.parent))
+    try:
+        sizes = [about.get("size") or 0 for about in files.values()]
+        with stage(f"fetching {blank(url)}", sum(sizes)) as told:
+            for (below, about), size in zip(files.items(), sizes, strict=True):
+                target = part / name / below
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with _told(url), store.open(about["name"], "rb") as source, target.open("xb") as copy:
+                    while piece := source.read(_PIECE):
+                        copy.write(piece)
+                        told.advance(len(piece))
+                    if copy.tell() != size:
+                        came = f"{copy.tell()} bytes of {size} came of {about['name']}"
+                        raise CellwattError(f"{blank(url)}: {came}: try again")
+        part.rename(place)
+    except OSError:
+        if not place.is_dir():  # else another process was first
+            raise
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def _told(url: str) -> Iterator[None]:
+    try:
+        yield
+    except CellwattError:
+        raise
+    except FileNotFoundError as error:
+        raise MissingError(f"{blank(url)} is not there") from error
+    except ImportError as error:
+        need = "pip install 'cellwatt[scale]'" if error.name == "fsspec" else str(error)
+        raise ConfigError(f"{blank(url)} cannot be fetched: a package is missing: {need}") from error
+    except Exception as error:  # a file system of others may fail in any way
+        refused = isinstance(error, PermissionError) or any(word in str(error) for word in _REFUSED)
+        hint = "no access; are the credentials in the environment? " if refused else ""
+        kind = ConfigError if isinstance(error, ValueError) else CellwattError
+        raise kind(f"{blank(url)} cannot be fetched: {hint}{' '.join(str(error).split())[:300]}") from error
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """A file system as fsspec has them, and the path in it; for S3 with the variables of Amazon's own tools."""
+    from fsspec.core import url_to_fs  # type: ignore[import-untyped]
+
+    if not url.startswith("s3://"):
+        found: tuple[Any, str] = url_to_fs(url)
+        return found
+    from fsspec.implementations.arrow import ArrowFSWrapper  # type: ignore[import-untyped]
+    from pyarrow import fs
+
+    parts = urlsplit(url, allow_fragments=False)
+    if not parts.netloc or not parts.path.strip("/") or parts.query:
+        raise ValueError("expected s3://bucket/key")
+
+    def first(*names: str) -> str | None:
+        return next((os.environ[name] for name in names if os.environ.get(name)), None)
+
+    endpoint = first("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
+    options = s3_options(endpoint, first("AWS_REGION", "AWS_DEFAULT_REGION"), None, first("AWS_CA_BUNDLE"))
+    store = ArrowFSWrapper(fs.S3FileSystem(**options), skip_instance_cache=True)
+    return store, f"{parts.netloc}/{parts.path.strip('/')}"

@@ -1,1 +1,232 @@
-"""The way to a first settings file: questions, devices, and the file written from the answers."""
+"""A first settings file: what was given, and every other key commented out with its default."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from cellwatt.channel import Stream
+from cellwatt.config import FrameSettings, load
+from cellwatt.config.cell import CellName
+from cellwatt.config.installed import Part, installed
+from cellwatt.config.loading import NAME
+from cellwatt.config.reference import Field, reference
+from cellwatt.config.wording import first_sentence
+from cellwatt.driver import SourceSettings
+from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.record.settings import RecordSettings
+from cellwatt.registry import driver as find_driver
+from cellwatt.runtime.assemble import prepare
+from cellwatt.units import Units
+
+LISTEN = "tcp/127.0.0.1:7447"
+"""Where a cell is asked and watched from its own PC."""
+RECORD = "recordings"
+"""Folder of the record, beside the settings file."""
+
+_PLAIN = re.compile(r"[A-Za-z/][A-Za-z0-9_./+-]*(?: [A-Za-z0-9_./+-]+)*|[0-9]+(?:\.[0-9]+){3}")
+_WORDS = ("true", "false", "null")
+_COMMENT = 40
+"""Column at which comments begin, where the setting leaves room for them."""
+_WIDTH = 120
+_HIDDEN = "*"
+
+
+@dataclass(frozen=True, slots=True)
+class SourcePlan:
+    """One device: the name of its source, its driver, and its settings as they are written in YAML."""
+
+    name: str
+    driver: str
+    settings: Mapping[str, str]
+
+    @property
+    def model(self) -> type[SourceSettings]:
+        """Settings class of the driver."""
+        return find_driver(self.driver).Settings
+
+
+@dataclass(frozen=True, slots=True)
+class CellPlan:
+    """A cell to be written. Without a ``record`` nothing is recorded."""
+
+    site: str
+    cell: str
+    sources: tuple[SourcePlan, ...]
+    robot: str | None = None
+    record: str | None = RECORD
+    listen: str = LISTEN
+
+
+def parse_source(text: str) -> SourcePlan:
+    """Read ``NAME=DRIVER:ADDRESS``. Raises ``ConfigError`` with the nearest driver where it is unknown."""
+    name, equals, rest = text.partition("=")
+    kind, _, address = rest.partition(":")
+    if not equals or not kind:
+        raise ConfigError(f"found {text!r} as a source, expected NAME=DRIVER:ADDRESS, like arm=ur:192.0.2.10")
+    if not NAME.fullmatch(name):
+        raise ConfigError(f"found {name!r} as a name, expected small letters, digits and '_', starting with a letter")
+    settings = find_driver(kind).Settings
+    return SourcePlan(name, kind, address_settings(settings, address) if address else {})
+
+
+def address_settings(model: type[SourceSettings], address: str) -> dict[str, str]:
+    """Settings that say where a device is: ``192.0.2.10``, ``192.0.2.10:30004`` or ``/dev/ttyUSB0``."""
+    is_path = address.startswith("/")
+    key = next((key for key in model.reached_by if (key != "host") == is_path), model.reached_by[0])
+    host, colon, port = address.rpartition(":")
+    alone = host.startswith("[") or ":" not in host
+    if key == "host" and colon and alone and port.isdigit() and "port" in model.model_fields:
+        return {key: in_yaml(host.strip("[]")), "port": port}
+    return {key: in_yaml(address)}
+
+
+def in_yaml(value: str) -> str:
+    """A text as it is written in YAML: in quotes where it would be read as something else."""
+    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
+        return value
+    return json.dumps(value, ensure_ascii=False)
+
+
+def write_cell(path: Path, plan: CellPlan) -> None:
+    """Write the settings file of a plan, whole or not at all, once it is known to be right.
+
+    Raises ``ConfigError`` where the answers do not fit together, ``CellwattError`` where it cannot be written.
+    """
+    try:
+        with _beside(path) as draft:
+            draft.write_text(cell_text(plan, ()), encoding="utf-8")
+            arms = arms_of(prepare(load(draft)).streams)
+            draft.write_text(cell_text(plan, arms), encoding="utf-8")
+            prepare(load(draft))
+            draft.replace(path)
+    except ConfigError as error:  # the draft has no lines that its user knows
+        texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
+        raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
+    except OSError as error:
+        raise CellwattError(f"{path} cannot be written: {why(error)}") from error
+
+
+@contextlib.contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """A file of that name to be, in the same folder, as relative paths start there; removed unless it is moved."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=".yaml", dir=path.parent)
+    os.fchmod(handle, 0o644)
+    os.close(handle)
+    try:
+        yield Path(name)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def arms_of(streams: Mapping[str, tuple[Stream, ...]]) -> tuple[str, ...]:
+    """Sources that measure positions of joints."""
+    return tuple(n for n, found in streams.items() if any("joint_1.position" in stream.names for stream in found))
+
+
+def cell_text(plan: CellPlan, arms: tuple[str, ...]) -> str:
+    """The settings file; ``arms`` are the sources whose motion is cut into tasks."""
+    newest = str(CellName.model_fields["version"].default)
+    named = {"version": newest, "site": in_yaml(plan.site), "cell": in_yaml(plan.cell)}
+    if plan.robot:
+        named["robot"] = in_yaml(plan.robot)
+    record = {} if plan.record is None else {"folder": in_yaml(plan.record)}
+    lines = [
+        "# Settings of a cell. A key behind '# ' is off and shows its default: take the '# ' away to change it.",
+        "# All keys: docs/settings.md, or cellwatt drivers NAME. After a change: cellwatt check FILE",
+        *_keys(CellName, named),
+        "",
+        "sources:",
+        *(line for source in plan.sources for line in _source(source)),
+        "",
+        *_section("frames", FrameSettings, {}, "The time grid onto which all channels are brought"),
+        "",
+        *_stages(arms),
+        "",
+        *_section("record", RecordSettings, record, "Every raw sample is written there first"),
+        "",
+        *_outlets(plan),
+        *_section("units", Units, {}, "Units in which values are shown and exported"),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _source(source: SourcePlan) -> Iterator[str]:
+    part = next(p for p in installed("driver") if p.name == source.driver)
+    yield f"  {source.name}:"
+    yield from _line("    ", f"driver: {source.driver}", part.title)
+    yield from _keys(source.model, source.settings, "    ")
+
+
+def _section(name: str, model: type[BaseModel], values: Mapping[str, str], about: str) -> Iterator[str]:
+    """A section with the values that were answered; commented out as a whole where there are none."""
+    yield from _line("" if values else "# ", f"{name}:", about)
+    yield from _keys(model, values, "  " if values else "#   ")
+
+
+def _keys(model: type[BaseModel], values: Mapping[str, str], indent: str = "") -> Iterator[str]:
+    """Keys of a settings class: those with values, then the others, commented out if ``indent`` does not do so."""
+    fields = {f.key: f for f in reference(model) if "." not in f.key and "[]" not in f.key}
+    for key, value in values.items():
+        yield from _line(indent, f"{key}: {value}", _about(fields[key]) if key in fields else "")
+    off = "" if "#" in indent else "# "
+    for key, field in fields.items():
+        if key not in values and (shown := _default(field)) is not None:
+            yield from _line(indent, f"{off}{key}: {shown}".rstrip(), _about(field))
+
+
+def _about(field: Field) -> str:
+    return first_sentence(field.description)
+
+
+def _default(field: Field) -> str | None:
+    """The default as it is written; nothing for one that is to be chosen. ``None`` for settings within settings."""
+    if field.type == "settings" or field.default.startswith("{"):
+        return None
+    return "" if field.default.startswith(_HIDDEN) else field.default
+
+
+def _stages(arms: tuple[str, ...]) -> Iterator[str]:
+    yield from _line("", "stages:" if arms else "# stages:", "What is learned from the frames")
+    parts = {part.name: part for part in installed("stage") if part.found is not None}
+    if arms and "segment" in parts:
+        only = "{}" if len(arms) == 1 else f"{{arm: {arms[0]}}}"
+        yield from _line("  ", f"segment: {only}", parts.pop("segment").title)
+    for part in parts.values():
+        indent, off = ("  ", "# ") if arms else ("#   ", "")
+        yield from _line(indent, f"{off}{part.name}: {_required(part)}", part.title)
+
+
+def _required(part: Part) -> str:
+    fields = [] if part.settings is None else reference(part.settings)
+    keys = [f"{f.key}: {'FILE' if 'path' in f.type else '…'}" for f in fields if f.required and "." not in f.key]
+    return f"{{{', '.join(keys)}}}"
+
+
+def _outlets(plan: CellPlan) -> Iterator[str]:
+    for part in installed("outlet"):
+        if part.settings is not None:
+            values = {"listen": f"[{in_yaml(plan.listen)}]"} if part.name == "zenoh" else {}
+            yield from _section(part.name, part.settings, values, part.title)
+            yield ""
+
+
+def _line(indent: str, text: str, about: str) -> Iterator[str]:
+    """A line with its comment behind it, or above it where both are too long for one line."""
+    line = f"{indent}{text}"
+    behind = f"{line.ljust(_COMMENT)}  # {about}"
+    if not about:
+        yield line
+    elif len(behind) <= _WIDTH:
+        yield behind
+    else:
+        yield f"{indent}# {about}:"
+        yield line

@@ -1,6 +1,5 @@
 """Progress of long work: a bar on a terminal, lines elsewhere, nothing unless a command or a program asks for it."""
 
-from cellwatt.progress.shown import show_progress
-from cellwatt.progress.work import Stage, Told, Work, aside, listening, stage, steps
+from cellwatt.progress.work import Stage, Told, Work, aside, listening, show_progress, stage, steps
 
 __all__ = ["Stage", "Told", "Work", "aside", "listening", "show_progress", "stage", "steps"]

@@ -1,17 +1,25 @@
-"""Stages of work inside one another, and how far they are.
+"""Stages of work inside one another, how far they are, and a bar or lines that say so.
 
 The one that listens is a context variable, not a parameter: the loops that take long lie ten calls below a command, in
-functions that have nothing else to do with a terminal, and the daemon calls the same ones with nobody there.
+functions that have nothing else to do with a terminal, and the daemon calls the same ones with nobody there. All is
+written to stderr, so that output can be piped.
 """
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from threading import Event, Lock, Thread
+from typing import TYPE_CHECKING, TextIO, TypeVar
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
 
 T = TypeVar("T")
 
@@ -34,42 +42,116 @@ class Stage:
 
 @dataclass(frozen=True)
 class Told:
-    """State of the work as it is shown."""
+    """State of the work as it is shown: ``fraction`` of the outermost stage, and ``left`` s until that ends.
+
+    None where its total is not known.
+    """
 
     text: str
     fraction: float | None
-    """Of the outermost stage; None where its total is not known."""
     left: float | None
-    """s until that stage ends, if it goes on as it did."""
+
+    @property
+    def figures(self) -> str:
+        """Share done and time left, as far as they are known."""
+        if self.fraction is None:
+            return ""
+        share = f"{100 * self.fraction:.0f} %"
+        return share if self.left is None else f"{share}, {duration(self.left)} left"
 
 
-class Screen(Protocol):
-    """Place where work is shown."""
+class Lines:
+    """A line on ``stream`` for each ``show``, with the time since the work began."""
 
-    def begin(self, work: Work) -> None:
-        """Show the work from now on: a stage has begun."""
+    interval = 5.0
+    """s between two calls of ``show``."""
 
-    def end(self) -> None:
-        """Clear what is shown: no stage is left."""
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream, self._clock = stream, clock
+        self._began = clock()
 
-    def aside(self) -> AbstractContextManager[None]:
-        """Clear what is shown, until output of another kind is written."""
+    def show(self, told: Told) -> None:
+        """Write a line, e.g. "25 s: fold 3 of 5; 45 %, 25 s left"."""
+        words = "; ".join(filter(None, (told.text, told.figures)))
+        print(f"{duration(self._clock() - self._began)}: {words}", file=self._stream, flush=True)
+
+    def clear(self) -> None:
+        """Leave the lines where they are."""
+
+
+class Bar:
+    """A bar with the time left, that vanishes."""
+
+    interval = 0.2
+    """s between two calls of ``show``."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._progress: Progress | None = None
+
+    def show(self, told: Told) -> None:
+        """Draw the bar, or its new state."""
+        progress = self._progress or self._started()
+        total = None if told.fraction is None else 1.0
+        done, task = told.fraction or 0.0, progress.task_ids[0]
+        progress.update(task, description=told.text, total=total, completed=done, figures=told.figures)
+        progress.refresh()
+
+    def clear(self) -> None:
+        """Take the bar away."""
+        if self._progress is not None:
+            self._progress.stop()
+            self._progress = None
+
+    def _started(self) -> Progress:
+        from rich.progress import BarColumn, Progress, TextColumn
+        from rich.table import Column
+
+        # Output of others is not to be moved from stdout to the console, which is stderr.
+        self._progress = Progress(
+            BarColumn(bar_width=16),
+            TextColumn("{task.fields[figures]}", table_column=Column(no_wrap=True)),
+            TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1)),
+            console=self._console,
+            auto_refresh=False,
+            transient=True,
+            expand=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
+        self._progress.add_task("", figures="")
+        self._progress.start()
+        self._console.show_cursor(True)  # a process that is killed cannot bring it back
+        return self._progress
 
 
 class Work:
-    """The stages that are open, outermost first; ``screen`` is told when the first begins and the last has ended."""
+    """The stages that are open, outermost first, and what shows them.
 
-    def __init__(self, screen: Screen, clock: Callable[[], float] = time.monotonic) -> None:
-        self.screen = screen
-        self.clock = clock
-        self._open: tuple[Stage, ...] = ()  # replaced, not changed: the screen reads it from a thread of its own
+    A thread looks at them now and then: a single long computation does not hold up what is shown. It begins with the
+    first stage, so that short commands have none, and ends with ``close``.
+    """
+
+    def __init__(
+        self,
+        display: Callable[[], Lines | Bar],
+        clock: Callable[[], float] = time.monotonic,
+        wait: Callable[[Event, float], bool] = Event.wait,
+    ) -> None:
+        self._make, self._clock, self._wait = display, clock, wait
+        self._display: Lines | Bar | None = None
+        self._open: tuple[Stage, ...] = ()  # replaced, not changed: the thread reads it
+        self._lock, self._over = Lock(), Event()
+        self._thread: Thread | None = None
 
     def enter(self, stage: Stage) -> None:
         """Begin a stage inside the ones that are open."""
-        stage.began = self.clock()
+        stage.began = self._clock()
         self._open = (*self._open, stage)
-        if len(self._open) == 1:
-            self.screen.begin(self)
+        if self._thread is None:
+            self._display = self._make()
+            self._thread = Thread(target=self._watch, args=(self._display,), name="progress", daemon=True)
+            self._thread.start()
 
     def leave(self, stage: Stage, outer: Stage | None, before: float) -> None:
         """End a stage and what was left open inside it; ``outer`` had done ``before`` when it began."""
@@ -79,7 +161,8 @@ class Work:
             outer.done = before + stage.share
         self._open = self._open[: self._open.index(stage)]
         if not self._open:
-            self.screen.end()
+            with self.aside():
+                pass
 
     @property
     def innermost(self) -> Stage | None:
@@ -95,8 +178,33 @@ class Work:
         for stage in reversed(stages):
             fraction = min((stage.done + inside) / stage.total, 1.0) if stage.total else None
             inside = stage.share * (fraction or 0.0)
-        left = (self.clock() - stages[0].began) * (1 / fraction - 1) if fraction else None
+        left = (self._clock() - stages[0].began) * (1 / fraction - 1) if fraction else None
         return Told(", ".join(stage.name for stage in stages if stage.name), fraction, left)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Clear what is shown, until output of another kind is written."""
+        with self._lock:
+            if self._display is not None:
+                self._display.clear()
+            yield
+
+    def close(self) -> None:
+        """End the thread and clear what is shown."""
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+        with self.aside():
+            pass
+
+    def _watch(self, display: Lines | Bar) -> None:
+        while not self._wait(self._over, display.interval):
+            with self._lock:
+                try:
+                    if (told := self.told()) is not None:
+                        display.show(told)
+                except (OSError, ValueError):  # a pipe or a file that is closed: no reason to end the work
+                    return
 
 
 _LISTENING: ContextVar[Work | None] = ContextVar("listening", default=None)
@@ -110,6 +218,26 @@ def listening(work: Work) -> Iterator[Work]:
         yield work
     finally:
         _LISTENING.reset(token)
+        work.close()
+
+
+@contextmanager
+def show_progress(quiet: bool = False) -> Iterator[None]:
+    """Show the work that is done inside: a bar where stderr is a terminal, else a line every 5 s; none if ``quiet``.
+
+    with cw.show_progress():
+        found = cw.explain("runs", robot="robot.yaml")
+    """
+    with nullcontext() if quiet else listening(Work(_display)):
+        yield
+
+
+def _display() -> Lines | Bar:
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        return Lines(sys.stderr)
+    from rich.console import Console
+
+    return Bar(Console(stderr=True))
 
 
 @contextmanager
@@ -150,4 +278,11 @@ def steps(
 def aside() -> AbstractContextManager[None]:
     """Clear the bar while other output is written to the terminal."""
     work = _LISTENING.get()
-    return nullcontext() if work is None else work.screen.aside()
+    return nullcontext() if work is None else work.aside()
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it: "25 s", "12 min", "2.5 h"."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

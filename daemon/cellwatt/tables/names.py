@@ -22,34 +22,24 @@ from cellwatt.errors import ConfigError
 from cellwatt.units import TABLE, Unit, kind_of
 
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
-    "position": ("q", "actual_q", "position", "qpos", "joint_pos", "joint_position", "dof_pos"),
-    "velocity": ("qd", "actual_qd", "velocity", "qvel", "joint_vel", "joint_velocity", "dof_vel", "dq"),
-    "acceleration": ("qdd", "acceleration", "qacc", "joint_acc", "ddq"),
-    "torque": (
-        "tau",
-        "torque",
-        "actual_current_as_torque",
-        "qfrc_actuator",
-        "actuator_force",
-        "applied_torque",
-        "effort",
-        "joint_torque",
-        "joint_effort",
-        "measured_effort",
-        "dof_torque",
-        "dof_force",
-        "tau_j",
-    ),
-    "torque_ratio": ("torque_percent", "torque_ratio"),
-    "torque_spread": ("torque_spread",),
-    "current": ("current", "actual_current"),
-    "temperature": ("temperature", "joint_temperatures"),
-    "target_position": ("target_q", "target_position", "q_d"),
-    "target_velocity": ("target_qd", "target_velocity", "dq_d"),
-    "target_acceleration": ("target_qdd", "target_acceleration"),
-    "command": ("command", "joint_pos_target"),
-    "control": ("ctrl",),
-    "came_from": ("q_from", "came_from"),
+    quantity: tuple(names.split())
+    for quantity, names in {
+        "position": "q actual_q position qpos joint_pos joint_position dof_pos",
+        "velocity": "qd actual_qd velocity qvel joint_vel joint_velocity dof_vel dq",
+        "acceleration": "qdd acceleration qacc joint_acc ddq",
+        "torque": "tau torque actual_current_as_torque qfrc_actuator actuator_force applied_torque effort joint_torque "
+        "joint_effort measured_effort dof_torque dof_force tau_j",
+        "torque_ratio": "torque_percent torque_ratio",
+        "torque_spread": "torque_spread",
+        "current": "current actual_current",
+        "temperature": "temperature joint_temperatures",
+        "target_position": "target_q target_position q_d",
+        "target_velocity": "target_qd target_velocity dq_d",
+        "target_acceleration": "target_qdd target_acceleration",
+        "command": "command joint_pos_target",
+        "control": "ctrl",
+        "came_from": "q_from came_from",
+    }.items()
 }
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
 WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
@@ -61,43 +51,36 @@ WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
 """Names of what belongs to no joint, likewise; those with a dot may have a source before them."""
 
 _STEMS: Final = {**JOINT, **WHOLE}
-_TORQUE: Final = TABLE["torque"]
-_POWER: Final = TABLE["power"]
-_ANGLE: Final = {**TABLE["angle"], "°": TABLE["angle"]["deg"]}
-_PER_SECOND: Final = {**TABLE["angular_velocity"], "°/s": TABLE["angular_velocity"]["deg/s"]}
-_PER_SQUARE: Final = {**TABLE["angular_acceleration"], "°/s^2": TABLE["angular_acceleration"]["deg/s^2"]}
+_DEGREE: Final = TABLE["angle"]["deg"]
 _LENGTH: Final = TABLE["length"]
-_SPEED: Final = TABLE["velocity"]
-_ALONG: Final = {f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in _LENGTH.items()}
-_FORCE: Final = TABLE["force"]
 _TEMPERATURE: Final = TABLE["temperature"]
-_RATIO: Final = {"1": Unit("1"), "%": Unit("%", 0.01)}
-_TIME: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_ONE, _PERCENT = Unit("1"), Unit("%", 0.01)
+_POSITION: Final = {**TABLE["angle"], "°": _DEGREE, **_LENGTH}
+_VELOCITY: Final = {**TABLE["angular_velocity"], "°/s": _DEGREE, **TABLE["velocity"]}
+_ACCELERATION: Final = {
+    **TABLE["angular_acceleration"],
+    "°/s^2": _DEGREE,
+    **{f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in _LENGTH.items()},
+}
 _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
-    "position": {**_ANGLE, **_LENGTH},
-    "velocity": {**_PER_SECOND, **_SPEED},
-    "acceleration": {**_PER_SQUARE, **_ALONG},
-    "torque": {**_TORQUE, **_FORCE},
-    "torque_ratio": {**_RATIO, "percent": _RATIO["%"]},
-    "torque_spread": {"Nm": _TORQUE["Nm"], "1": _RATIO["1"]},
+    **dict.fromkeys(("position", "target_position", "command", "came_from"), _POSITION),
+    **dict.fromkeys(("velocity", "target_velocity"), _VELOCITY),
+    **dict.fromkeys(("acceleration", "target_acceleration"), _ACCELERATION),
+    "torque": {**TABLE["torque"], **TABLE["force"]},
+    "torque_ratio": {"1": _ONE, "%": _PERCENT, "percent": _PERCENT},
+    "torque_spread": {"Nm": TABLE["torque"]["Nm"], "1": _ONE},
     "current": TABLE["current"],
     "temperature": {
-        "degC": _TEMPERATURE["degC"],
-        "C": _TEMPERATURE["degC"],
-        "°C": _TEMPERATURE["degC"],
-        "K": _TEMPERATURE["K"],
-        "degF": _TEMPERATURE["degF"],
+        **_TEMPERATURE,
+        **dict.fromkeys(("C", "°C"), _TEMPERATURE["degC"]),
         "°F": _TEMPERATURE["degF"],
     },
-    "target_position": {**_ANGLE, **_LENGTH},
-    "target_velocity": {**_PER_SECOND, **_SPEED},
-    "target_acceleration": {**_PER_SQUARE, **_ALONG},
-    "command": {**_ANGLE, **_LENGTH},
-    "control": {"1": Unit("1")},
-    "came_from": {**_ANGLE, **_LENGTH},
-    "time": {name: Unit(name, factor) for name, factor in _TIME.items()},
-    "supply.power": _POWER,
-    "bus.power": _POWER,
+    "control": {"1": _ONE},
+    "time": {
+        name: Unit(name, factor)
+        for name, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9))
+    },
+    **dict.fromkeys(("supply.power", "bus.power"), TABLE["power"]),
     "tool.payload": TABLE["mass"],
 }
 """Units of each quantity by the names that they may be written with, the SI unit first."""

@@ -16,7 +16,6 @@ from cellwatt_drivers.abb.rws import Page, RobotWare
 class AbbSettings(SourceSettings):
     """An ABB arm: IRC5 with RobotWare 6 or OmniCore with RobotWare 7."""
 
-    asked: ClassVar[tuple[str, ...]] = ("robotware",)
     device_parts: ClassVar[tuple[str, ...]] = ("mechanical_unit",)
 
     host: Host

@@ -31,7 +31,6 @@ class CanSensorSettings(SourceSettings):
     """A sensor on a CAN bus: one of the packaged ones, or any with a DBC file and a map of one's own."""
 
     reached_by: ClassVar[tuple[str, ...]] = ("channel",)
-    asked: ClassVar[tuple[str, ...]] = ("sensor", "interface")
 
     sensor: SensorName | None = None
     """Make of the sensor: one of the packaged maps."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from typing import ClassVar
 
 from pydantic import Field, field_validator
 
@@ -27,8 +26,6 @@ _NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNE
 
 class KinovaSettings(SourceSettings):
     """A Gen3 (6 or 7 joints) or Gen3 lite."""
-
-    asked: ClassVar[tuple[str, ...]] = ("axes",)
 
     host: Host = "192.168.1.10"
     """Address of the arm."""

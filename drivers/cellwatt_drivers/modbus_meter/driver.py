@@ -51,7 +51,6 @@ class ModbusMeterSettings(SourceSettings):
     """An energy meter on Modbus TCP (``host``) or on a serial line (``line``, Modbus RTU)."""
 
     reached_by: ClassVar[tuple[str, ...]] = ("host", "line")
-    asked: ClassVar[tuple[str, ...]] = ("meter",)
     device_parts: ClassVar[tuple[str, ...]] = ("unit",)
 
     meter: MeterName | None = None

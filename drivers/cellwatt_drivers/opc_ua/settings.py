@@ -24,7 +24,6 @@ SecurityMode = Literal["none", "sign", "encrypt"]
 class OpcUaSettings(SourceSettings):
     """A PLC or robot controller with an OPC UA server. It is read by a subscription; nothing is written."""
 
-    asked: ClassVar[tuple[str, ...]] = ("model",)
     device_parts: ClassVar[tuple[str, ...]] = ("path",)
 
     host: Host

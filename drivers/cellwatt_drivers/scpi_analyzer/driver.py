@@ -37,7 +37,6 @@ class ScpiAnalyzerSettings(SourceSettings):
     """A power analyzer on the network (``host``) or on a serial port (``serial``)."""
 
     reached_by: ClassVar[tuple[str, ...]] = ("host", "serial")
-    asked: ClassVar[tuple[str, ...]] = ("model",)
 
     model: Model = "hmc8015"
     """Family: R&S HMC8015, Yokogawa WT300 (WT310, WT330, …) or ZES Zimmer LMG600 (LMG610, LMG640, LMG670)."""

@@ -40,7 +40,6 @@ _ALARM = wire.Request(wire.ALARM)
 class YaskawaSettings(SourceSettings):
     """A DX200, YRC1000 or FS100 controller and the robot behind it."""
 
-    asked: ClassVar[tuple[str, ...]] = ("axes", "pulses_per_degree")
     device_parts: ClassVar[tuple[str, ...]] = ("control_group",)
 
     host: Host

@@ -12,10 +12,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.inputs import INPUT, Input
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
-from cellwatt.commands.units import with_units
+from cellwatt.commands.options import INPUT, Input, with_progress, with_scheduler, with_units
 from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
 from cellwatt.report.blocks import Table

@@ -12,9 +12,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.commands.options import INPUT, with_progress, with_scheduler
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.files import write_file
 from cellwatt.scheduler import spread

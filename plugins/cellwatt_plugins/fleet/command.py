@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.numbers import FiniteRange
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.commands.options import INPUT, FiniteRange, with_progress, with_scheduler
 from cellwatt.files import write_file
 from cellwatt.progress import stage
 

@@ -8,11 +8,7 @@ from pathlib import Path
 import click
 from threadpoolctl import threadpool_limits
 
-from cellwatt.commands.columns import with_columns
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.numbers import FiniteRange
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.errors import ConfigError
 from cellwatt.progress import stage
 from cellwatt.tables import write_table

@@ -9,9 +9,7 @@ from typing import Final
 
 import click
 
-from cellwatt.commands.inputs import INPUT, Input
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.commands.options import INPUT, Input, with_progress, with_scheduler
 from cellwatt.errors import CellwattError
 
 KINDS: Final = {

@@ -71,24 +71,10 @@ def test_one_that_breaks_leaves_the_others(call: Call, cell: Path) -> None:
     assert {n: e["verdict"] for n, e in json.loads(ended.out).items()} == {"arm": "failed", "board": "ok"}
 
 
-def test_silence(call: Call, cell: Path) -> None:
-    code, found = look(call, cell)
-    assert (code, found["findings"]) == (1, ["supply: no samples came"])
-
-
 def test_a_device_that_is_lost_while_it_is_read(call: Call, cell: Path) -> None:
     DEVICES["arm"].tell(give(50), fail(SourceError("connection reset")))
     code, found = look(call, cell)
     assert (code, found["findings"]) == (1, ["reading stopped: connection reset"])
-
-
-def test_a_driver_that_ends_by_itself(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def ends(self: FakeDriver) -> None:
-        await give(50)(self)
-
-    monkeypatch.setattr(FakeDriver, "run", ends)
-    code, found = look(call, cell)
-    assert (code, found["findings"]) == (1, ["reading stopped: the driver ended though nobody stopped it"])
 
 
 def test_another_rate_and_losses_are_warnings(call: Call, cell: Path) -> None:
@@ -118,22 +104,6 @@ def test_in_words(call: Call, cell: Path) -> None:
     assert "  arm: the same all the time: bus.current 1 A" in lines
 
 
-def test_a_device_that_never_answered_in_words(call: Call, cell: Path) -> None:
-    DEVICES["arm"].who = _refuses
-    ended = call("doctor", cell, *QUICK)
-    assert "arm: the controller has no free connection" in ended.out
-
-
-def test_nothing_is_wrapped_when_it_is_piped(call: Call, cell: Path) -> None:
-    long = "the controller has no free connection " * 10
-    DEVICES["arm"].tell(give(50), fail(SourceError(long)))
-    ended = call("doctor", cell, *QUICK)
-    assert f"arm: reading stopped: {long}" in ended.out.splitlines()
-    header, row = ended.out.splitlines()[:2]
-    assert " ".join(header.split()) == "source device stream declared measured jitter p99 clock ± lost verdict"
-    assert row.startswith("arm     Maker Model 2.3  supply  50 Hz     50.0 Hz")
-
-
 def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:
     async def says(driver: FakeDriver) -> None:
         for kind, text in (
@@ -150,14 +120,6 @@ def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:
         "program: stopped → running",
         "bus.power is left out:  [2Jit has no such register (and 1 more of value_refused)",
     ]
-
-
-def test_a_state_that_changed_is_no_warning(call: Call, cell: Path) -> None:
-    async def says(driver: FakeDriver) -> None:
-        driver.outlet.event("program_state", "program: stopped → running")
-
-    DEVICES["arm"].tell(give(50), says)
-    assert look(call, cell)[1]["verdict"] == "ok"
 
 
 def test_stamps_that_may_be_off_by_seconds(call: Call, cell: Path) -> None:

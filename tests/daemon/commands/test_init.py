@@ -1,8 +1,7 @@
-"""``cellwatt init``: by options, by questions, and against a device."""
+"""``cellwatt init`` writes what its options say."""
 
 from __future__ import annotations
 
-import asyncio
 from importlib.metadata import entry_points
 
 import pytest
@@ -11,7 +10,6 @@ from click.testing import CliRunner
 from cellwatt import registry
 from cellwatt.commands import init
 from cellwatt.config import load
-from cellwatt.emulation.process import EmulatorProcess
 from cellwatt.errors import ConfigError
 
 ALL = ("--site", "plant-1", "--cell", "weld_3", "--no-doctor")
@@ -27,11 +25,7 @@ def _real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
 def run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
-    def call(*arguments: str, answers: str | None = None):
-        monkeypatch.setattr(init, "at_terminal", lambda: answers is not None)
-        return CliRunner().invoke(init.command, arguments, input=answers)
-
-    return call
+    return lambda *arguments: CliRunner().invoke(init.command, arguments)
 
 
 def test_by_options(run, tmp_path):
@@ -49,19 +43,11 @@ def test_by_options(run, tmp_path):
 
 
 def test_what_is_missing_is_one_line(run, tmp_path):
-    ended = run("--cell", "weld_3", "--source", "arm=ur")
-    assert str(ended.exception) == (
-        "cellwatt init: missing: --site, the address in --source arm=ur:ADDRESS (no terminal to ask at)"
-    )
-    assert isinstance(ended.exception, ConfigError)
-    assert str(run("--yes").exception) == "cellwatt init: missing: --source"
+    ended = run()
+    assert ended.exit_code == 2 and "name each device: --source NAME=DRIVER:ADDRESS" in ended.output
+    with pytest.raises(ConfigError, match=r"is not written: sources\.arm: the key 'host' is missing"):
+        raise run("--source", "arm=ur").exception
     assert not list(tmp_path.iterdir())
-
-
-def test_nothing_is_asked_at_a_terminal_where_the_options_suffice(run, tmp_path):
-    ended = run(*ALL, "--source", "arm=ur:192.0.2.10", "--source", "supply=scpi_analyzer:192.0.2.11", answers="mine")
-    assert ended.exit_code == 0, ended.output
-    assert load(tmp_path / "cell.yaml").record is not None
 
 
 def test_a_file_is_replaced_only_by_force(run, tmp_path):
@@ -86,38 +72,3 @@ def test_options_that_do_not_fit(run, tmp_path, wrong, told):
     ended = run(*ALL, "--source", "arm=ur:192.0.2.10", *wrong)
     assert ended.exit_code == 2 and told in ended.output
     assert not list(tmp_path.iterdir())
-
-
-def test_by_questions(run, tmp_path):
-    answers = [
-        "",
-        "weld_3",
-        "nonsense",
-        "ur",
-        "192.0.2.10",
-        "",
-        "modbus_meter",
-        "192.0.2.12:1502",
-        "eastron_sdm630",
-        "mains",
-        "",
-    ]
-    ended = run("--no-doctor", answers="\n".join([*answers, "none", ""]))
-    assert ended.exit_code == 0, ended.output
-    assert "no driver named 'nonsense'" in ended.output
-    config = load(tmp_path / "cell.yaml")
-    assert (config.site, config.cell, config.record) == ("plant-1", "weld_3", None)
-    meter = config.sources["mains"].settings
-    assert (meter.host, meter.port, meter.meter) == ("192.0.2.12", 1502, "eastron_sdm630")
-    assert list(config.sources) == ["arm", "mains"]
-
-
-@pytest.mark.system
-@pytest.mark.slow
-async def test_devices_are_asked_who_they_are(run):
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm:
-        answers = ["", "", "ur", arm.address, "", "", "", "y", ""]
-        ended = await asyncio.to_thread(run, answers="\n".join(answers))
-    assert ended.exit_code == 0, ended.output
-    assert "asking it, read-only … Universal Robots" in ended.output and "rtde 5" in ended.output
-    assert "verdict" in ended.output

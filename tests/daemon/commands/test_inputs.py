@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from cellwatt import CellwattError
-from cellwatt.commands.inputs import INPUT
+from cellwatt.commands.options import INPUT
 from tests.daemon.outlets.historian.bucket import Bucket, bucket
 
 KEY = "plant/runs/run-1.mcap"
@@ -79,12 +79,6 @@ def test_an_object_of_s3_is_fetched_once(s3: Bucket) -> None:
 
 def test_a_folder_of_s3_is_fetched(s3: Bucket) -> None:
     assert run("s3://lake/plant/runs").output == "run-1.mcap 5000\nrun-2.mcap 6\n"
-
-
-def test_an_object_that_is_not_there_is_a_mistake_of_the_command_line(s3: Bucket) -> None:
-    done = run("s3://lake/plant/none.mcap")
-    assert done.exit_code == 2
-    assert "s3://lake/plant/none.mcap is not there" in done.output
 
 
 def test_a_store_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, s3: Bucket) -> None:

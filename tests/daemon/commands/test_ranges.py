@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from cellwatt.commands.ranges import span, summary
+from cellwatt.commands.ranges import summary, together
 from cellwatt.runtime.examine import ChannelCheck
 
 
@@ -40,5 +40,6 @@ def test_what_is_no_number_is_told() -> None:
     ]
 
 
-def test_spans() -> None:
-    assert [span(n) for n in ([1], [1, 2], [1, 2, 3], [1, 3])] == ["1", "1…2", "1…3", "1,3"]
+def test_names_that_differ_in_a_number_share_a_title() -> None:
+    names = ["joint_1.position", "joint_2.position", "joint_1.torque", "joint_3.torque", "bus.power", "input_7"]
+    assert list(together(names)) == ["joint_1…2.position", "joint_1,3.torque", "bus.power", "input_7"]

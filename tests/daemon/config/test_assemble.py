@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from cellwatt.config import FrameSettings, load
+from cellwatt.config import load
 from cellwatt.errors import ConfigError
-from cellwatt.runtime.assemble import layout_of, prepare, stage_makers, streams_of
+from cellwatt.runtime.assemble import prepare
 from tests.daemon.config.conftest import VALID
 
 
@@ -33,13 +33,6 @@ def test_stages_come_after_those_they_need(cell_file):
     assert names.index("cut") < names.index("watch")
 
 
-def test_stage_makers_make_anew(cell_file):
-    config = load(cell_file)
-    streams = {name: streams_of(source) for name, source in config.sources.items()}
-    make = stage_makers(config, layout_of(streams, FrameSettings()))["cut"]
-    assert make() is not make()
-
-
 @pytest.mark.parametrize(
     ("old", "new", "place", "message"),
     [
@@ -62,13 +55,6 @@ def test_what_does_not_fit_has_its_place(cell_file, old, new, place, message):
     (problem,) = caught.value.problems
     assert problem.place == f"{cell_file}:{place}"
     assert message in str(problem)
-
-
-def test_damaged_model_file_has_the_stages_place(cell_file):
-    (cell_file.parent / "model.txt").write_bytes(b"\xff\xfe\xfa")
-    with pytest.raises(ConfigError) as caught:
-        prepare(load(cell_file))
-    assert str(caught.value).startswith(f"{cell_file}:12:3: stages.power: 'utf-8' codec")
 
 
 def test_all_stages_that_do_not_fit_are_told(cell_file):

@@ -11,7 +11,6 @@ import pytest
 from cellwatt.config import load
 from cellwatt.config.places import MOST
 from cellwatt.errors import ConfigError
-from tests.daemon.config.conftest import VALID
 
 HEAD = "site: a\ncell: b\nsources:\n  arm: {driver: arm, host: h}\n"
 
@@ -32,20 +31,12 @@ def ladder(length: int) -> str:
 
 ATTACKS = {
     "lists 400 deep": f"{HEAD}note: {lists(400)}\n",
-    "settings 400 deep": f"{HEAD}note: {'{a: ' * 400}1{'}' * 400}\n",
-    "100,000 open brackets": f"{HEAD}note: {'[' * 100_000}\n",
     "180,000 merges": f"a: &a {{}}\nb: {{<<: [{'*a,' * 180_000}]}}\n{HEAD}",
-    "merge keys": f"a: &a {{}}\nb: {{{'<<: *a, ' * 100_000}}}\n{HEAD}",
     "merges of merges": f"{chain(2000)}{HEAD}",
     "aliases of aliases": f"{ladder(2000)}{HEAD}",
-    "a list of 400,000": f"{HEAD}note: [{'1,' * 400_000}]\n",
     "60,000 unknown keys": HEAD + "".join(f"k{i}: 1\n" for i in range(60_000)),
-    "60,000 unknown keys in one line": HEAD.replace("}", ", " + ", ".join(f"k{i}: 1" for i in range(60_000)) + "}"),
     "9,000 sources": "site: a\ncell: b\nsources:\n" + "".join(f"  s{i}: {{}}\n" for i in range(9_000)),
-    "9,000 stages": f"{HEAD}stages:\n" + "".join(f"  s{i}: {{}}\n" for i in range(9_000)),
-    "a tag of 900,000 characters": f"{HEAD}frames: !{'x' * 900_000} {{}}\n",
     "a value of 900,000 characters": HEAD.replace("host: h", f"host: h, rate: {'x' * 900_000}"),
-    "a number of 900,000 digits": f"{HEAD}frames: {{rate: {'9' * 900_000}}}\n",
     "a key of 900,000 characters": f'{HEAD}? "{"k" * 900_000}"\n: 1\n',
 }
 
@@ -76,24 +67,13 @@ def refused(file: Path) -> tuple[str, float]:
     return str(caught.value), time.process_time() - began
 
 
-@pytest.mark.parametrize("where", ["at the top", "in a source"])
-def test_of_many_mistakes_the_first_are_told_and_that_there_are_more(cell_file: Path, where: str) -> None:
-    keys = [f"k{i}" for i in range(5000)]
-    if where == "at the top":
-        cell_file.write_text(HEAD + "".join(f"{key}: 1\n" for key in keys))
-    else:
-        cell_file.write_text(HEAD.replace("}", ", " + ", ".join(f"{key}: 1" for key in keys) + "}"))
+def test_of_many_mistakes_the_first_are_told_and_that_there_are_more(cell_file: Path) -> None:
+    keys = [f"k{i}" for i in range(1000)]
+    cell_file.write_text(HEAD.replace("}", ", " + ", ".join(f"{key}: 1" for key in keys) + "}"))
     said, _ = refused(cell_file)
     *told, closing = said.splitlines()
     assert [line.split("unknown key ")[1].split("'")[1] for line in told] == keys[:MOST]
     assert closing == f"{cell_file}: and more"
-
-
-def test_as_many_mistakes_as_are_told_need_no_closing_line(cell_file: Path) -> None:
-    cell_file.write_text(HEAD + "".join(f"k{i}: 1\n" for i in range(MOST)))
-    said, _ = refused(cell_file)
-    assert len(said.splitlines()) == MOST
-    assert "more" not in said
 
 
 NO_FILES = {
@@ -110,8 +90,3 @@ def test_settings_that_are_no_file(tmp_path: Path, reason: str) -> None:
     path = tmp_path / "cell.yaml"
     NO_FILES[reason](path)
     assert refused(path)[0] == f"{path}: cannot be read: {reason}"
-
-
-def test_a_valid_file_is_none_of_this(cell_file: Path) -> None:
-    cell_file.write_text(VALID)
-    assert load(cell_file).cell == "weld-3"

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 
@@ -32,22 +31,9 @@ def test_valid_file(cell_file):
     assert config.outlets["zenoh"].settings == BusSettings(connect=["tcp/127.0.0.1:7447"])
 
 
-def test_defaults(load_text):
-    config = load_text(SMALL)
-    assert config.robot is None
-    assert config.frames == FrameSettings()
-    assert config.stages == {}
-    assert config.record is None
-    assert {n: s.settings for n, s in config.outlets.items()} == {"zenoh": BusSettings()}
-
-
 @pytest.mark.parametrize("line", ["zenoh: off", "zenoh: false", "zenoh: 'off'"])
 def test_zenoh_can_be_switched_off(load_text, line):
     assert load_text(f"{SMALL}{line}\n").outlets == {}
-
-
-def test_another_outlet_is_on_when_its_key_is_there(load_text):
-    assert list(load_text(f"{SMALL}log:\n").outlets) == ["log", "zenoh"]
 
 
 def test_relative_paths_start_at_the_file(cell_file):
@@ -56,11 +42,6 @@ def test_relative_paths_start_at_the_file(cell_file):
     assert config.record.folder == cell_file.parent / "recordings"
     assert config.stages["power"].settings.file == cell_file.parent / "model.txt"
     assert config.folder == cell_file.parent
-
-
-def test_relative_path_of_the_file_itself(cell_file, monkeypatch):
-    monkeypatch.chdir(cell_file.parent)
-    assert load(Path("cell.yaml")).stages["power"].settings.file == cell_file.parent / "model.txt"
 
 
 def test_anchors_and_merge_keys(load_text):
@@ -124,11 +105,6 @@ def test_public_config_is_in_force_and_in_base_units(cell_file):
     assert public["frames"] == {"rate": 50.0, "latency": 0.1}
     assert math.isclose(public["stages"]["watch"]["tolerance"], 0.1)
     assert public["record"]["keep"] == 20e9
-
-
-def test_text_of_the_file_keeps_variables_unfilled(load_text):
-    config = load_text(SMALL.replace("host: h", "host: '${HOST}'"), HOST="10.0.0.1")
-    assert "10.0.0.1" not in config.text
 
 
 def test_moving_a_stage_in_the_file_is_no_change(load_text):

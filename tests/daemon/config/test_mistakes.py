@@ -27,18 +27,12 @@ def stages(text: str) -> str:
 MISTAKES = {
     # the file
     "empty": ("", "1:1", "the file is empty"),
-    "only a comment": ("# nothing\n", "1:1", "the file is empty"),
     "a list": ("- site: a\n", "1:1", "found a list, expected settings (key: value)"),
-    "a sentence": ("hello there\n", "1:1", "found a single value, expected settings"),
     "not UTF-8": (b"site: caf\xe9\n", "1:10", "not UTF-8 text (byte 0xe9)"),
-    "UTF-16": ("site: a\n".encode("utf-16"), "1:1", "not UTF-8 text"),
     "control character": ("site: a\ncell: b\x07\n", "2:8", "character U+0007 is not allowed"),
     "tab": ("site: a\ncell: b\nsources:\n\tarm: {driver: arm}\n", "4:1", "indent with spaces"),
     "colon in a value": ("site: plant: 1\n", "1:12", "a value that holds ': ' needs quotes"),
-    "unclosed bracket": (f"{SMALL}frames: {{rate: 5 Hz\n", "8:1", "not valid YAML"),
-    "unclosed quote": ("site: 'a\n", "2:1", "not valid YAML"),
     "bad indentation": ("site: a\n cell: b\n", "2:6", "check the indentation"),
-    "starts with %": (arm("note: %x"), "7:11", "needs quotes"),
     "two cells": ("site: a\n---\nsite: b\n", "2:1", "one cell a file"),
     "unknown alias": (arm("note: *nowhere"), "7:11", "needs its anchor"),
     "unknown tag": (arm("note: !secret x"), "7:11", "the tag !secret means nothing here"),
@@ -50,7 +44,6 @@ MISTAKES = {
     # the top level
     "no sources": ("site: a\ncell: b\n", "1:1", "the key 'sources' is missing"),
     "empty sources": ("site: a\ncell: b\nsources: {}\n", "3:1", "found no source"),
-    "sources left empty": ("site: a\ncell: b\nsources:\n", "3:1", "found no source"),
     "sources as a list": ("site: a\ncell: b\nsources:\n  - arm\n", "4:3", "found a list, expected settings"),
     "no site": (SMALL.removeprefix("site: a\n"), "1:1", "the key 'site' is missing (Name of the plant"),
     "misspelt section": (SMALL.replace("sources", "source"), "3:1", "unknown key 'source'; did you mean 'sources'?"),
@@ -59,16 +52,11 @@ MISTAKES = {
         "7:1",
         "unknown key 'alarms' (keys here: site, cell, version, robot,",
     ),
-    "number as a name": (SMALL.replace("cell: b", "cell: 3"), "2:7", 'found 3, expected text; write it in quotes: "3"'),
-    "decimal as a name": (SMALL.replace("cell: b", "cell: 1.50"), "2:7", 'write it in quotes: "1.50"'),
-    "bool as a name": (SMALL.replace("cell: b", "cell: true"), "2:7", 'write it in quotes: "true"'),
     "blank in a name": (SMALL.replace("cell: b", "cell: weld 3"), "2:7", "found 'weld 3', expected text that matches"),
-    "slash in a name": (SMALL.replace("site: a", "site: a/b"), "1:7", "found 'a/b', expected text that matches"),
     "bool as a key": (f"{SMALL}true: x\n", "7:1", 'expected a name; write it in quotes: "true"'),
     "list as a key": (f"{SMALL}? [a]\n: x\n", "7:3", "found a list or mapping as a key"),
     "same key twice": (f"site: z\n{SMALL}", "2:1", "'site' is given twice, first at line 1 column 1"),
     "same source twice": (f"{SMALL}  arm: {{driver: arm, host: i}}\n", "7:3", "'arm' is given twice, first at line 4"),
-    "same setting twice": (arm("host: i"), "7:5", "the key 'host' is given twice, first at line 6 column 5"),
     # sources
     "no driver": (
         "site: a\ncell: b\nsources:\n  arm: {host: h}\n",
@@ -85,12 +73,9 @@ MISTAKES = {
         "5:13",
         "no driver named 'arn'; did you mean 'arm'?",
     ),
-    "driver is a number": (SMALL.replace("driver: arm", "driver: 7"), "5:13", "found 7, expected a name"),
     "package not installed": (SMALL.replace("driver: arm", "driver: absent"), "5:13", "no_such_package_anywhere"),
     "package is broken": (SMALL.replace("driver: arm", "driver: broken"), "5:13", "'broken' cannot be loaded"),
     "source name": (SMALL.replace("  arm:", "  Arm 1:"), "4:3", "found 'Arm 1' as a name, expected small letters"),
-    "source without settings": (f"{SMALL}  arm2:\n", "7:3", "the key 'driver' is missing"),
-    "source is a text": (f"{SMALL}  arm2: meter\n", "7:9", "found 'meter', expected settings (key: value)"),
     "same network device": (f"{SMALL}  arm2: {{driver: arm, host: H}}\n", "7:3", "same device as 'arm' (h port 30004)"),
     "same serial port": (
         f"{SMALL}  x: {{driver: meter, port: /dev/ttyS9}}\n  y: {{driver: meter, port: /dev/../dev/ttyS9}}\n",
@@ -107,28 +92,20 @@ MISTAKES = {
     "capital setting": (SMALL.replace("host: h", "Host: h"), "6:5", "unknown key 'Host'; did you mean 'host'?"),
     "text for a number": (arm("port: rtde"), "7:11", "found 'rtde', expected a whole number"),
     "sexagesimal": (arm("port: 12:30"), "7:11", "found '12:30', expected a whole number"),
-    "fraction of a port": (arm("port: 1.5"), "7:11", "found 1.5, expected a whole number"),
     "port too large": (arm("port: 70000"), "7:11", "found 70000, expected at most 65535"),
-    "port too small": (arm("port: 0"), "7:11", "found 0, expected at least 1"),
     "digits without end": (arm(f"port: {'9' * 5000}"), "7:11", "cannot be read as !!int"),
     "rate without a unit": (arm("rate: 500"), "7:11", "found 500: expected a number with its unit, like '500 Hz'"),
-    "decimal rate without a unit": (arm("rate: 500.0"), "7:11", "found 500.0: expected a number with its unit"),
     "wrong unit": (arm("rate: 2 ms"), "7:11", "found '2 ms': unknown unit 'ms'; expected one of hz"),
     "negative rate": (arm("rate: -5 Hz"), "7:11", "found '-5 Hz': must be above zero"),
     "endless rate": (arm("rate: 1e999 Hz"), "7:11", "found '1e999 Hz'"),
     "not a number": (arm("payload: .nan"), "7:14", "found .nan, expected a finite number"),
-    "negative mass": (arm("payload: -1"), "7:14", "found -1, expected at least 0"),
     "unknown choice": (arm("client: natve"), "7:13", "expected 'native' or 'library'; did you mean 'native'?"),
     "not a bool": (arm("verify: maybe"), "7:13", "found 'maybe', expected true or false"),
     "list for a text": (arm("note: [a]"), "7:11", "found a list, expected text"),
-    "nothing for a text": (arm("note:"), "7:10", "found nothing, expected text"),
     "text for a list": (arm("joints: 1, 2"), "7:13", "found '1, 2', expected a list"),
     "wrong list item": (arm("joints: [1, two]"), "7:17", "found 'two', expected a whole number"),
     "the driver's own rule": (arm("joints: [1, 1]"), "7:13", "sources.arm.joints: each joint may be named once only"),
     "rule about two settings": (arm("user: me"), "4:3", "user and password go together"),
-    "text for settings": (arm("limits: 5 W"), "7:13", "found '5 W', expected settings (key: value)"),
-    "unknown nested key": (arm("limits: {powr: 5 W}"), "7:14", "unknown key 'powr'; did you mean 'power'?"),
-    "nested value": (arm("limits: {angle: 1 m}"), "7:21", "unknown unit 'm'; expected one of rad, deg"),
     "below a name": (arm("zones: {left: {power: 1 V}}"), "7:27", "unknown unit 'V'"),
     "unknown key below a name": (arm("zones: {left: {pover: 1 W}}"), "7:20", "did you mean 'power'?"),
     "either of two": (arm("box: red"), "7:10", "found 'red', expected a whole number or true or false"),
@@ -136,8 +113,6 @@ MISTAKES = {
     # the environment
     "variable not set": (arm("note: ${NOWHERE}"), "7:11", "environment variable NOWHERE is not set"),
     "variable not closed": (arm("note: ${NOWHERE"), "7:11", "'${' is never closed"),
-    "variable without a name": (arm("note: a${}b"), "7:11", "'${}' names no variable"),
-    "bad variable name": (arm("note: ${1st}"), "7:11", "'${1st}' names no variable"),
     "value from a variable": (arm("port: ${PORT}"), "7:11", "found the value of ${PORT}, expected a whole number"),
     # frames, stages, record, outlets
     "frames too fast": (f"{SMALL}frames: {{rate: 2 kHz}}\n", "7:16", "found '2 kHz': expected at most 1000 Hz"),
@@ -147,36 +122,17 @@ MISTAKES = {
         "found '5 ms': the latency must be at least one",
     ),
     "default latency too short": (f"{SMALL}frames: {{rate: 5 Hz}}\n", "7:1", "at least one step of the frames (200 ms"),
-    "frames as a number": (f"{SMALL}frames: 50 Hz\n", "7:9", "found '50 Hz', expected settings (key: value)"),
     "unknown stage": (stages("  cutt: {}\n"), "8:3", "no stage named 'cutt'; did you mean 'cut'?"),
     "own name without a kind": (stages("  power: {}\n"), "8:3", "is 'power' your own name? then add 'stage: KIND'"),
-    "unknown kind": (stages("  power: {stage: nett}\n"), "8:18", "no stage named 'nett'; did you mean 'net'?"),
     "stage needs another": (stages("  watch: {}\n"), "8:3", "needs a stage of the kind 'cut'"),
-    "stage value": (
-        stages("  cut: {hold: 200}\n"),
-        "8:15",
-        "found 200: expected a number with its unit, like '100 ms'",
-    ),
-    "stage name": (stages("  1st: {stage: cut}\n"), "8:3", "found '1st' as a name"),
     "file not there": (stages("  net: {file: no.onnx}\n"), "8:15", "found 'no.onnx', expected a file that exists"),
-    "folder for a file": (stages("  net: {file: .}\n"), "8:15", "found '.', expected a file that exists"),
-    "number for a file": (stages("  net: {file: 5}\n"), "8:15", "found 5, expected a path"),
-    "record in no folder": (f"{SMALL}record: {{folder: }}\n", "7:17", "found nothing, expected a path"),
     "a robot that is not there": (
         f"{SMALL}robot: robots/ur99\n",
         "7:8",
         "found 'robots/ur99', expected a robot.yaml or the folder that holds one: ",
     ),
-    "a robot's file that is not there": (f"{SMALL}robot: ur99.yaml\n", "7:8", "/ur99.yaml cannot be read"),
-    "record is off": (f"{SMALL}record: no\n", "7:9", "found 'no', expected settings (key: value)"),
-    "budget without a unit": (
-        f"{SMALL}record: {{folder: r, keep: 20}}\n",
-        "7:27",
-        "found 20: expected a number with its",
-    ),
     "outlet value": (f"{SMALL}zenoh: {{connect: tcp/x:1}}\n", "7:18", "found 'tcp/x:1', expected a list"),
     "outlet key": (f"{SMALL}zenoh: {{conect: []}}\n", "7:9", "unknown key 'conect'; did you mean 'connect'?"),
-    "outlet as a text": (f"{SMALL}zenoh: yes\n", "7:8", "found 'yes', expected settings (key: value)"),
 }
 
 
@@ -186,17 +142,14 @@ def mistakes_in(file: Path, **environ: str) -> list[str]:
     return [str(p) for p in caught.value.problems]
 
 
-@pytest.mark.parametrize("name", MISTAKES)
-def test_mistake(cell_file, name):
-    text, place, message = MISTAKES[name]
-    cell_file.write_bytes(text if isinstance(text, bytes) else text.encode())
-    lines = mistakes_in(cell_file, PORT="hunter2")
-    assert len(lines) == 1, lines
-    assert lines[0].startswith(f"{cell_file}:{place}: "), lines
-    assert message in lines[0]
-    assert "\n" not in lines[0]
-    assert "hunter2" not in lines[0]
-    assert len(lines[0]) < 350
+def test_each_mistake_is_one_line_at_its_place(cell_file):
+    for name, (text, place, message) in MISTAKES.items():
+        cell_file.write_bytes(text if isinstance(text, bytes) else text.encode())
+        lines = mistakes_in(cell_file, PORT="hunter2")
+        assert len(lines) == 1, (name, lines)
+        assert lines[0].startswith(f"{cell_file}:{place}: "), (name, lines)
+        assert message in lines[0], name
+        assert "\n" not in lines[0] and "hunter2" not in lines[0] and len(lines[0]) < 350, name
 
 
 @pytest.mark.parametrize(
@@ -209,35 +162,12 @@ def test_file_that_cannot_be_read(tmp_path, name, message):
     assert message in line
 
 
-def test_file_without_permission(cell_file, monkeypatch):
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "stat", refuse)
-    assert mistakes_in(cell_file) == [f"{cell_file}: cannot be read: permission denied"]
-
-
-def test_huge_file(cell_file):
-    cell_file.write_bytes(b"#" * 2_000_000)
-    assert mistakes_in(cell_file) == [f"{cell_file}: cannot be read: larger than 1,000,000 bytes"]
-
-
-def test_deep_nesting(cell_file):
-    cell_file.write_text("a: " + "[" * 20_000)
-    assert "nested more than 50 deep" in mistakes_in(cell_file)[0]
-
-
 @pytest.mark.parametrize("form", ["[{0}]", "{{<<: [{0}]}}"])
 def test_aliases_that_stand_for_billions(cell_file, form):
     lines = ["a0: &a0 {x: 1, y: 2}"]
     lines += [f"a{i}: &a{i} " + form.format(", ".join([f"*a{i - 1}"] * 10)) for i in range(1, 12)]
     cell_file.write_text("\n".join(lines))
     assert "more than 20,000 values" in mistakes_in(cell_file)[0]
-
-
-def test_a_long_value_is_cut(cell_file):
-    cell_file.write_text(arm(f"port: {'x' * 5000}"))
-    assert len(mistakes_in(cell_file)[0].removeprefix(str(cell_file))) < 200
 
 
 def test_a_secret_in_a_validators_own_words_is_hidden(cell_file):

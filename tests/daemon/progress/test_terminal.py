@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from cellwatt.progress import terminal
 
 HEADER = ("source", "device", "stream", "declared", "measured", "jitter p99", "clock ±", "lost", "verdict")
@@ -20,16 +18,3 @@ def test_a_row_becomes_a_paragraph_that_breaks_between_values() -> None:
         "board\n"
         "  device –, stream –, verdict failed"
     )
-
-
-@pytest.mark.parametrize("width", [40, 80, 120, 200])
-def test_no_word_is_torn_and_no_line_is_too_long(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(width))
-    terminal._draw(HEADER, [ROW])
-    shown = capsys.readouterr().out
-    assert max(map(len, shown.splitlines())) <= width
-    for word in " ".join(ROW).split():
-        assert word in shown.replace(",", " ").split()
-    assert all(value in shown.replace("\N{NO-BREAK SPACE}", " ") for value in ROW if value.endswith(("Hz", "ms")))

@@ -12,8 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 from cellwatt import ConfigError
-from cellwatt.scheduler import spread
-from cellwatt.scheduler.spread import workers
+from cellwatt.scheduler import spread, workers
 
 
 class Item(NamedTuple):

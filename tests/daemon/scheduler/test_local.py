@@ -1,20 +1,25 @@
-"""Parts of work on local workers: what serial work gives, and nothing of them is left."""
+"""Parts of work on local workers: what serial work gives, and nothing of them is left; names of schedulers."""
 
 from __future__ import annotations
 
 import os
 import re
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
+import psutil
 import pytest
+from click.testing import CliRunner
 
 from cellwatt import CellwattError, ConfigError
+from cellwatt.commands.options import with_scheduler
 from cellwatt.progress import Stage
-from cellwatt.scheduler import scheduled, spread
-from cellwatt.scheduler.spread import workers
+from cellwatt.scheduler import parse_place, scheduled, spread, workers
 from tests.daemon.scheduler import parts
 from tests.daemon.scheduler.parts import Item
+from tests.left_behind import children
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +54,7 @@ class TestOnWorkers:
         with pytest.raises(ZeroDivisionError) as told:
             spread(parts.breaks, range(4), "numbers")
         assert str(told.value) == "by zero"
-        assert "parts.py" in told.value.__notes__[0] and "breaks" in told.value.__notes__[0]
+        assert "parts.py" in str(told.value.__cause__) and "breaks" in str(told.value.__cause__)
 
     def test_an_error_that_cannot_be_sent_comes_in_words(self) -> None:
         with pytest.raises(CellwattError, match=r"^OddError: odd 0 1$"):
@@ -82,3 +87,48 @@ class TestOnWorkers:
 
 def _items(folder: Path) -> list[Item]:
     return [Item(number, folder) for number in range(8)]
+
+
+def test_nothing_is_left_of_local_workers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    before, others = dict(os.environ), children()
+    with scheduled("local:1"):
+        assert spread(abs, [-1, -2], "numbers") == [1, 2]
+        assert spread(pow, [2, 3], "numbers", shared=2) == [4, 9]
+        process = psutil.Process()
+        everyone = [process, *process.children(recursive=True)]
+        assert not [c for p in everyone for c in p.net_connections() if c.status == psutil.CONN_LISTEN]
+    assert dict(os.environ) == before
+    assert set(children()) == set(others) and not list(tmp_path.iterdir())
+
+
+def test_local_workers_start_with_the_first_items_that_are_several() -> None:
+    others = children()
+    with scheduled("local"):
+        assert spread(abs, [-1], "numbers") == [1]
+        assert set(children()) == set(others)
+
+
+@pytest.mark.parametrize(("text", "count"), [("local", None), ("local:3", 3)])
+def test_names_of_schedulers(text: str, count: int | None) -> None:
+    assert parse_place(text) == count
+
+
+@pytest.mark.parametrize("text", ["", "locale", "local:0", "tcp://host:8786"])
+def test_the_option_refuses_what_names_none_before_the_command_begins(text: str) -> None:
+    @click.command()
+    @with_scheduler
+    def command() -> None:
+        raise AssertionError
+
+    done = CliRunner().invoke(command, ["--scheduler", text])
+    assert done.exit_code == 2
+    assert f"{text!r} names no scheduler: expected local, or local:2" in done.output
+
+
+def test_without_one_the_work_is_serial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with scheduled(None):
+        assert spread(pow, [2, 3], "numbers", shared=2) == [4, 9]
+        assert spread(str, [Path("a"), Path("b")], "paths") == ["a", "b"]

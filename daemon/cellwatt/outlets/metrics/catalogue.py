@@ -99,14 +99,6 @@ _FAMILIES: Final = (
 )
 CATALOGUE: Final[Mapping[str, Family]] = {family.name: family for family in _FAMILIES}
 """Metrics by name, in the order in which they are told."""
-LABELS: Final = frozenset(label for family in _FAMILIES for label in family.labels) | {
-    "job",
-    "instance",
-    "le",
-    "quantile",
-}
-"""Labels that no constant label may be called."""
-
 
 Body = Mapping[str, Any]
 STATES: Final = ("green", "amber", "red")

@@ -182,37 +182,36 @@ if find_spec("aiohttp") is None:  # only the process that serves imports it, but
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
 
 
-class CellCollector(Collector):
-    """Gives the families of a meter; ``constant`` labels are on each series."""
+class MeterCollector(Collector):
+    """Gives the families of a meter."""
 
-    def __init__(self, meter: Meter, constant: Mapping[str, str]) -> None:
-        self._meter, self._constant = meter, dict(constant)
+    def __init__(self, meter: Meter) -> None:
+        self._meter = meter
 
     def collect(self) -> Iterator[Metric]:
         """Families that have series, in the order of the catalogue."""
         for name, samples in self._meter.samples().items():
             if samples:
-                yield _filled(CATALOGUE[name], samples, self._constant)
+                yield _filled(CATALOGUE[name], samples)
 
 
-def _filled(family: Family, samples: Sequence[Sample], constant: Mapping[str, str]) -> Metric:
-    names, given = (*family.labels, *constant), tuple(constant.values())
+def _filled(family: Family, samples: Sequence[Sample]) -> Metric:
     if family.type == "info":
-        info = InfoMetricFamily(family.name, family.help, labels=tuple(constant))
+        info = InfoMetricFamily(family.name, family.help)
         for labels, _ in samples:
-            info.add_metric(given, dict(zip(family.labels, labels, strict=True)))
+            info.add_metric((), dict(zip(family.labels, labels, strict=True)))
         return info
     kind = CounterMetricFamily if family.type == "counter" else GaugeMetricFamily
-    made = kind(family.name, family.help, labels=names, unit=family.unit)
+    made = kind(family.name, family.help, labels=family.labels, unit=family.unit)
     for labels, value in samples:
-        made.add_metric((*labels, *given), value)
+        made.add_metric(labels, value)
     return made
 
 
-def exposed(collector: CellCollector, accept: str) -> tuple[bytes, str]:
+def exposed(meter: Meter, accept: str) -> tuple[bytes, str]:
     """Text and its content type; ``accept`` is the reader's header: OpenMetrics, or Prometheus' own text."""
     encode, content_type = choose_encoder(accept)
-    return encode(collector), content_type
+    return encode(MeterCollector(meter)), content_type
 
 
 class MetricsOutlet(Apart[MetricsSettings]):
@@ -230,7 +229,6 @@ class MetricsOutlet(Apart[MetricsSettings]):
     def __init__(self, name: str, settings: MetricsSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
         self._meter = Meter(settings.channels, settings.series, view.session)
-        self._collector = CellCollector(self._meter, settings.labels)
 
     def offer(self, item: Item) -> None:
         """Keep the newest frame, and sum energies."""
@@ -252,7 +250,7 @@ class MetricsOutlet(Apart[MetricsSettings]):
         """The text for ``scrapes`` readers with its content type, or the state of the cell for a probe."""
         if "scrapes" in question:
             self._meter.scrapes += question["scrapes"]
-            text, kind = exposed(self._collector, question["accept"])
+            text, kind = exposed(self._meter, question["accept"])
             return {"text": text.decode(), "type": kind}
         status = self._meter.status
         age = self._meter.age(time.monotonic())

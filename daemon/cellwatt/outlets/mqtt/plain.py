@@ -62,7 +62,7 @@ class PlainFormat:
         up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
         if topic in (*self._kept.values(), *up):
             return ()
-        return (Message(topic, b"", self._settings.qos.alarm, True),)
+        return (Message(topic, b"", self._settings.qos, True),)
 
     def birth(self, now: int) -> Sequence[Message]:
         """The cell is online; its units, the alarms that are up, and no other."""
@@ -85,7 +85,7 @@ class PlainFormat:
         """A row as one message, or one a channel; what is historical is on ``backfill/frame``."""
         topic = "backfill/frame" if historical else "frame"
         keep = self._settings.retain and not historical
-        qos = self._settings.qos.frame
+        qos = self._settings.qos
         told: dict[str, Any] = {"time": row.time, "sequence": row.sequence}
         if historical:
             told["backfilled"] = True
@@ -105,7 +105,7 @@ class PlainFormat:
     def predicted(self, model: str, units: Mapping[str, str], row: Row, now: int) -> Sequence[Message]:
         """A row of a model's outputs on ``prediction/MODEL``."""
         body = {"time": row.time, "sequence": row.sequence, "values": row.values, "units": units}
-        return (self._message(f"prediction/{level(model)}", encode_json(body), self._settings.qos.result, False),)
+        return (self._message(f"prediction/{level(model)}", encode_json(body), self._settings.qos, False),)
 
     def result(self, item: Result | Event, historical: bool, now: int) -> Sequence[Message]:
         """A result as over Zenoh; an interval at its begin and its end."""
@@ -116,27 +116,26 @@ class PlainFormat:
                 return ()
             self._open[item.source] = item.number
         topic = topic_of(item)
-        return (self._message(topic, self._encoded(topic, item), self._settings.qos.result, topic in _RETAINED),)
+        return (self._message(topic, self._encoded(topic, item), self._settings.qos, topic in _RETAINED),)
 
     def _alarm(self, alarm: Alarm) -> Sequence[Message]:
         """An alarm that is up is kept on its topic; a clear is told there once, and then nothing is kept."""
-        told = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos.alarm, alarm.active)
+        told = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos, alarm.active)
         moved = [] if self._kept.get(alarm.id) in (None, told.topic) else [self._deleted(alarm.id)]
         self._kept[alarm.id] = told.topic
         return (*moved, told) if alarm.active else (*moved, told, self._deleted(alarm.id))
 
     def _deleted(self, id_: str) -> Message:
-        return Message(self._kept.pop(id_), b"", self._settings.qos.alarm, True)
+        return Message(self._kept.pop(id_), b"", self._settings.qos, True)
 
     def archived(self, result: Archived, now: int) -> Sequence[Message]:
         """A result of the past below ``backfill``, which the broker does not keep."""
-        topic, qos = f"backfill/{topic_of(result)}", self._settings.qos
-        qos_ = qos.alarm if isinstance(result, Alarm) else qos.result
-        return (self._message(topic, self._encoded(topic, result), qos_, False),)
+        topic = f"backfill/{topic_of(result)}"
+        return (self._message(topic, self._encoded(topic, result), self._settings.qos, False),)
 
     def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:
         """The cell's health, kept by the broker."""
-        return (self._message("health", encode_json(status), self._settings.qos.health, True),)
+        return (self._message("health", encode_json(status), 0, True),)
 
     def death(self, now: int) -> Sequence[Message]:
         """The cell is offline."""

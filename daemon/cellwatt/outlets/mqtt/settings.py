@@ -22,23 +22,6 @@ _LAST_PORT: Final = 65535
 _LONGEST_KEEP_ALIVE: Final = 65535.0
 _RESERVED = re.compile(r"[+/#\x00-\x1f\x7f]")
 
-Qos = Annotated[int, Field(ge=0, le=2)]
-
-
-class QosSettings(BaseModel):
-    """Quality of service of each kind of JSON message: 0 at most once, 1 at least once, 2 exactly once a connection."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
-
-    frame: Qos = 1
-    """Rows of the frames, live and back-filled."""
-    result: Qos = 1
-    """Intervals, tasks, energies, predictions and events."""
-    alarm: Qos = 1
-    """Alarms."""
-    health: Qos = 0
-    """The cell's health."""
-
 
 class SparkplugSettings(BaseModel):
     """Place of the cell in a Sparkplug infrastructure."""
@@ -90,8 +73,8 @@ class MqttSettings(OutletSettings, Selection):
     """JSON: a row as one message on ``frame``, or each channel on ``frame/CHANNEL``."""
     retain: bool = False
     """JSON: the broker keeps the last row for those who subscribe later."""
-    qos: QosSettings = QosSettings()
-    """JSON: quality of service; Sparkplug prescribes its own."""
+    qos: Annotated[int, Field(ge=0, le=2)] = 1
+    """JSON: quality of service of all but health, which has 0; Sparkplug prescribes its own."""
     sparkplug: SparkplugSettings = SparkplugSettings()
     """Names and primary host where ``format`` is ``sparkplug``."""
     health: Seconds = 10.0

@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.numbers import FiniteRange
-from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.options import FiniteRange, with_progress
 
 FILE = click.Path(exists=True, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)

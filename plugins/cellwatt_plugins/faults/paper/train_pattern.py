@@ -11,9 +11,7 @@ from typing import Final
 import click
 import numpy as np
 
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.commands.options import INPUT, with_progress, with_scheduler
 from cellwatt.errors import ModelError
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.paper import equation

@@ -8,9 +8,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.commands.options import INPUT, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 

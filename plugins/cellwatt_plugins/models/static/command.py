@@ -7,10 +7,7 @@ from pathlib import Path
 
 import click
 
-from cellwatt.commands.inputs import INPUT
-from cellwatt.commands.numbers import FiniteRange
-from cellwatt.commands.quiet import with_progress
-from cellwatt.commands.scheduling import with_scheduler
+from cellwatt.commands.options import INPUT, FiniteRange, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 

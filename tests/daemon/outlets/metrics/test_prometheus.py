@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
-from cellwatt.outlets.metrics.outlet import CellCollector, Meter, exposed
+from cellwatt.outlets.metrics.outlet import Meter, exposed
 from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, source
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH
 
@@ -41,7 +41,7 @@ def full_text() -> bytes:
     meter.health(health(sources={"arm": lost}, alarms=[alarm("error", "joint_fault")]))
     meter.frames(frames((0.1, 42.5, 300.0)))
     meter.energy(energy("task_1", 900.0, motion=600.0))
-    return exposed(CellCollector(meter, {}), "")[0]
+    return exposed(meter, "")[0]
 
 
 @checks

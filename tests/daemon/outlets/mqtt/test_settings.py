@@ -45,7 +45,7 @@ def test_a_broker_has_host_and_port(broker: str, host: str, port: int, encrypted
         ({"ca": "ca.pem"}, "mqtts://"),
         ({"keep_alive": "0.5 s"}, "expected 1 s to 65535 s"),
         ({"sparkplug": {"group": "a/b"}}, "is no Sparkplug ID"),
-        ({"qos": {"frame": 3}}, "less than or equal to 2"),
+        ({"qos": 3}, "less than or equal to 2"),
         ({"unknown": 1}, "not permitted"),
     ],
 )

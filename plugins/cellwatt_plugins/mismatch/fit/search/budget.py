@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from cellwatt.scheduler.spread import workers
+from cellwatt.scheduler import workers
 
 
 def now() -> float:
