@@ -1,0 +1,100 @@
+"""Whether the daemon's memory grows: each process of a typical cell, watched for as long as one likes.
+
+    python bench/memory.py --minutes 120 --json
+
+A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, cut into tasks, recorded and published. Every 15 s the
+memory that each process has for itself (USS) is read: what it shares is counted by nobody, as it changes with what else
+runs on the PC. The slope is that of a straight line after ``--settle`` minutes, its error twice the standard error with
+the correlation of neighbouring readings counted in.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from footprint import cell, daemon, family, free_port
+from numpy.typing import NDArray
+
+from cellwatt.emulation import EmulatorProcess
+
+EVERY = 15.0  # s
+
+
+async def watch(minutes: float, settle: float) -> dict[str, Any]:
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm,
+        EmulatorProcess("power_board", "--listen", "pty") as board,
+        EmulatorProcess("scpi_analyzer", "--listen", "127.0.0.1:0") as meter,
+    ):
+        with tempfile.TemporaryDirectory() as name:
+            sources = "".join(
+                f"  {part}: {{driver: {device.driver}, host: 127.0.0.1, port: {device.address.rpartition(':')[2]}}}\n"
+                for part, device in (("arm", arm), ("meter", meter))
+            )
+            sources += f"  board: {{driver: power_board, port: {board.address}}}\n"
+            more = f"stages: {{segment: {{}}}}\nzenoh: {{listen: [tcp/127.0.0.1:{free_port()}]}}\n"
+            with daemon(cell(Path(name), sources, more)) as process:
+                readings = await asyncio.to_thread(_readings, process.pid, 60 * minutes)
+    return {part: slope(np.array(seen), 60 * settle) for part, seen in readings.items()}
+
+
+def _readings(pid: int, seconds: float) -> dict[str, list[tuple[float, float]]]:
+    """(s since the start, MB) by process, in the order in which these were begun, and of all together."""
+    found: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    start = time.monotonic()
+    while (now := time.monotonic() - start) < seconds:
+        time.sleep(EVERY)
+        total = 0.0
+        for n, part in enumerate(family(pid)):
+            try:
+                size = part.memory_full_info().uss / 1e6
+            except psutil.NoSuchProcess:
+                continue
+            found[f"process {n}"].append((now, size))
+            total += size
+        found["together"].append((now, total))
+    return found
+
+
+def slope(seen: NDArray[np.float64], settle: float) -> dict[str, float]:
+    """MB/h after ``settle`` s, with its error."""
+    time_s, size = seen[seen[:, 0] >= settle].T
+    hours = (time_s - time_s.mean()) / 3600
+    rate = float(hours @ size / (hours @ hours))
+    rest = size - size.mean() - rate * hours
+    alike = float(rest[1:] @ rest[:-1] / (rest @ rest)) if rest.any() else 0.0
+    fewer = np.sqrt((1 + alike) / max(1 - alike, 1e-3)) if alike > 0 else 1.0
+    error = 2 * fewer * np.sqrt(rest @ rest / max(len(rest) - 2, 1) / (hours @ hours))
+    return {
+        "mb_first": round(float(size[0]), 2),
+        "mb_last": round(float(size[-1]), 2),
+        "mb_per_h": round(rate, 3),
+        "error_mb_per_h": round(float(error), 3),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=120.0)
+    parser.add_argument("--settle", type=float, default=15.0, help="minutes at the start that are left out")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    found = asyncio.run(watch(given.minutes, given.settle))
+    if given.json:
+        print(json.dumps(found))
+        return
+    for part, figures in found.items():
+        print(f"{part}: {figures['mb_last']} MB, {figures['mb_per_h']:+.3f} ± {figures['error_mb_per_h']} MB/h")
+
+
+if __name__ == "__main__":
+    main()
