@@ -10,12 +10,12 @@ from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView
+from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, decode
 from cellwatt.outlets.zenoh.keys import QUESTIONS, CellKeys
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.past import MOST_RESULTS, MOST_SAMPLES
 from cellwatt.outlets.zenoh.questions import parameters
 from cellwatt.results import Alarm, Event, Result
 from fuzz.items import MESSAGES, SESSION, batch, frames

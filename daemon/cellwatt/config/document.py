@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from cellwatt.config.environment import expand
-from cellwatt.config.nodes import (
+from cellwatt.config.marks import (
     LONGEST,
     SETTINGS_FILE,
     TAG,

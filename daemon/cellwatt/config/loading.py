@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from cellwatt.config.cell import VERSION, CellConfig, CellName, FrameSettings, OutletConfig, SourceConfig, StageConfig
 from cellwatt.config.document import Document, read
 from cellwatt.config.fields import anchored, fields_of
-from cellwatt.config.nodes import quoted
+from cellwatt.config.marks import quoted
 from cellwatt.config.places import MOST, KeyPath, first
 from cellwatt.config.secret import secrets_in
 from cellwatt.config.wording import explain, found, missing_key, nearest, unknown_key

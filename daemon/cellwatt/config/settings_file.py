@@ -15,7 +15,7 @@ from pydantic import AfterValidator, TypeAdapter, ValidationError
 
 from cellwatt.config.document import Document, read
 from cellwatt.config.fields import fields_at
-from cellwatt.config.nodes import COMPUTED_FILE, SETTINGS_FILE
+from cellwatt.config.marks import COMPUTED_FILE, SETTINGS_FILE
 from cellwatt.config.places import KeyPath, first
 from cellwatt.config.wording import explain, unknown_key
 from cellwatt.errors import CellwattError, ConfigError, Problem

@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 
 from cellwatt.config.document import Document, of_value
 from cellwatt.config.fields import fields_at
-from cellwatt.config.nodes import LONGEST_VALUE, quoted, shortened
+from cellwatt.config.marks import LONGEST_VALUE, quoted, shortened
 from cellwatt.config.places import MOST, KeyPath
 from cellwatt.errors import Problem
 from cellwatt.host import blank

@@ -35,7 +35,7 @@ class _Kept(BaseModel):
     alarms: list[Any]
 
 
-class Words:
+class Acknowledgements:
     """Takes the word of people and puts it into the alarm book.
 
     ``say`` records and publishes an event, ``publish`` the messages of the book. Words that nobody lets ``keep`` write

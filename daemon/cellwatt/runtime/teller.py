@@ -17,7 +17,7 @@ from cellwatt.outlet import Journal
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import outlet as find_outlet
 from cellwatt.results import Alarm, Energy, Event, Result, series_of
-from cellwatt.runtime.acknowledgements import Words
+from cellwatt.runtime.acknowledgements import Acknowledgements
 from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
@@ -57,7 +57,7 @@ class Teller:
         self.alarms = AlarmBook(Damping())
         self.record_folder = None if config.record is None else config.record.folder
         self._consumption = Consumption()
-        self._words = Words(self.alarms, session, now, self.take, self._publish)
+        self._words = Acknowledgements(self.alarms, session, now, self.take, self._publish)
         for _, item in journal.past() if journal is not None else ():
             if isinstance(item, Alarm):
                 self.alarms.take(item)

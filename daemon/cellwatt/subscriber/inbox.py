@@ -35,7 +35,7 @@ from cellwatt.outlets.zenoh.received import (
     read_refusal,
     read_sessions,
 )
-from cellwatt.outlets.zenoh.signing import Witness
+from cellwatt.outlets.zenoh.signing import MessageVerifier
 from cellwatt.results import Alarm, Event, Result
 from cellwatt.subscriber.mailbox import Mailbox
 
@@ -83,7 +83,7 @@ class Inbox:
     """
 
     def __init__(
-        self, following: Following, witness: Witness, counts: Counter[str], queue_size: int, health: bool
+        self, following: Following, witness: MessageVerifier, counts: Counter[str], queue_size: int, health: bool
     ) -> None:
         self.following = following
         self.witness = witness

@@ -17,7 +17,7 @@ from cellwatt.errors import ConfigError, OutletError
 from cellwatt.outlets.zenoh.follow import Following, Positions
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, KINDS, CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
-from cellwatt.outlets.zenoh.signing import Witness
+from cellwatt.outlets.zenoh.signing import MessageVerifier
 from cellwatt.subscriber.inbox import EVERYTHING, Inbox, Message
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Subscriber:
             raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics begin with {', '.join(KINDS)}")
         counts: Counter[str] = Counter()
         following = Following(self._want, resume or {}, patience)
-        witness = Witness(self._keys.root, verify, counts)
+        witness = MessageVerifier(self._keys.root, verify, counts)
         self._inbox = Inbox(following, witness, counts, queue_size, HEALTH in self._want)
         self._reached: dict[str, tuple[int, int]] = {}
         self._stopped = threading.Event()

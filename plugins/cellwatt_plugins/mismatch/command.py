@@ -16,8 +16,8 @@ from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.input.sources import simulator_file
 from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.report.terminal import in_words
-from cellwatt_plugins.mismatch.simulators.drives import mend_driven
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
+from cellwatt_plugins.mismatch.simulators.mend_drives import mend_driven
 from cellwatt_plugins.mismatch.simulators.wording import mended_in_words
 
 METER = "Power (t, power) that a meter logged on its own clock, one a recording."

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.results import Interval
-from cellwatt_plugins.segment.motion import Change, Motion, Sample
+from cellwatt_plugins.segment.moving_joints import Change, Motion, Sample
 from cellwatt_plugins.segment.settings import SegmentSettings
 
 Float = NDArray[np.float64]

@@ -13,7 +13,7 @@ import pytest
 from cellwatt import Alarm, CellwattError, Event
 from cellwatt.alarms import AlarmBook, Damping
 from cellwatt.ring import Ring, RingJournal
-from cellwatt.runtime.acknowledgements import FILE, LONGEST_SHELF, Words
+from cellwatt.runtime.acknowledgements import FILE, LONGEST_SHELF, Acknowledgements
 from tests.daemon.runtime.fakes import alarm
 from tests.daemon.runtime.test_teller import SECOND, Told
 
@@ -98,7 +98,7 @@ class Desk:
     def __init__(self, session: int, now: int) -> None:
         self.book = AlarmBook(Damping())
         self.said: list[Any] = []
-        self.words = Words(self.book, session, lambda: now, self.said.append, self.said.extend)
+        self.words = Acknowledgements(self.book, session, lambda: now, self.said.append, self.said.extend)
 
 
 async def kept(folder: Path, session: int = 1) -> Desk:

@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import CellwattError, RepairingError
 from cellwatt.outlet import CellView
+from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, Answer, Past, Turns, Work
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import JSON
 from cellwatt.outlets.zenoh.keys import ALARM, CellKeys, alarm_path
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json
-from cellwatt.outlets.zenoh.past import MOST_RESULTS, Answer, Past, Turns, Work
 from cellwatt.outlets.zenoh.questions import (
     LARGEST,
     NothingKeptError,
@@ -38,7 +38,7 @@ from cellwatt.outlets.zenoh.questions import (
     parameters,
     short,
 )
-from cellwatt.outlets.zenoh.signing import Seal
+from cellwatt.outlets.zenoh.signing import MessageSigner
 from cellwatt.results import Alarm
 
 if TYPE_CHECKING:
@@ -69,14 +69,14 @@ class Answers:
         backlog: Backlog,
         count: Callable[..., None],
         health: Callable[[], tuple[Mark, bytes]],
-        seal: Seal | None = None,
+        seal: MessageSigner | None = None,
         rate: float | None = None,
     ) -> None:
         self._view = view
         self._keys = keys
         self._backlog = backlog
         self._count = count
-        self._seal = seal or Seal(keys.root, None)
+        self._seal = seal or MessageSigner(keys.root, None)
         self._rate = rate
         self._turns = self._new_turns()
         self._thread: threading.Thread | None = None

@@ -29,7 +29,7 @@ from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health, topic_of
 from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
 from cellwatt.outlets.zenoh.publisher import Publisher
-from cellwatt.outlets.zenoh.signing import Seal
+from cellwatt.outlets.zenoh.signing import MessageSigner
 from cellwatt.quantity import Bytes, BytesPerSecond
 
 _ENCRYPTED: Final = ("tls", "quic")
@@ -118,7 +118,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         recorded = view.record_folder is not None and view.config()["record"]["frames"]
         memory = min(settings.frame_memory, _RECENT) if recorded else settings.frame_memory
         self._backlog = Backlog(numbering, memory, view.journal, view.session)
-        self._seal = Seal(self._keys.root, settings.sign)
+        self._seal = MessageSigner(self._keys.root, settings.sign)
         self._answers = Answers(
             view, self._keys, self._backlog, self._outbox.count, self._health, self._seal, settings.backfill
         )

@@ -19,7 +19,7 @@ from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item
 from cellwatt.outlets.zenoh.outbox import Outbox, Outgoing
 from cellwatt.outlets.zenoh.questions import LARGEST
-from cellwatt.outlets.zenoh.signing import Seal
+from cellwatt.outlets.zenoh.signing import MessageSigner
 
 if TYPE_CHECKING:
     import zenoh
@@ -52,7 +52,7 @@ class Publisher:
         outbox: Outbox,
         answers: Answers,
         health: Callable[[], tuple[Mark, bytes]],
-        seal: Seal,
+        seal: MessageSigner,
     ) -> None:
         self._link = link
         self._keys = keys

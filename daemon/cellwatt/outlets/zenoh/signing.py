@@ -29,7 +29,7 @@ ANSWER: Final = "cellwatt: answer of a cell, version 1"
 REFUSAL: Final = "cellwatt: refusal of a question, version 1"
 
 
-class Seal:
+class MessageSigner:
     """Signs a cell's messages if the cell has a key; ``root`` is the cell's Zenoh key. Call ``open`` first."""
 
     def __init__(self, root: str, key: Path | None) -> None:
@@ -77,7 +77,7 @@ def _asked(parameters: str) -> str:
 log = logging.getLogger("cellwatt.subscriber")
 
 
-class Witness:
+class MessageVerifier:
     """Verifies the signatures of the cell at the Zenoh key ``root``; without its ``key`` every message is accepted.
 
     Rejected messages are counted in ``counts``: ``unsigned``, and ``replayed`` for repeated health messages.

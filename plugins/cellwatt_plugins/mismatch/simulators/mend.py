@@ -21,11 +21,11 @@ from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm
 from cellwatt_plugins.mismatch.simulators.correction import EXPRESSED, correction, holds, remainder, why_left
-from cellwatt_plugins.mismatch.simulators.mjcf import write_mjcf
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator, load_simulator
 from cellwatt_plugins.mismatch.simulators.placing import Placing, placing
 from cellwatt_plugins.mismatch.simulators.target import Target, expected, target
-from cellwatt_plugins.mismatch.simulators.urdf import what_urdf_holds, write_urdf
+from cellwatt_plugins.mismatch.simulators.write_mjcf import write_mjcf
+from cellwatt_plugins.mismatch.simulators.write_urdf import what_urdf_holds, write_urdf
 from cellwatt_plugins.mismatch.simulators.written import Applied, Written
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
 from cellwatt_plugins.robot import Body

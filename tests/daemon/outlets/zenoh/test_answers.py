@@ -13,12 +13,12 @@ from pydantic import ValidationError
 
 from cellwatt import CellwattError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Turns
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import ALARMS_KEPT, Backlog
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.past import MOST_RESULTS, MOST_SAMPLES, Turns
 from cellwatt.outlets.zenoh.questions import QuestionError
 from cellwatt.subscriber import Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames

@@ -265,7 +265,7 @@ async def test_an_answer_about_something_else_is_not_taken(cell: Cell, monkeypat
 
 
 def forged_answer() -> Any:
-    from cellwatt.outlets.zenoh.past import Answer
+    from cellwatt.outlets.zenoh.answer_queue import Answer
 
     payload = encode(batch(0, 5))
     return Answer(payload, "application/vnd.apache.arrow.stream", Mark(FUTURE, LEAP, 5, EPOCH, True), RAW)

@@ -13,11 +13,11 @@ import pytest
 from cellwatt import FrameChannel, Frames
 from cellwatt.frames import concatenate
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Answer, Past
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import decode
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import from_json, parse_json
-from cellwatt.outlets.zenoh.past import MOST_RESULTS, MOST_SAMPLES, Answer, Past
 from cellwatt.outlets.zenoh.questions import NothingKeptError
 from cellwatt.record import History
 from cellwatt.record.encoder import Encoder

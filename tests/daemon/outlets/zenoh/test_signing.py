@@ -25,7 +25,7 @@ from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, health
-from cellwatt.outlets.zenoh.signing import Seal, Witness
+from cellwatt.outlets.zenoh.signing import MessageSigner, MessageVerifier
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.processes import free_port
@@ -38,8 +38,8 @@ RAW = "raw/arm/samples"
 STANDS = Mark(EPOCH, 1, 1, EPOCH)
 
 
-def seal(keys: Path, name: str = "cell", root: str = ROOT) -> Seal:
-    made = Seal(root, keys / f"{name}.key")
+def seal(keys: Path, name: str = "cell", root: str = ROOT) -> MessageSigner:
+    made = MessageSigner(root, keys / f"{name}.key")
     made.open()
     return made
 
@@ -62,7 +62,7 @@ def holds(keys: Path, topic: str, attachment: bytes, payload: bytes, root: str =
         return SimpleNamespace(to_bytes=lambda: content)
 
     sample: Any = SimpleNamespace(attachment=data(attachment), payload=data(payload))
-    return Witness(root, keys / f"{name}.pub", Counter()).message(topic, sample)
+    return MessageVerifier(root, keys / f"{name}.pub", Counter()).message(topic, sample)
 
 
 def test_nothing_of_a_message_can_be_changed(keys: Path) -> None:
@@ -81,7 +81,7 @@ def test_nothing_of_a_message_can_be_changed(keys: Path) -> None:
 
 
 def test_a_refusal_holds_for_its_question_alone(keys: Path) -> None:
-    check = Witness(ROOT, keys / "cell.pub", Counter())
+    check = MessageVerifier(ROOT, keys / "cell.pub", Counter())
     body = json.dumps(seal(keys).refusal("first=0;count=5", "nothing kept")).encode()
     assert check._refused("first=0;count=5", body)
     assert not check._refused("first=0;count=6", body)
@@ -134,7 +134,7 @@ def test_files_that_hold_no_such_key_are_named(keys: Path) -> None:
     with pytest.raises(ConfigError, match=r"none cannot be read: No such file"):
         Verifier(keys / "none")
     with pytest.raises(OutletError, match=r"^sign: .*none cannot be read: No such file"):
-        Seal(ROOT, keys / "none").open()
+        MessageSigner(ROOT, keys / "none").open()
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
 from cellwatt_plugins.mismatch.simulators import load_simulator
 from cellwatt_plugins.mismatch.simulators.correction import correction
-from cellwatt_plugins.mismatch.simulators.mjcf import write_mjcf
 from cellwatt_plugins.mismatch.simulators.placing import placing
 from cellwatt_plugins.mismatch.simulators.target import target
-from cellwatt_plugins.mismatch.simulators.urdf import what_urdf_holds, write_urdf
+from cellwatt_plugins.mismatch.simulators.write_mjcf import write_mjcf
+from cellwatt_plugins.mismatch.simulators.write_urdf import what_urdf_holds, write_urdf
 from cellwatt_plugins.robot import Arm, Body, Joint, RobotDescription
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
