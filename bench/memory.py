@@ -1,6 +1,6 @@
 """Whether the daemon's memory grows: each process of a typical cell, watched for as long as one likes.
 
-    python bench/memory.py --minutes 120 --json
+    python bench/memory.py --minutes 120
 
 A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, cut into tasks, recorded and published. Every 15 s the
 memory that each process has for itself (USS) is read: what it shares is counted by nobody, as it changes with what else
@@ -86,14 +86,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=120.0)
     parser.add_argument("--settle", type=float, default=15.0, help="minutes at the start that are left out")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    found = asyncio.run(watch(given.minutes, given.settle))
-    if given.json:
-        print(json.dumps(found))
-        return
-    for part, figures in found.items():
-        print(f"{part}: {figures['mb_last']} MB, {figures['mb_per_h']:+.3f} ± {figures['error_mb_per_h']} MB/h")
+    print(json.dumps(asyncio.run(watch(given.minutes, given.settle))))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from schemas import schemas
+from release.schemas import schemas
 
 from cellwatt import Alarm, Energy, Event, Interval, Prediction, ProtocolError, Task
 from cellwatt.outlets.zenoh.encode import decode
@@ -153,7 +153,7 @@ def test_health_has_the_fields_of_its_schema() -> None:
 
 @pytest.mark.parametrize("kind", [*TYPES, "health"])
 def test_schema_in_the_docs_is_the_one_of_the_code(kind: str) -> None:
-    command = "python bench/schemas.py docs/schemas"
+    command = "python release/schemas.py docs/schemas"
     assert json.loads((SCHEMAS / f"{kind}.json").read_text()) == schemas()[kind], f"run: {command}"
 
 

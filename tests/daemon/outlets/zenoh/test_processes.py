@@ -188,7 +188,7 @@ def test_every_setting_is_in_the_docs() -> None:
 
 
 def test_every_field_of_an_alarm_is_in_the_docs() -> None:
-    from schemas import schemas
+    from release.schemas import schemas
 
     text = (ROOT / "docs" / "alarms.md").read_text()
     assert set(re.findall(r"`(\w+)`", text)) >= set(schemas()["alarm"]["properties"])

@@ -1,6 +1,6 @@
 """JSON Schema of every JSON message, made from the code that reads and writes them.
 
-``python bench/schemas.py docs/schemas`` writes them as files.
+``python release/schemas.py docs/schemas`` writes them as files.
 """
 
 from __future__ import annotations
