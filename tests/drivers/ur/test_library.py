@@ -59,25 +59,18 @@ async def read(host, rate=-1.0, names=(), path="", record=()):
     return json.loads(out.splitlines()[-1])
 
 
-@pytest.mark.parametrize(
-    ("polyscope", "rate", "inertia"),
-    [
-        ("5.23.0", 500, True),
-        ("3.14.0", 125, False),
-    ],
-)
-async def test_its_default_variables_are_served(polyscope, rate, inertia):
-    options = ("--option", f"polyscope={polyscope}")
+async def test_its_default_variables_are_served():
+    options = ("--option", "polyscope=5.23.0")
     async with EmulatorProcess("ur", "--listen", f"127.0.31.2:{PORT}", *options) as emulator:
         answer = await read("127.0.31.2")
         stamps = [stamp for stamp, _ in answer["seen"]]
         assert answer["connected"]
         assert len(stamps) > 50
-        cycles = np.diff(stamps) * rate
+        cycles = np.diff(stamps) * 500
         np.testing.assert_allclose(cycles, np.rint(cycles), atol=1e-6)
         assert answer["RobotMode"] == 7 and answer["SafetyMode"] == 1 and answer["RuntimeState"] == 2
         assert answer["ActualRobotVoltage"] == pytest.approx(48, abs=1)
-        assert (answer["PayloadInertia"] is not None) == inertia
+        assert answer["PayloadInertia"] is not None
         counts = await emulator.counts()
         assert counts["sent"] > 50
 
