@@ -53,12 +53,10 @@ async def test_single_phase_and_explicit_frames() -> None:
     ("kind", "mode", "batch"),
     [
         ("loss", "api_escaped", 2),
-        ("half_frame", "api", 1),
         ("half_frame", "transparent", 1),
         ("duplicate", "api", 1),
         ("reorder", "api_escaped", 2),
         ("garbage", "transparent", 1),
-        ("delay", "api", 1),
     ],
 )
 async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) -> None:

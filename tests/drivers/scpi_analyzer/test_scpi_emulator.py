@@ -31,15 +31,6 @@ def test_spellings_of_one_query(analyzer, line):
     assert not analyzer.errors
 
 
-@pytest.mark.parametrize(
-    "line", ["CHANN1:MEAS:FUNC?", "CHAN2:MEAS:FUNC?", "MEAS:FUNC?", "CHAN1:MEAS:FORM ASC;MEAS:FUNC?"]
-)
-def test_other_spellings_are_undefined(analyzer, line):
-    assert analyzer.execute(line, 0.0) is None
-    assert analyzer.execute("SYST:ERR?", 0.0) == '-113,"Undefined header"'
-    assert analyzer.execute("SYST:ERR?", 0.0) == '0,"No error"'
-
-
 def test_a_measurement_stands_for_a_tenth_of_a_second():
     class Ramp:
         def at(self, t):

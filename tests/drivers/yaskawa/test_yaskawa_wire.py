@@ -49,11 +49,6 @@ def test_status_answer():
     assert not status.alarming
 
 
-def test_undocumented_status_bits_are_ignored():
-    status = payload.decode_status(bytes.fromhex("cc000100 41000080"))
-    assert status == payload.decode_status(bytes.fromhex("cc000000 40000000"))
-
-
 @pytest.mark.parametrize(("word", "hold"), [("02", True), ("04", True), ("08", True), ("50", False)])
 def test_any_hold_bit_is_a_hold(word, hold):
     assert payload.decode_status(bytes.fromhex(f"00000000 {word}000000")).hold is hold
