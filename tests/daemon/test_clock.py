@@ -177,7 +177,7 @@ def test_the_cell_clock_slews_after_a_step_of_the_host_without_breaking_the_map(
     assert model.resets == 0
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -223,7 +223,7 @@ facts = st.lists(
 )
 
 
-@settings(max_examples=75, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(facts, facts, st.sampled_from([0.0, 1e-16]))
 def test_the_extreme_lines_are_those_of_a_brute_force_search(above, lower, wander):
     below = [(at, offset - 15e6) for at, offset in lower]
