@@ -27,7 +27,6 @@ def run(data: bytes) -> None:
     assert mark.count == len(content)  # type: ignore[arg-type]
     again = encode.decode(encode.encode(content), mark)  # type: ignore[arg-type]
     assert same(content, again)
-    encode.named(again)
 
 
 def seeds() -> Iterable[bytes]:

@@ -157,6 +157,6 @@ def test_rules_as_printed_never_name_an_encoder(joint):
     expected = test_judging.expected_of(irb1200.PICK_AND_PLACE)
     cycle = test_judging.one(irb1200.PICK_AND_PLACE, irb1200.Fault("encoder_offset", joint, 0.2))
     table = by_agreement(fault_table(expected))
-    eps_p = 0.10 * min(interval.readings.power.min() for interval in expected)
+    eps_p = float(0.10 * min(interval.readings.power.min() for interval in expected))
     assert judge(expected, cycle, table, Tolerance(position=eps_p, floor=0.0)) == ()
     assert [fault.kind for fault in judge(expected, cycle, table, Tolerance(floor=0.0))] == ["encoder"]

@@ -26,5 +26,4 @@ def test_the_demos_energy_file_predicts_the_power_of_the_emulated_arm() -> None:
 
     power = supply_power(known.drive, motion_features(arm, Motion) @ known.drive.weights())
     assert power == pytest.approx(seen["supply.power"], abs=1e-6)
-    assert known.coulomb == emulated.coulomb
     assert known.viscous == emulated.viscous
