@@ -169,12 +169,10 @@ NAMED = (
     World("rtde loopback, brackets at uneven times", bracket_jitter=0.1, **_RTDE),
     World("rtde, reader stalls 30 of 100 ms", stall_every=0.1, stall_for=0.03, **_RTDE),
     World("rtde, stalls of seconds", long_stalls=((7.0, 1.5), (25.0, 3.0), (40.0, 4.0)), **_RTDE),
-    World("rtde, drift wanders", drift_ppm=-150.0, wander_ppm=45.0, wander_period=3000.0, seconds=120.0, **_RTDE),
     World("rtde, clock steps and reboot", steps=((15.0, 0.4), (25.0, -2.0), (40.0, None), (50.0, 86400.0)), **_RTDE),
     World("lan, heavy tail", delay="heavy", jitter=0.0004, **_RTDE),
     World("radio 10-100 ms", **_RADIO),
     World("radio, 1 ms clock", **_RADIO | {"resolution": 0.001, "settings": RADIO | {"resolution": 0.001}}),
-    World("radio, reboot", steps=((60.0, None),), **_RADIO),
     World("radio, drift wanders", drift_ppm=150.0, wander_ppm=45.0, wander_period=3000.0, **_RADIO),
 )
 

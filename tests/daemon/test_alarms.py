@@ -168,25 +168,6 @@ def before_a_restart() -> list[Any]:
     return json.loads(json.dumps(book.words()))
 
 
-def test_after_a_restart_an_alarm_that_is_raised_again_is_still_acknowledged() -> None:
-    book = AlarmBook()
-    book.expect(before_a_restart(), until=20 * SECOND)
-    assert list(book) == [], "nobody observes it yet"
-    assert told(book.raise_(hot(10 * SECOND))) == [(True, 10 * SECOND)]
-    known = book["hot"].acknowledgement
-    assert known is not None and (known.name, known.note) == ("Ines", "a new gear is ordered")
-    book.clear("hot", 11 * SECOND, "…")
-    book.raise_(hot(12 * SECOND))
-    assert book["hot"].acknowledgement is None, "it was over in between"
-
-
-def test_a_shelf_outlasts_a_restart_until_its_time() -> None:
-    book = AlarmBook()
-    book.expect(before_a_restart(), until=20 * SECOND)
-    assert book.raise_(hot(30 * SECOND, name="loud")) == []
-    assert told(book.look(50 * SECOND)) == [(True, 50 * SECOND)]
-
-
 def test_an_alarm_of_another_book_is_adopted_as_it_stands() -> None:
     book = AlarmBook()
     book.raise_(hot(5, name="loud"))

@@ -323,7 +323,7 @@ def line(t, v, at):
     return None
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(gaps, st.randoms(use_true_random=False))
 def test_values_equal_a_slow_reference_in_exact_arithmetic(steps, random):
     aligner, of = one(POSITION, POWER, MODE, gap=1000.0)
@@ -368,7 +368,7 @@ def scripts(draw):
     return {source: (of,) for source, (of, _) in sources.items()}, entries
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(scripts())
 def test_every_grid_point_comes_once_and_in_order_whatever_arrives(script):
     streams, entries = script
@@ -386,7 +386,7 @@ def test_every_grid_point_comes_once_and_in_order_whatever_arrives(script):
     assert bound.min(initial=-1) >= -1
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32), st.lists(st.integers(1, 30), min_size=1, max_size=20))
 def test_how_samples_are_cut_into_batches_does_not_change_a_bit_of_the_frames(seed, cuts):
     rng = np.random.default_rng(seed)

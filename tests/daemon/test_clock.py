@@ -35,10 +35,9 @@ def test_the_stated_bound_holds_the_true_time_in_named_worlds(world):
     assert outcome.resets == len(world.steps)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_the_stated_bound_holds_the_true_time_in_random_worlds(seed):
-    for k in range(10):
-        world = random_world(1000 * seed + k, seconds=35.0)
+def test_the_stated_bound_holds_the_true_time_in_random_worlds():
+    for seed in range(12):
+        world = random_world(seed, seconds=35.0)
         outcome = run(world)
         assert outcome.coverage >= 0.999, world
         assert outcome.rising, world
@@ -72,16 +71,6 @@ def test_offset_and_drift_are_found():
     assert state.samples == 2000
     assert state.age_s == pytest.approx(39.98)
     assert (state.resets, state.reason) == (0, "")
-
-
-def test_every_sample_of_a_block_gets_its_own_time():
-    model = ClockModel()
-    stream(model, 0, 20 * SECOND, base=0)
-    true = 20 * SECOND + np.arange(1000) * 2 * MILLISECOND
-    time, bound = model.stamp(true, EPOCH + int(true[-1]) + MILLISECOND)
-    assert np.all(np.abs(time - EPOCH - true) <= bound)
-    assert np.ptp(time - true) < 2 * SECOND * MAX_DRIFT
-    assert np.all(np.diff(bound) <= 0)
 
 
 @pytest.mark.parametrize("base", [-3 * SECOND, 5 * SECOND, -20 * SECOND], ids=["back", "ahead", "reboot"])
@@ -188,7 +177,7 @@ def test_the_cell_clock_slews_after_a_step_of_the_host_without_breaking_the_map(
     assert model.resets == 0
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -234,7 +223,7 @@ facts = st.lists(
 )
 
 
-@settings(max_examples=75, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(facts, facts, st.sampled_from([0.0, 1e-16]))
 def test_the_extreme_lines_are_those_of_a_brute_force_search(above, lower, wander):
     below = [(at, offset - 15e6) for at, offset in lower]

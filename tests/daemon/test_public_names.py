@@ -48,8 +48,3 @@ def test_a_package_adds_a_name(package):
 def test_a_missing_package_is_told_with_the_extra_that_has_it(package):
     code = "try: cw.dive\nexcept cw.ConfigError as error: print(error)"
     assert run(code, package) == "cellwatt.dive needs the package no_such_package: pip install 'acme[ocean]'"
-
-
-def test_type_checkers_see_all_three_packages():
-    for name in ("daemon/cellwatt", "drivers/cellwatt_drivers", "plugins/cellwatt_plugins"):
-        assert (Path(__file__).resolve().parents[2] / name / "py.typed").exists()

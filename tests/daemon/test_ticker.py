@@ -2,8 +2,6 @@ import asyncio
 import time
 from pathlib import Path
 
-import pytest
-
 from cellwatt.ticker import Ticker
 from tests.patience import PATIENCE
 
@@ -120,20 +118,3 @@ async def test_cancelled_tasks_leave_no_timer_behind():
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
     assert open_timers() == before
-
-
-async def test_misuse_is_refused():
-    with pytest.raises(ValueError, match="above 0"):
-        Ticker(0)
-    with pytest.raises(RuntimeError, match="async with"):
-        await anext(Ticker(10))
-    async with Ticker(1) as ticker:
-        with pytest.raises(RuntimeError, match="running already"):
-            await ticker.__aenter__()
-        await anext(ticker)
-        waiting = asyncio.create_task(take(ticker, 1))
-        await asyncio.sleep(0)
-        with pytest.raises(RuntimeError, match="one task"):
-            await anext(ticker)
-        waiting.cancel()
-        await asyncio.gather(waiting, return_exceptions=True)

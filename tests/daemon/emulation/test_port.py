@@ -76,17 +76,6 @@ async def come_back(address: str):
             await asyncio.sleep(0.01)
 
 
-async def test_a_stall_lets_one_question_wait() -> None:
-    device = Device()
-    async with echoing(device) as address:
-        reader, writer = await connect(address)
-        device.inject(Fault("stall", seconds=0.05))
-        writer.write(b"a\n")
-        assert await reader.readline() == b"A\n"
-        writer.close()
-    assert device.counts == {"made": 1, "sent": 1, "stall": 1}
-
-
 async def test_leaving_the_port_leaves_no_client_and_no_task() -> None:
     before = asyncio.all_tasks()
     async with echoing(Device()) as address:

@@ -16,7 +16,7 @@ from cellwatt.record.header import PART
 
 from .making import CELL, SESSION, batch_of, name_of, same_entry, write_chunks
 
-CHUNKS = 80
+CHUNKS = 30
 PER_CHUNK = 4
 """Batches of 3, 1, 4 and 2 samples, and a tick."""
 
@@ -101,27 +101,15 @@ CASES = {
     "torn in a chunk's data": Case(cut(chunk(LAST, 200)), {LAST}, "the file ends within a record", aside=True),
     "torn between a chunk and its index": Case(cut(index(LAST)), says="recovered"),
     "torn in a chunk's index": Case(cut(index(LAST, 40)), says="the index of a chunk is wrong", aside=True),
-    "torn long ago": Case(cut(chunk(3, 100)), set(range(3, CHUNKS)), "the file ends within a record", aside=True),
     "zero-filled tail": Case(lambda d, c: d + bytes(8192), says="8192 bytes unreadable"),
-    "garbage behind the last chunk": Case(lambda d, c: d + GARBAGE, says="4980 bytes unreadable", aside=True),
     "garbage in front of a chunk": Case(insert(chunk(7), GARBAGE), says="4980 bytes unreadable", aside=True),
     "garbage within a chunk": Case(insert(chunk(7, 90), GARBAGE), {7}, "10 of /raw/arm/rtde", aside=True),
-    "a byte lost in a chunk": Case(
-        lambda d, c: d[: c[7].offset + 80] + d[c[7].offset + 81 :], {7}, "10 of", aside=True
-    ),
     "bit flip in a chunk's opcode": Case(flip(chunk(7), 0x40), {7}, "no record", aside=True),
     "bit flip in a chunk's length, high": Case(flip(chunk(7, 8), 0x80), {7}, "10 of", aside=True),
-    "bit flip in a chunk's start": Case(flip(chunk(7, 9)), {7}, "times are wrong", aside=True),
     "bit flip in a chunk's size, high": Case(flip(chunk(7, 32), 0x40), {7}, "length is wrong", aside=True),
     "bit flip in a chunk's checksum": Case(flip(chunk(7, 33)), {7}, "checksum is wrong", aside=True),
     "bit flip in a chunk's compression": Case(flip(chunk(7, 43)), {7}, "compressed with", aside=True),
-    "bit flip in the length of a compression's name": Case(flip(chunk(7, 37), 0x40), {7}, "", aside=True),
-    "bit flip in a chunk's data length": Case(flip(chunk(7, 45)), {7}, "length is wrong", aside=True),
     "bit flip in a chunk's data": Case(flip(chunk(7, 300)), {7}, "lost: 10 of /raw/arm/rtde, 1 of /tick", aside=True),
-    "bit flips in neighbouring chunks": Case(
-        lambda d, c: flip(chunk(8, 99))(flip(chunk(7, 99))(d, c), c), {7, 8}, "20 of /raw/arm/rtde", aside=True
-    ),
-    "bit flip in the first chunk": Case(flip(chunk(0, 300)), {0}, "10 of /raw/arm/rtde", aside=True),
     "bit flip in an index's times": Case(flip(index(7, 18)), says="the index of a chunk is wrong", aside=True),
     "bad sector from an index into the next chunk": Case(zero(index(7, 20), 512), {8}, "10 of", aside=True),
     "magic missing": Case(lambda d, c: d[8:], says="does not begin like", aside=True, unknown_header=True),
@@ -133,7 +121,6 @@ CASES = {
     ),
     "killed before the rename": Case(lambda d, c: d, says="nothing lost", closed=True),
     "bit flip in the summary": Case(flip(lambda c: -300), says="the summary is damaged", aside=True, closed=True),
-    "end magic missing": Case(lambda d, c: d[:-8], says="the summary is damaged", aside=True, closed=True),
     "bit flip in the data's end": Case(flip(end(LAST)), says="unreadable", aside=True, closed=True),
     "bit flip in a chunk of a closed file": Case(flip(chunk(7, 300)), {7}, "10 of", aside=True, closed=True),
 }
@@ -178,7 +165,7 @@ def check_with_the_library(path, messages):
 
 
 CLOSED = {n: c for n, c in CASES.items() if c.closed or "flip" in n}
-TOLD_TWICE = {f"bit flip in a chunk's {what}" for what in ("start", "opcode", "length, high")}
+TOLD_TWICE = {f"bit flip in a chunk's {what}" for what in ("opcode", "length, high")}
 """A closed file's summary says the same of each chunk, so that nothing is lost."""
 
 

@@ -1,12 +1,10 @@
 """A span of time cut out of the record into one file."""
 
-import json
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 from cellwatt import Alarm, Event, RecordingError, Tick
 from cellwatt.record import Header, Recording
@@ -56,18 +54,6 @@ def test_the_span_and_nothing_else_over_several_files_one_still_open(tmp_path):
     assert pack.alarms() == [alarm_at(SESSION + 750 * PERIOD)]
     assert pack.header.session == SESSION and pack.header.settings == "site: plant-1\n" and pack.header.number == 0
     assert made.size == made.path.stat().st_size and made.messages == sum(pack.counts.values())
-
-
-def test_any_reader_of_mcap_opens_it(tmp_path):
-    write_record(tmp_path)
-    made = cut(tmp_path, CELL, SESSION + 700 * PERIOD, SESSION + 800 * PERIOD, tmp_path / "pack.mcap")
-    with made.path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
-        found = [(channel.topic, message) for _, channel, message in reader.iter_messages()]
-    (alarm,) = [message for topic, message in found if topic == "/alarm"]
-    assert json.loads(alarm.data)["statement"] == "Joint 2 needs 38 W more"
-    raw = [message.log_time for topic, message in found if topic == "/raw/arm/rtde"]
-    assert raw == [SESSION + n * PERIOD for n in range(700, 801)]
 
 
 def test_a_restart_of_the_daemon_and_new_channels_within_the_span(tmp_path):

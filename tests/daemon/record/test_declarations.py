@@ -28,13 +28,9 @@ GOOD = json.loads(HEADER.to_json())
     "text",
     [
         "[]",
-        "5",
         DEEP,
-        json.dumps(GOOD | {"streams": 5}),
         json.dumps(GOOD | {"streams": {"arm": [5]}}),
-        json.dumps(GOOD | {"session": "soon"}),
         json.dumps(GOOD | {"session": 1 << 63}),
-        json.dumps(GOOD | {"number": None}),
         json.dumps(GOOD | {"cell": {}}),
     ],
 )
@@ -49,10 +45,7 @@ def test_a_header_that_is_none(text):
     [
         (json.dumps(DECLARED), "soon"),
         (json.dumps(DECLARED), str(1 << 64)),
-        (json.dumps(DECLARED), "-1"),
         (DEEP, "0"),
-        ("[]", "0"),
-        (json.dumps(DECLARED | {"rate": "fast"}), "0"),
         (json.dumps(DECLARED | {"channels": {}}), "0"),
         (json.dumps(DECLARED | {"channels": DECLARED["channels"] * 400}), "0"),
     ],

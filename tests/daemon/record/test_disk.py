@@ -4,7 +4,6 @@ import asyncio
 import errno
 import os
 import shutil
-import subprocess
 from dataclasses import replace
 from io import FileIO
 from pathlib import Path
@@ -135,49 +134,6 @@ async def test_a_sync_that_fails_moves_on_to_another_file(tmp_path, monkeypatch)
         await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 1)
     assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == list(range(sent))
     assert "nothing lost" in recorder.stats()["recovered"][0]
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A real file system of 512 kB. It is detached at once: a killed test leaves no mount behind."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=512k", "cellwatt-test", folder],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if made.returncode:
-        pytest.skip(f"no permission to mount a small disk: {made.stderr.strip()}")
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        subprocess.run(["umount", "--lazy", folder], check=True)
-        yield Path(f"/proc/{os.getpid()}/fd/{handle}")
-    finally:
-        os.close(handle)
-
-
-async def test_a_really_full_disk_is_survived(small_disk):
-    filler = small_disk / "something else"
-    filler.write_bytes(bytes(512 * 1024 - os.statvfs(small_disk).f_bsize * 20))
-    async with started(RecordSettings(folder=small_disk, flush=0.002)) as recorder:
-        numbers = iter(range(10_000))
-
-        def full():
-            assert recorder.put(batch_of(next(numbers) * 10, 10))
-            return recorder.stats()["state"] == "disk full"
-
-        await eventually(full)
-        for _ in range(20):
-            assert recorder.put(batch_of(next(numbers) * 10, 10))
-        filler.unlink()
-        await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
-    for part in small_disk.glob(f"*{PART}"):
-        assert recover(part).problem == ""
-    recording = Recording.open(small_disk)
-    assert recording.batches("arm", "rtde").sequence.tolist() == list(range(next(numbers) * 10))
-    assert recorder.stats()["drops"] == {} and not recording.damage
 
 
 def test_a_repair_waits_for_room(tmp_path, monkeypatch):

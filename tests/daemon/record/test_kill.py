@@ -17,7 +17,7 @@ ALLOWED = RATE // 10
 """100 ms of samples."""
 
 
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", range(2))
 def test_a_killed_recorder_loses_at_most_100_ms(number, tmp_path):
     wanted = random.Random(number).randint(20, 300)
     folder = tmp_path / "record"

@@ -67,15 +67,6 @@ class Writer:
         self.file.release()
         assert recover(self.file.part) is not None
 
-    def crash_and_rewrite(self) -> None:
-        """The next one finds damage in the middle and writes what is sound into a new file."""
-        self.file.release()
-        chunk = self.file.contents.chunks[1]
-        with self.file.part.open("r+b") as file:
-            file.seek(chunk.offset + chunk.length // 2)
-            file.write(b"\0" * 40)
-        assert recover(self.file.part) is not None
-
 
 def at_step(number: int, act: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> Callable[[], bool]:
     """Let ``act`` happen before the reader's step ``number``: a listing, an open or the read of a chunk.
@@ -168,7 +159,7 @@ def test_a_file_that_was_just_begun_is_no_damage(tmp_path):
     writer.file.release()
 
 
-@pytest.mark.parametrize("number", range(0, 40, 10))
+@pytest.mark.parametrize("number", (0, 20))
 def test_export_of_a_rotating_folder(tmp_path, monkeypatch, number):
     writer = Writer(tmp_path / "made")
     at_step(number, writer.rotate, monkeypatch)

@@ -151,15 +151,3 @@ def test_a_journal_numbers_each_series_and_gives_the_last_of_it_back():
     assert RingJournal(*rings).put(prediction("other", 0)) == 2
     for ring in rings:
         ring.close()
-
-
-def test_a_block_ends_where_the_rows_of_another_one_follow():
-    """As in a file whose writer was killed within a block: the next one begins there, on the same channel."""
-    rows = SampleRows("arm", batch_of(0, 1).stream)
-    cut_off, whole = (rows.encode(batch_of(first, 5), 7).tobytes() for first in (0, 5))
-    size = len(whole) // 5
-    data = cut_off[: 2 * size] + whole
-    first, end = rows.decode(data, 0, size - 9, 0)
-    assert same(first, batch_of(0, 2))
-    assert end == 2 * size
-    assert same(rows.decode(data, end, size - 9, 0)[0], batch_of(5, 5))

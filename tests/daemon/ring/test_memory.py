@@ -85,14 +85,6 @@ def test_nothing_is_read_twice_torn_or_lost_untold(steps, data):
         ring.close()
 
 
-def test_a_reader_that_was_left_behind_goes_on_with_the_oldest_whole_record(ring):
-    put(ring, 1000)
-    found, skipped, _ = read_all(ring, 0)
-    assert skipped == ring.tail > 0
-    assert [r.sequence for r in found] == list(range(1000 - len(found), 1000))
-    assert len(found) > 20
-
-
 def test_a_writer_that_is_killed_leaves_no_half_record_and_no_number_twice(ring, monkeypatch):
     put(ring, 3)
 

@@ -65,17 +65,6 @@ def test_one_that_cannot_be_made_anew_is_tried_again(caplog):
     assert chain.status()["judge"] | {"state": "ok", "error": None, "failures": 2} == chain.status()["judge"]
 
 
-def test_it_is_made_anew_and_not_used_on():
-    chain = chain_of(judge=FakeStage)
-    broken = chain.stages["judge"]
-    JUDGES["judge"].give = breaks
-    chain.process(frames_of(0, second=0.0))
-    JUDGES["judge"].give = lambda *_: ()
-    chain.process(frames_of(1, second=1.0))
-    assert chain.stages["judge"] is not broken
-    assert JUDGES["judge"].made == 2
-
-
 def test_one_that_needs_a_broken_one_gets_nothing_of_it():
     seen = []
     chain = chain_of(judge=FakeStage, after=AfterStage)

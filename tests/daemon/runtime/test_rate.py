@@ -24,7 +24,3 @@ def test_memory_stays_bounded() -> None:
         meter.add(np.arange(1000, dtype=np.int64) + 1000 * i)
     assert meter._kept <= 2 * KEPT
     assert meter.figures()["samples"] == 100_000
-
-
-def test_silence() -> None:
-    assert RateMeter(50.0).figures()["rate_hz"] is None

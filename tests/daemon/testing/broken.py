@@ -60,16 +60,6 @@ class TakesAnyValue(SkeletonDriver):
             return value if isinstance(value, float) else 0.2
 
 
-class CrashesOnAValue(SkeletonDriver):
-    class Settings(SkeletonSettings):
-        """A meter."""
-
-        @field_validator("host", mode="before")
-        @classmethod
-        def _crash(cls, value: Any) -> Any:
-            return value.strip()
-
-
 class SaysNothingOfAKey(SkeletonDriver):
     class Settings(SourceSettings):
         """A meter."""
@@ -87,12 +77,6 @@ class DeclaresNothingItSends(SkeletonDriver):
     writes = "READ?"  # type: ignore[assignment]
 
 
-class NamesChannelsTwice(SkeletonDriver):
-    @property
-    def streams(self):
-        return (self._stream, replace(self._stream, name="again"))
-
-
 class Returns(SkeletonDriver):
     async def run(self) -> None:
         async with self._connected() as meter:
@@ -102,16 +86,6 @@ class Returns(SkeletonDriver):
 class NeverSaysConnected(SkeletonDriver):
     async def run(self) -> None:
         async with self._connected() as meter:
-            while True:
-                await self._poll(meter)
-                await asyncio.sleep(0.02)
-
-
-class SaysConnectedTooLate(SkeletonDriver):
-    async def run(self) -> None:
-        async with self._connected() as meter:
-            await self._poll(meter)
-            self.inlet.connected(await self._greet(meter))
             while True:
                 await self._poll(meter)
                 await asyncio.sleep(0.02)

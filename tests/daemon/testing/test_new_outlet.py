@@ -134,9 +134,3 @@ def test_it_is_an_afternoon_and_names_are_put_everywhere(tmp_path: Path) -> None
     assert not [path for path, text in files.items() if "skeleton" in text.lower() or "${" in text]
     assert 'plant_hook = "plant_hook:PlantHookOutlet"' in files["pyproject.toml"]
     assert sum(text.count("\n") for path, text in files.items() if path.endswith(".py") and "test" not in path) <= 150
-
-
-@pytest.mark.parametrize(("name", "reason"), [("mqtt", "an outlet named"), ("json", "package named"), ("A", "small")])
-def test_a_name_that_cannot_be(name: str, reason: str, tmp_path: Path) -> None:
-    result = CliRunner().invoke(outlet, [name, "--folder", str(tmp_path)])
-    assert result.exit_code == 2 and reason in result.output

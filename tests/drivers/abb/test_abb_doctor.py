@@ -33,18 +33,6 @@ async def test_a_clock_that_is_not_known_yet_is_a_warning(monkeypatch):
     assert not any("move_index" in f for f in found.findings)  # RobotWare 6 has none
 
 
-async def test_why_there_is_no_energy(monkeypatch):
-    monkeypatch.setattr(examining, "SETTLING", 0.0)
-    async with emulated(energy="no") as (_, place):
-        found = await look(place, egm=[])
-    assert found.verdict == "warning"
-    assert [f for f in found.findings if "energy" in f] == [
-        "energy: nothing came; it is sent on change",
-        "energy is not read any more in this session: the controller has no page of its energy (/rw/system/energy); "
-        "'web: [state]' does not ask for it",
-    ]
-
-
 async def test_energy_that_the_controller_calls_not_valid():
     async with emulated() as (emulator, place):
         emulator.epoch += 3600.0  # nothing measured yet

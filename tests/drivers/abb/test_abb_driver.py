@@ -10,7 +10,6 @@ import pytest
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
-from cellwatt_drivers.abb.controller import Controller
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
@@ -51,21 +50,6 @@ async def test_motion_states_and_energy(robotware):
     assert emulator.counts["heard"] == 0
 
 
-async def test_pages_that_are_cut_short_by_the_stop_are_not_missed():
-    class Silent:
-        async def get(self, path):
-            asked.set()
-            await asyncio.Event().wait()
-
-    asked, inlet = asyncio.Event(), CollectingInlet()
-    controller = Controller(inlet, AbbSettings.model_validate({"host": "192.0.2.1", "web": ["state"]}))
-    polling = asyncio.create_task(controller.poll(Silent()))
-    await asked.wait()
-    polling.cancel()
-    await asyncio.gather(polling, return_exceptions=True)
-    assert inlet.account.expected == inlet.account.missed.total() == 0
-
-
 async def test_what_the_emulator_made_is_what_came():
     async with emulated() as (emulator, place), running(place | {"web": []}) as (inlet, _):
         await inlet.until(lambda o: o.account.received > 50)
@@ -83,19 +67,6 @@ async def test_what_the_emulator_made_is_what_came():
     assert account.counters["malformed"] == counts["half_frame"] + counts["garbage"]
     assert account.counters["late packets"] + account.counters["duplicates"] == counts["reorder"] + counts["duplicate"]
     assert inlet.resets == []
-
-
-async def test_a_stall_loses_nothing_and_a_set_clock_is_noticed():
-    async with emulated() as (emulator, place), running(place | {"web": []}) as (inlet, _):
-        await inlet.until(lambda o: o.account.received > 20)
-        emulator.inject(Fault("stall", seconds=0.3))
-        await inlet.until(lambda o: emulator.counts.get("stall", 0) == 1)
-        seen = inlet.account.received
-        await inlet.until(lambda o: o.account.received > seen + 100)
-        assert inlet.account.missed.total() == 0
-        assert inlet.resets == []
-        emulator.inject(Fault("clock_jump", seconds=3600.0))
-        await inlet.until(lambda o: len(o.resets) == 1)
 
 
 async def test_states_that_change_are_reported():

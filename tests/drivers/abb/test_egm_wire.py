@@ -69,11 +69,6 @@ def test_force_is_told_apart_by_its_wire_type():
     assert math.isnan(seven["tool.torque_z"])
 
 
-def test_a_force_of_half_a_number_is_none():
-    packet = wire.decode(MINIMAL + bytes.fromhex("4a05 0a03 616263"))
-    assert list(wire.force(packet.message)) == []
-
-
 def test_external_axes_turn_or_slide():
     external = b"\x12\x14\x1a\x12" + MINIMAL[12:30]
     values = read(MINIMAL + external, ("joints",), 2, ("rotary", "linear"))

@@ -61,19 +61,6 @@ def test_results_of_an_ivt_s(stream, identifier, data, channel, unit, value):
     assert signals[next(iter(found.wanted.signals))] * found.factors[0] == pytest.approx(value)
 
 
-def test_an_own_map_in_si_units(folder):
-    _, decodings = load_decodings(None, folder / "drive.yaml")
-    status = decodings["status"]
-    assert [(c.name, c.unit, c.kind) for c in status.channels] == [
-        ("drive.speed", "rad/s", "continuous"),
-        ("drive.energy", "J", "counter"),
-    ]
-    assert status.factors == pytest.approx((2 * 3.141592653589793 / 60, 3600.0))
-    assert status.counts_to == 256
-    with pytest.raises(ValueError, match="Drive_Status"):
-        status.decode(b"\x00" * 7)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [

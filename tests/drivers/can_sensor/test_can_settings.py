@@ -15,13 +15,6 @@ def make(**changes):
     return CanSensorDriver("battery", CanSensorSettings.model_validate(GOOD | changes), CollectingInlet())
 
 
-def test_by_default_what_the_sensor_sends_at_delivery_is_read():
-    assert [(s.name, s.clock) for s in make().streams] == [
-        ("current", "device"), ("voltage_1", "device"), ("voltage_2", "device"), ("voltage_3", "device"),
-    ]  # fmt: skip
-    assert [s.rate for s in make().streams] == pytest.approx([50.0, 1 / 0.06, 1 / 0.06, 1 / 0.06])
-
-
 def test_streams_and_rates_are_chosen():
     found = make(read=["energy", "current"], rates={"current": "1 kHz"}).streams
     assert [(s.name, round(s.rate, 1)) for s in found] == [("energy", 33.3), ("current", 1000.0)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -127,19 +126,6 @@ async def run_again(arm):
     while True:
         with contextlib.suppress(ConnectError):
             await arm.run()
-
-
-@library
-@pytest.mark.blocks_loop
-async def test_states_of_a_robot_that_was_held_up_do_not_leave_together(monkeypatch):
-    async with emulated("127.0.41.33") as emulator, running("127.0.41.33") as (inlet, _):
-        await inlet.until(lambda o: o.account.received > 100)
-        left, emulator._most_apart = [], 500
-        put = emulator._states.put
-        monkeypatch.setattr(emulator._states, "put", lambda state: (left.append(time.monotonic()), put(state)))
-        time.sleep(0.1)  # noqa: ASYNC251 - holds up the robot, which is in this process
-        await inlet.until(lambda o: len(left) > 100)
-    assert min(np.diff(left[:100])) >= 0.000399
 
 
 @library

@@ -57,18 +57,6 @@ async def test_an_answer_that_does_not_come_costs_a_connection(kind):
     np.testing.assert_allclose(values[:, :7], np.tile(ANGLES, (len(values), 1)), atol=1e-6)
 
 
-async def test_garbage_never_becomes_a_value():
-    async with emulated() as (emulator, port), running(port, timeout="300 ms", rate="50 Hz") as (inlet, _):
-        for _ in range(3):
-            seen = len(inlet.readings)
-            await inlet.until(lambda o, seen=seen: len(o.readings) > seen + 10)
-            await strike(emulator, Fault("garbage"))
-        seen = len(inlet.readings)
-        await inlet.until(lambda o: len(o.readings) > seen + 10)
-    values = np.concatenate([r.values for r in of(inlet, "motion")])
-    np.testing.assert_allclose(values[:, :7], np.tile(ANGLES, (len(values), 1)), atol=1e-6)
-
-
 async def test_a_closed_port_ends_the_source():
     async with emulated() as (emulator, port):
         inlet = CollectingInlet()

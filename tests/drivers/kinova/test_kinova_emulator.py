@@ -36,17 +36,6 @@ async def test_pymodbus_reads_the_emulator():
     assert emulator.counts["written"] == 2
 
 
-async def test_the_worked_frames():
-    async with emulated() as (_, port):
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(bytes.fromhex("0001 0000 0006 01 04 0006 0002"))
-        assert await reader.readexactly(13) == bytes.fromhex("0001 0000 0007 01 04 04 0000 3fa0")
-        writer.write(bytes.fromhex("0002 0000 0006 01 04 0008 0002"))
-        assert await reader.readexactly(13) == bytes.fromhex("0002 0000 0007 01 04 04 0000 41c0")
-        writer.close()
-        await writer.wait_closed()
-
-
 async def test_the_driver_reads_a_server_of_pymodbus():
     from pymodbus.server import ModbusTcpServer
     from pymodbus.simulator import DataType, SimData, SimDevice

@@ -109,15 +109,6 @@ async def test_a_value_that_the_meter_lacks_is_told_once_and_stays_nan():
             await other.run()
 
 
-async def test_another_word_order_is_the_wrong_meter():
-    words = [0] * 76
-    words[0x46:0x48] = [0x0000, 0x4248]  # 50.0, its words exchanged
-    async with answering(SimData(0, values=words, datatype=DataType.REGISTERS)) as place:
-        driver = ModbusMeterDriver("m", settings(place), CollectingInlet())
-        with pytest.raises(WrongDeviceError, match=r"not a SDM630: supply\.frequency reads .* expected 40 to 70"):
-            await driver.identify()
-
-
 async def test_meters_on_one_serial_line_take_turns():
     async with emulated("pty", unit="1,2,3") as (emulator, line):
         inlets = [CollectingInlet() for _ in range(3)]
@@ -193,16 +184,3 @@ async def test_nobody_there_is_said():
     driver = ModbusMeterDriver("m", settings("/dev/nonexistent"), CollectingInlet())
     with pytest.raises(ConnectError, match="/dev/nonexistent: no such port"):
         await driver.run()
-
-
-async def test_a_cancellation_that_meets_an_answer_is_obeyed():
-    async with emulated() as (_, place):
-        for turn in range(10):
-            drivers = [ModbusMeterDriver(f"m{u}", settings(place, rate="200 Hz"), CollectingInlet()) for u in range(8)]
-            tasks = [asyncio.create_task(d.run()) for d in drivers]
-            await asyncio.gather(*(d.inlet.until(lambda o, turn=turn: len(o.readings) > turn) for d in drivers))
-            for task in tasks:
-                task.cancel()
-            done, left = await asyncio.wait(tasks, timeout=PATIENCE)
-            assert not left
-            assert all(t.cancelled() for t in done)

@@ -14,7 +14,6 @@ from tests.patience import PATIENCE
 from .rig import emulated
 
 FLOAT32 = AsyncModbusTcpClient.DATATYPE.FLOAT32
-INT32 = AsyncModbusTcpClient.DATATYPE.INT32
 
 
 async def client_of(place: str, timeout: float = PATIENCE, **kinds):
@@ -38,27 +37,6 @@ async def test_pymodbus_reads_volts_and_watts(address, framing):
         assert client.convert_from_registers(volts.registers, FLOAT32) == [230.0] * 3
         assert client.convert_from_registers(watts.registers, FLOAT32) == 500.0
         assert emulator.counts["sent"] == 2
-
-
-async def test_low_word_first_where_the_meter_does_so():
-    async with emulated(meter="gavazzi_em340") as (_, place):
-        client = await client_of(place)
-        answer = await client.read_input_registers(0, count=2, device_id=1)
-        client.close()
-    assert answer.registers == [0x08FC, 0x0000]  # 230.0 V; 230.1 V would be 08FD 0000
-    assert client.convert_from_registers(answer.registers, INT32, word_order="little") == 2300
-
-
-@pytest.mark.parametrize(("meter", "address"), [("gavazzi_em340", 0x28), ("siemens_pac3200", 65)])
-async def test_meters_that_answer_both_functions_alike(meter, address):
-    async with emulated(meter=meter) as (_, place):
-        client = await client_of(place)
-        both = [
-            await ask(address, count=2, device_id=1)
-            for ask in (client.read_input_registers, client.read_holding_registers)
-        ]
-        client.close()
-    assert both[0].registers == both[1].registers != [0, 0]
 
 
 async def test_what_a_meter_refuses():

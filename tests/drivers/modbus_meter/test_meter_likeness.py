@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 
 import pytest
 from pymodbus.simulator import DataType, SimData
@@ -22,21 +19,6 @@ ALIKE = {"schneider_iem3000", "schneider_pm5000"}
 """Their voltages and frequency stand in the same registers."""
 
 
-@asynccontextmanager
-async def serving(floats: dict[int, float], order: str = "big") -> AsyncIterator[str]:
-    """A server that has all registers up to 4000: floats where they are given, 0 elsewhere."""
-    words = [0] * 4000
-    for address, value in floats.items():
-        pair = words_of(value)
-        words[address : address + 2] = pair if order == "big" else pair[::-1]
-    async with answering(SimData(0, values=words, datatype=DataType.REGISTERS)) as place:
-        yield place
-
-
-def words_of(value: float) -> list[int]:
-    return list(struct.unpack(">2H", struct.pack(">f", value)))
-
-
 async def identify(place: str, **changes: object):
     return await ModbusMeterDriver("m", settings(place, **changes), CollectingInlet()).identify()
 
@@ -50,15 +32,6 @@ async def test_no_map_takes_another_meter_for_its_own(real):
                 continue
             with pytest.raises(WrongDeviceError, match=rf"is not a .*; it answers like .*\(meter: {real}\)"):
                 await identify(place, meter=wanted)
-
-
-async def test_an_sdm630_map_on_a_shelly():
-    """All registers are there, most are 0."""
-    shelly = {1020: 230.1, 1040: 229.4, 1060: 231.2, 1013: 500.0}
-    async with serving(shelly, order="little") as place:
-        with pytest.raises(WrongDeviceError, match=r"no phase has a voltage.*like Shelly Pro 3EM"):
-            await identify(place, meter="eastron_sdm630")
-        assert (await identify(place, meter="shelly_pro_3em")).maker == "Shelly"
 
 
 def em24(cosine: float, kilowatts: float) -> list[int]:
@@ -81,7 +54,7 @@ def em24(cosine: float, kilowatts: float) -> list[int]:
     return words
 
 
-@pytest.mark.parametrize(("cosine", "kilowatts"), [(0.41, 0.03), (0.5, 3.0), (0.69, 12.0)])
+@pytest.mark.parametrize(("cosine", "kilowatts"), [(0.41, 0.03), (0.69, 12.0)])
 async def test_an_em24_whose_power_factor_looks_like_a_frequency_is_no_em340(cosine, kilowatts):
     async with answering(SimData(0, values=em24(cosine, kilowatts), datatype=DataType.REGISTERS)) as place:
         for read in (None, ["supply.power"]):
@@ -117,7 +90,7 @@ def test_power_factor_and_power_are_judged_together(values, fits):
 
 
 async def test_mains_that_may_be_off():
-    async with serving({}) as place:
+    async with answering(SimData(0, values=[0] * 4000, datatype=DataType.REGISTERS)) as place:
         with pytest.raises(WrongDeviceError, match="check meter, map, unit and word order"):
             await identify(place)
         assert (await identify(place, mains_may_be_off=True)).model == "SDM630"

@@ -18,15 +18,6 @@ def make(**changes):
     return ModbusMeterDriver("m", ModbusMeterSettings.model_validate(GOOD | changes), CollectingInlet())
 
 
-def test_the_stream_follows_the_map():
-    (stream,) = make().streams
-    assert (stream.name, stream.rate, stream.clock) == ("measured", 1.0, "host")
-    units = {c.name: (c.unit, c.kind, c.method) for c in stream.channels}
-    assert units["phase_1.voltage"] == ("V", "continuous", "linear")
-    assert units["supply.power"] == ("W", "continuous", "average")
-    assert units["supply.energy_imported"] == ("J", "counter", "hold")
-
-
 def test_powers_are_declared_as_means_where_somebody_says_so():
     (plain,), (told,) = make().streams, make(window="200 ms").streams
     assert {c.window for c in plain.channels} == {0.0}

@@ -115,4 +115,4 @@ def judge(mode: wire.Mode, frames: int, seed: int) -> None:
 
 @pytest.mark.parametrize("mode", wire.MODES)
 def test_mutated_frames(mode: wire.Mode) -> None:
-    judge(mode, 20_000, seed=1)
+    judge(mode, 8_000, seed=1)

@@ -73,20 +73,6 @@ def test_wrong_form_with_a_right_crc_is_refused(what: str, body: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"raw": EXAMPLE.raw * 2}, "no such form"),
-        ({"board": 256}, "out of range"),
-        ({"raw": (65536, *EXAMPLE.raw[1:])}, "out of range"),
-        ({"raw": EXAMPLE.raw * 11, "step": 100}, "do not fit 255 bytes"),
-    ],
-)
-def test_what_has_no_form_is_not_built(change: dict, text: str) -> None:
-    with pytest.raises(ValueError, match=text):
-        payload.build(EXAMPLE._replace(**change))
-
-
-@pytest.mark.parametrize(
     ("position", "raw"), [(0, 0xFFFF), (1, 0xFFFF), (2, 0x7FFF_FFFF), (2, -0x8000_0000)], ids=["U", "I", "P", "-P"]
 )
 def test_end_of_range_is_marked_as_clipped(position: int, raw: int) -> None:

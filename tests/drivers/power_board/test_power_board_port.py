@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import serial
-from pydantic import ValidationError
 
 from cellwatt import ConnectError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, wire
@@ -96,19 +95,6 @@ async def test_wrong_baud_rate(line: VirtualPort) -> None:
     assert "bytes but no valid frame at 57600 baud: wrong baud rate or mode?" in str(error)
 
 
-@pytest.mark.parametrize(
-    ("sent", "configured", "words"),
-    [
-        ("api_escaped", "api", "set mode: api_escaped, or set the receiver to AP=1"),
-        ("api", "api_escaped", "set mode: api, or set the receiver to AP=2"),
-    ],
-)
-async def test_wrong_mode_is_named(line: VirtualPort, sent: wire.Mode, configured: str, words: str) -> None:
-    error = await feed_until_failure(line, frame(1, mode=sent) * 3, mode=configured)
-    assert isinstance(error, ProtocolError)
-    assert words in str(error)
-
-
 async def test_other_board_is_the_wrong_device(line: VirtualPort) -> None:
     error = await feed_until_failure(line, frame(1, board=9) + frame(1, board=8), boards=[7])
     assert isinstance(error, WrongDeviceError)
@@ -192,17 +178,3 @@ async def test_latency_timer_is_noted(line: VirtualPort, tmp_path: Path, monkeyp
             line.write(frame(1))
             await asyncio.sleep(0.01)
         assert ("latency timer" in (await identifying).notes) == noted
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({}, "port"),
-        ({"port": "COM3"}, "path of a serial port"),
-        ({"port": "/dev/ttyUSB0", "mode": "AP1"}, "'api', 'api_escaped' or 'transparent'"),
-        ({"port": "/dev/ttyUSB0", "boards": 256}, "boards"),
-    ],
-)
-def test_settings_mistakes_are_refused(settings: dict, words: str) -> None:
-    with pytest.raises(ValidationError, match=words):
-        PowerBoardSettings(**settings)

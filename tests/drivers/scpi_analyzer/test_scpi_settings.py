@@ -8,19 +8,6 @@ from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver, ScpiAnalyzerSetti
 from .rig import Inlet
 
 
-def test_the_stream_follows_the_functions():
-    settings = ScpiAnalyzerSettings.model_validate(
-        {"host": "192.0.2.1", "functions": ["P", "WH", "URMS"], "rate": "5 Hz"}
-    )
-    (stream,) = ScpiAnalyzerDriver("supply", settings, Inlet()).streams
-    assert [(c.name, c.unit, c.method) for c in stream.channels] == [
-        ("supply.power", "W", "average"),
-        ("supply.energy", "J", "hold"),
-        ("supply.voltage", "V", "linear"),
-    ]
-    assert (stream.rate, stream.clock) == (5.0, "host")
-
-
 @pytest.mark.parametrize(
     ("found", "why"),
     [

@@ -57,12 +57,6 @@ def test_a_grid_that_is_no_longer_kept_is_given_up():
     assert grid.step is None
 
 
-def test_a_long_outage_is_counted_in_full():
-    grid = asked("auto", 2 * MS)
-    count(grid, np.full(WINDOW, 2 * MS))
-    assert grid.missing(np.array([3600 * 1000 * MS])) == 1_799_999
-
-
 @given(st.lists(st.integers(1, 10**13), max_size=300), st.sampled_from(["auto", "requested", "off"]))
 def test_missing_is_never_negative(steps, policy):
     assert count(asked(policy, 2 * MS), np.array(steps, dtype=np.int64)) >= 0

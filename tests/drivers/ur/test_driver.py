@@ -188,30 +188,6 @@ async def test_broken_bytes_end_the_connection_and_are_counted(tmp_path, kind, c
     assert not inlet.resets
 
 
-@pytest.mark.parametrize("jump", [-5.0, 0.5])
-async def test_a_jump_of_the_clock_is_one_reset_and_no_loss(tmp_path, jump):
-    async with serving(tmp_path) as (emulator, table), watching(emulator.address) as watched:
-        await watched.inlet.until(lambda o: o.account.received > WARM)
-        emulator.inject(Fault("clock_jump", seconds=jump))
-        await watched.inlet.until(lambda o: o.account.received == ROWS)
-        counts = emulator.counts
-    assert counts["clock_jump"] == 1
-    assert len(watched.inlet.resets) == 1
-    assert watched.inlet.account.expected == watched.inlet.account.received == counts["made"] == counts["sent"]
-    np.testing.assert_array_equal(watched.inlet.values, expected_values(table))
-
-
-async def test_a_reboot_is_a_reset_and_invents_no_loss(tmp_path):
-    async with serving(tmp_path) as (emulator, _), watching(emulator.address) as watched:
-        inlet = watched.inlet
-        await inlet.until(lambda o: o.account.received > WARM)
-        emulator.disturb({"reboot": 0.4})
-        await inlet.until(lambda o: bool(o.resets) and o.account.received > WARM + 250)
-    assert len(inlet.resets) == 1
-    assert inlet.device_time[-1] < 10**10
-    assert inlet.account.expected == inlet.account.received and not inlet.account.missed
-
-
 async def test_messages_and_states_are_events(tmp_path):
     channels = ("actual_q", "runtime_state")
     async with serving(tmp_path) as (emulator, table), watching(emulator.address, channels=channels) as watched:
@@ -222,15 +198,6 @@ async def test_messages_and_states_are_events(tmp_path):
     assert said["message"] == "controller warning from emulator: joint 3 is hot"
     assert said["program"] == "program: playing → paused"
     assert watched.inlet.account.expected == ROWS
-
-
-async def test_a_cb3_gives_the_rate_it_has():
-    async with emulated(polyscope="3.15.0") as emulator, watching(emulator.address, gaps="requested") as watched:
-        await watched.inlet.until(lambda o: o.account.received > 60)
-    assert watched.inlet.kinds().count("rate") == 1
-    assert watched.inlet.events[0][2]["rate"] == 125
-    assert set(np.diff(watched.inlet.device_time)) == {8_000_000}
-    assert watched.inlet.account.expected == watched.inlet.account.received
 
 
 async def test_fields_that_the_controller_lacks_are_named():
@@ -270,8 +237,6 @@ async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
     [
         (b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"),
         (b"SSH-2.0-OpenSSH_9.6\r\n", None),
-        (b"\x00\x00\x00\x37\x14\xff\xff\xff", None),
-        (b"", b"\x00\x04S\x01"),
     ],
 )
 async def test_somebody_else_on_the_port_is_the_wrong_device(banner, answer):
@@ -302,13 +267,6 @@ async def test_silence_and_a_closed_door_are_connection_errors():
     [
         ({"rate": "1 kHz"}, "out of reach"),
         ({"channels": ["actual_qq"]}, "actual_q"),
-        (
-            {
-                "channels": [f"output_double_register_{i}" for i in range(48)]
-                + [f"output_int_register_{i}" for i in range(48)]
-            },
-            "a controller takes 2048",
-        ),
     ],
 )
 def test_wrong_settings_are_named(settings, message):

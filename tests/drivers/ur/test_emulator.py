@@ -106,26 +106,6 @@ async def test_packages_keep_the_grid_of_the_controller(polyscope, rate, step):
         await eventually(lambda: emulator.counts["made"] == emulator.counts["sent"] >= 60)
 
 
-async def test_the_arm_is_served_at_the_time_of_the_world():
-    async with serving(ArmSignals(noise=0.0)) as (_, connect):
-        peer = await connect()
-        await peer.start()
-        rows = np.array(await peer.packages(500))
-    worst = await asyncio.to_thread(apart, rows)
-    assert min(worst) < 0.002 < max(worst)
-
-
-def apart(rows: np.ndarray) -> list[float]:
-    """How far the arm is from where it should be, for each moment at which its world may have begun."""
-    # The world began at the epoch, the controller's clock at 60 s a moment later.
-    truth = ArmSignals(noise=0.0)
-    worst = []
-    for lag in np.arange(0.0, 0.2, 0.0005):
-        expected = truth.at(rows[:, 0] - 60.0 + lag)
-        worst.append(max(np.abs(rows[:, i] - expected[f"joint_{i}.position"]).max() for i in range(1, 7)))
-    return worst
-
-
 async def test_a_disturbance_of_the_world_and_messages():
     async with serving(ArmSignals(noise=0.0)) as (emulator, connect):
         peer = await connect()

@@ -72,14 +72,6 @@ async def test_the_tool_pose_in_metres_and_radians():
     assert pose[3:] == pytest.approx([np.pi, -np.pi / 2, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize("axes", ["6", "7", "8"])
-async def test_short_answers_are_understood(axes):
-    async with emulated(answer_axes=axes) as (_, port), running(settings(port)) as (_, inlet, _):
-        await eventually(lambda: len(inlet.of("torque")) > 2)
-    assert inlet.of("position")[0].values[0] == pytest.approx(ANGLES, abs=1e-3)
-    assert inlet.account.counters["malformed"] == 0
-
-
 def slow(port):
     return running(settings(port, read=["position", "torque"], timeout="500 ms"))
 

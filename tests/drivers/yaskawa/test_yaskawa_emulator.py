@@ -52,13 +52,6 @@ async def test_what_it_refuses(tail, added):
     assert len(answer) == 32
 
 
-async def test_torque_is_whole_per_cent():
-    async with emulated() as (_, port):
-        answer = await ask(port, "7700 0100 00 01 0000")
-    counts = [int.from_bytes(answer[i : i + 4], "little", signed=True) for i in range(32, 64, 4)]
-    assert counts == [12, -45, 30, -3, 7, -1, 0, 0]
-
-
 async def test_what_is_no_request_gets_no_answer():
     async with emulated() as (emulator, port):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:

@@ -15,17 +15,6 @@ def streams(**changes):
     return {s.name: s for s in driver.streams}
 
 
-def test_by_default_position_torque_and_state_are_read():
-    found = streams()
-    assert list(found) == ["position", "torque", "state"]
-    assert (found["position"].rate, found["torque"].rate, found["state"].rate) == (50.0, 50.0, 2.0)
-    assert {s.clock for s in found.values()} == {"host"}
-    assert found["position"].names == tuple(f"joint_{i}.position" for i in range(1, 7))
-    assert {c.unit for c in found["position"].channels} == {"rad"}
-    assert found["state"].names[-1] == "robot.alarm_code"
-    assert {c.kind for c in found["state"].channels} == {"discrete"}
-
-
 def test_without_rated_torque_there_is_no_newton_metre():
     assert {(c.name, c.unit) for c in streams()["torque"].channels} == {
         (f"joint_{i}.torque_ratio", "1") for i in range(1, 7)

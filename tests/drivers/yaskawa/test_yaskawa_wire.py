@@ -18,8 +18,6 @@ CARTESIAN_DATA = bytes.fromhex(
     "40e20100 b03cffff 140a0c00 40771b00 6044f2ff 88130000 00000000 00000000"
 )
 TORQUE_DATA = bytes.fromhex("0c000000 d3ffffff 1e000000 fdffffff 07000000 ffffffff 00000000 00000000")
-POSITION_ANSWER = bytes.fromhex(ANSWER_HEAD.format(size="3400")) + POSITION_DATA
-TORQUE_ANSWER = bytes.fromhex(ANSWER_HEAD.format(size="2000")) + TORQUE_DATA
 AXIS_NAMES_DATA = bytes.fromhex("53000000 4c000000 55000000 52000000 42000000 54000000 00000000 00000000")
 UNDEFINED = bytes.fromhex("59455243 2000 0000 03 01 01 00 00000080 3939393939393939 81 1f 01 00 00a0 0000")
 
@@ -51,19 +49,9 @@ def test_status_answer():
     assert not status.alarming
 
 
-def test_undocumented_status_bits_are_ignored():
-    status = payload.decode_status(bytes.fromhex("cc000100 41000080"))
-    assert status == payload.decode_status(bytes.fromhex("cc000000 40000000"))
-
-
 @pytest.mark.parametrize(("word", "hold"), [("02", True), ("04", True), ("08", True), ("50", False)])
 def test_any_hold_bit_is_a_hold(word, hold):
     assert payload.decode_status(bytes.fromhex(f"00000000 {word}000000")).hold is hold
-
-
-def test_position_answer():
-    position = payload.decode_position(wire.decode_answer(POSITION_ANSWER).data, payload.PULSE)
-    assert position == (13414, -26828, 1341, 1000, -2000, 622, 0, 0)
 
 
 def test_cartesian_answer():

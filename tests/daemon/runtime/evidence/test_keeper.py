@@ -162,17 +162,6 @@ async def test_a_process_that_fails_says_why(cell: Cell) -> None:
     assert "No space left on device" in cell.events[0].text and keeper.stats()["given_up"] == 1
 
 
-async def test_a_storm_makes_few_packs(cell: Cell) -> None:
-    async with cell.keeper() as keeper:
-        for n in range(2000):
-            keeper.alarm(alarm(f"storm.{n}", at=2 + n * 0.001))
-        assert keeper.stats()["waiting"] == 1
-        cell.time = 60.0
-        await eventually(lambda: cell.events, "the pack")
-    assert len(cell.packs) == 1 and len(cell.events[0].data["alarms"]) == packs.MOST_ALARMS
-    assert "storm.0 and 1999 more" in cell.events[0].text
-
-
 async def test_packs_beyond_the_budget_go_and_the_record_stays(cell: Cell) -> None:
     cell.settings = cell.settings.model_copy(update={"evidence": EVIDENCE.model_copy(update={"keep": 1.0})})
     record = sorted(cell.settings.folder.glob("*.mcap"))
