@@ -29,8 +29,8 @@ NOISE = np.array([0.8, 1.0, 0.6, 0.15, 0.12, 0.08])
 JOINTS = 6
 
 
-def write_robot(folder: Path, **changes: object) -> Path:
-    """The arm's URDF and ``robot.yaml``; ``changes`` are the same for every joint, or keys of the robot."""
+def urdf() -> str:
+    """The arm's links and joints."""
     links = ['<robot name="bench"><link name="base"/>']
     for i in range(JOINTS):
         size = INERTIAS[i]
@@ -41,7 +41,12 @@ def write_robot(folder: Path, **changes: object) -> Path:
             f'<child link="link_{i + 1}"/><origin xyz="{OFFSETS[i]}"/><axis xyz="{AXES[i]}"/>'
             '<limit lower="-3.5" upper="3.5" effort="300" velocity="6"/></joint>'
         )
-    (folder / "bench.urdf").write_text("\n".join([*links, "</robot>"]))
+    return "\n".join([*links, "</robot>"])
+
+
+def write_robot(folder: Path, **changes: object) -> Path:
+    """The arm's URDF and ``robot.yaml``; ``changes`` are the same for every joint, or keys of the robot."""
+    (folder / "bench.urdf").write_text(urdf())
     joints = [
         {
             "name": f"axis_{i + 1}",
@@ -118,9 +123,14 @@ def model(path: Path, payload: float = 0.0, gravity: tuple[float, float, float] 
 
 def needed(arm: pin.Model, moves: Moves, friction: float = 1.0) -> np.ndarray:
     """Torques (N, n) Nm of the real arm."""
+    links = rigid(arm, moves.q, moves.qd, moves.qdd)
+    return links + ROTOR * moves.qdd + friction * (COULOMB * np.tanh(moves.qd / 0.004) + VISCOUS * moves.qd)
+
+
+def rigid(arm: pin.Model, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """Torques (N, n) Nm that the links need."""
     data = arm.createData()
-    rigid = np.array([pin.rnea(arm, data, *row) for row in zip(moves.q, moves.qd, moves.qdd, strict=True)])
-    return rigid + ROTOR * moves.qdd + friction * (COULOMB * np.tanh(moves.qd / 0.004) + VISCOUS * moves.qd)
+    return np.array([pin.rnea(arm, data, *row) for row in zip(q, qd, qdd, strict=True)])
 
 
 def supply(torque: np.ndarray, qd: np.ndarray) -> np.ndarray:
