@@ -71,16 +71,15 @@ def recorded(
     )
 
 
-def layout(rate: float = 50.0, *, torque: str = "torque", power: bool = True) -> Layout:
-    """Frames of the arm; ``torque`` may be ``current``."""
-    units = {"position": "rad", "velocity": "rad/s", torque: "Nm" if torque == "torque" else "A"}
+def layout(rate: float = 50.0) -> Layout:
+    """Frames of the arm."""
+    units = {"position": "rad", "velocity": "rad/s", "torque": "Nm"}
     channels = [
         FrameChannel(f"arm.joint_{j}.{quantity}", unit, "continuous", "linear")
         for quantity, unit in units.items()
         for j in range(1, JOINTS + 1)
     ]
-    supply = [FrameChannel("meter.supply.power", "W", "continuous", "average")] if power else []
-    return Layout((*channels, *supply), rate)
+    return Layout((*channels, FrameChannel("meter.supply.power", "W", "continuous", "average")), rate)
 
 
 START = 1_795_000_000 * 10**9
@@ -88,12 +87,8 @@ START = 1_795_000_000 * 10**9
 
 
 def frames(arm: Recorded, lay: Layout) -> Frames:
-    """The recording as one block of frames; torque as current where the layout has that."""
-    torque = arm.torque / CONSTANT if any(c.unit == "A" for c in lay.channels) else arm.torque
-    columns = [arm.position, arm.velocity, torque]
-    if lay.channels[-1].unit == "W":
-        columns.append(arm.power[:, None])
-    values = np.column_stack(columns)
+    """The recording as one block of frames."""
+    values = np.column_stack([arm.position, arm.velocity, arm.torque, arm.power])
     time = START + lay.step * np.arange(len(values))
     quality = np.zeros(values.shape, np.uint8)
     return Frames(lay, 0, time, values, quality, np.zeros(values.shape, np.int64))

@@ -189,11 +189,9 @@ def _picked_up(moves: Moves, torque: np.ndarray, path: Path) -> np.ndarray:
 
 EFFECTS: dict[str, Effect] = {
     "none": lambda moves, torque, path: torque,
-    "payload": lambda moves, torque, path: needed(model(path, payload=10.0), moves),
     "payload picked up": _picked_up,
     "gain": lambda moves, torque, path: torque * np.array([1, 1.3, 0.7, 1.3, 1, 0.7]),
     "clock drift": lambda moves, torque, path: _later(torque, moves, 3e-3 * moves.time),
-    "delay": lambda moves, torque, path: _later(torque, moves, np.full(len(torque), 0.1)),
     "no friction": lambda moves, torque, path: needed(model(path), moves, friction=0.0),
     "much friction": lambda moves, torque, path: needed(model(path), moves, friction=4.0),
     "saturation": lambda moves, torque, path: np.clip(
@@ -201,14 +199,11 @@ EFFECTS: dict[str, Effect] = {
     ),
     "vibration": lambda moves, torque, path: torque + np.outer(np.sin(2 * np.pi * 17 * moves.time), 15 * NOISE),
     "tilt": lambda moves, torque, path: needed(model(path, gravity=(1.7, 0.8, -9.62)), moves),
-    "wall": lambda moves, torque, path: needed(model(path, gravity=(9.81, 0, 0)), moves),
     "ceiling": lambda moves, torque, path: needed(model(path, gravity=(0, 0, 9.81)), moves),
     "elasticity": _elastic,
     "contact": _pushed,
     "balancer": lambda moves, torque, path: torque - np.outer(moves.q[:, 1] - 0.2, [0, 120, 0, 0, 0, 0]),
     "offset": lambda moves, torque, path: torque + 10 * NOISE,
-    "drift": lambda moves, torque, path: torque + np.outer(moves.time, NOISE),
-    "noise": lambda moves, torque, path: torque + 15 * NOISE * np.random.default_rng(3).standard_normal(torque.shape),
     "coarse current": lambda moves, torque, path: np.round(torque / (4 * NOISE)) * 4 * NOISE,
 }
 """Strong ones: all of them are what a robot, its drives or its mounting may do."""

@@ -24,8 +24,6 @@ from tests.plugins.models.making import Mlp, metadata, stage
 SEAL = 2 + 2 + len("cellwatt.sha256") + 2 + 64
 """Bytes of the last entry: tag and length of it, of its key and of its value."""
 
-names = st.text(min_size=1, max_size=20)
-
 
 def test_described_file_is_taken_and_says_what_was_written(tmp_path):
     path = Mlp.random(1).save(tmp_path / "m.onnx", None)

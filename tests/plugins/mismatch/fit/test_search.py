@@ -7,7 +7,6 @@ from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.rows import Thinned
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
@@ -22,14 +21,13 @@ def thinner(problem: Problem, every: int) -> Problem:
     return replace(problem, rows=rows, **parts)
 
 
-def searched(arm, missing, names, seed=1, thresholds=None, thin=1):
-    runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
+def searched(arm, missing, names, thin=1):
+    runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     return search(
         lambda turning, late: thinner(torque_problem(runs, states, turning, late), thin),
         plant.JOINTS,
-        thresholds or Thresholds(),
-        [BY_NAME[name] for name in names],
+        effects=[BY_NAME[name] for name in names],
     )
 
 
