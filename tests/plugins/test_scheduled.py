@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 from contextlib import suppress
-from dataclasses import replace
 from datetime import datetime, tzinfo
 from functools import partial
 from pathlib import Path
@@ -27,7 +26,6 @@ from cellwatt_plugins.models.command import predict, train
 from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run, write_table
 from tests.plugins.models.making import Mlp, metadata
 from tests.plugins.models.power.emulated_arm import write_case
-from tests.plugins.models.static import arms
 
 codes_of = train_command._codes_of
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
@@ -102,13 +100,6 @@ def test_faults(cell: Path, workers: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_train_pattern(cell: Path, workers: str, tmp_path: Path) -> None:
-    told, folder = both(workers, tmp_path, train, "pattern", cell / "reference.yaml", "--order", 8, "--json")
-    assert len(json.loads(told)) == len(list(folder.iterdir())) > 2
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_faults_train(cell: Path, workers: str, tmp_path: Path) -> None:
     given = ["train", "--reference", cell / "reference.yaml", "--robot", cell, cell / "healthy_1.parquet"]
     told, folder = both(workers, tmp_path, faults, *given)
@@ -142,21 +133,6 @@ def test_predict(workers: str, tmp_path: Path) -> None:
     told, folder = both(workers, tmp_path, predict, *tables, "--model", tmp_path / "model.onnx", "--json")
     assert [table["rows"] for table in json.loads(told)["tables"]] == [40, 41, 42]
     assert pq.read_table(folder / "poses_2.parquet").num_rows == 42
-
-
-@pytest.fixture(scope="module")
-def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Held poses of an arm, and its description."""
-    folder = tmp_path_factory.mktemp("poses")
-    arms.write_case(folder, replace(arms.Arm(), friction=0.01 * arms.RATED), 4, cad=arms.Arm(), count=24)
-    return folder
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_train_static(poses: Path, workers: str, one_moment: None, tmp_path: Path) -> None:
-    told, _ = both(workers, tmp_path, train, "static", poses / "samples.parquet", "--robot", poses, "--json")
-    assert json.loads(told)["poses"] == 24
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from concealed import kept, product
 from concealed.cases import Spec
 from concealed.judging import Codes, Job, judge
-from concealed.runner import arguments, attempted, figures, jobs_of, place, wanted
+from concealed.runner import arguments, attempted, figures, jobs_of, wanted
 
 PRODUCT = """
 import json, pathlib, sys
@@ -60,12 +60,6 @@ def test_cases_are_chosen_by_level_effect_simulation_or_name():
     assert wanted(specs, ["payload", "case-003"], None) == [1, 2]
     assert wanted(specs, ["own"], None) == wanted(specs, ["tool"], None) == [0]
     assert wanted(specs, ["law"], None) == [1, 2]
-
-
-def test_cases_are_done_here_or_by_workers():
-    words = ["--jobs 1", "", "--jobs 3", "--scheduler tcp://host:8786"]
-    places = [place(arguments().parse_args(each.split())) for each in words]
-    assert places == [None, "local:2", "local:3", "tcp://host:8786"]
 
 
 def fails_at_the_second(one: Job) -> dict:

@@ -96,18 +96,6 @@ def rows_of_five():
     return rows
 
 
-def test_totals_and_page():
-    t = totals(rows_of_five())
-    assert t["f1"] == pytest.approx(2 * 2 / (2 * 2 + 1 + 1), abs=1e-3)
-    assert t["null_false_rate"]["value"] == 0.5
-    assert t["unknown_recall"]["value"] == 1.0
-    assert t["interval_coverage"]["hits"] == 1
-    assert t["by_effect"]["payload"]["named_wrongly"] == 1
-    result = {"cases": 5, "nulls": 2, "totals": t, "failures": []}
-    text = markdown(result)
-    assert "| unknown called unknown | 1.000 (0.21–1.00; 1/1) | 1.000 (0.21–1.00; 1/1) | – |" in text
-
-
 def test_figures_are_split_by_whose_the_simulation_is():
     t = totals(rows_of_five())
     law, own, tool = t["by_simulation"]["law"], t["by_simulation"]["own"], t["by_kind"]["tool"]

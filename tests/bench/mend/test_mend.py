@@ -7,7 +7,7 @@ from concealed.arms import draw_arm, mistune
 from concealed.cases import generator
 from concealed.families import FAMILIES
 from concealed.law import joint_torque
-from mend import arms, judge, numbers, page
+from mend import arms, judge, numbers
 
 from tests.bench.independent import assert_shares_no_code
 
@@ -61,20 +61,3 @@ def test_the_peer_finds_numbers_that_are_off():
     spec = mujoco.MjSpec.from_string(arms.mjcf(generator("x", "compact6"), mistune(np.random.default_rng(5), arm)))
     found = peer.identified(spec, [run], arm.noise)
     assert np.all(judge.error(found, [run]) < 0.5 * judge.error(believed, [run]))
-
-
-def test_tables_hold_every_arm():
-    row = {
-        "robot": "compact6",
-        "required": [{"effect": "payload", "joint": None}],
-        "found": [{"effect": "payload", "joint": None, "kind": "missing"}],
-        "left": [{"effect": "stribeck_friction", "joint": 2, "rms": 1.25, "unit": "N*m"}],
-        "errors": {"before": [], "mended": []},
-        "in_noise": {"before": 12.5, "mended": 1.5, "model": 1.25, "floor": 1.0},
-        "in_noise_soft": {"before": 13.0, "mended": 2.5},
-        "numbers": {m: {"median": 2.0, "worst": 30.0, "where": "damping 2"} for m in ("before", "mended")},
-    }
-    text = page.markdown({"one": row})
-    assert "| one | 12.50 | 1.50 | 1.25 | 1.00 |" in text
-    assert "stribeck friction at 2: 1.2" in text
-    assert "2.0 % (30 %, damping 2)" in text

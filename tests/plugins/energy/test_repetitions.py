@@ -33,8 +33,7 @@ def motion(profile, legs, seconds, rest=1.0, corners=((0.4, -0.3), (0.1, 0.6)), 
     return Motion("run", time, seen, np.gradient(seen, 1 / RATE, axis=0), seen), starts
 
 
-@pytest.mark.parametrize("profile", ["quintic", "septic", "trapezoid"])
-@pytest.mark.parametrize("seconds", [0.4, 1.5, 6.0])
+@pytest.mark.parametrize(("profile", "seconds"), [("quintic", 0.4), ("septic", 1.5), ("trapezoid", 6.0)])
 def test_lengths_are_found_within_a_percent(profile, seconds):
     recorded, true = motion(profile, [1, 1, 1], seconds)
     found, notes = find_repetitions(recorded)

@@ -7,7 +7,7 @@ from cellwatt_plugins.energy.rigid import fit_rigid
 from cellwatt_plugins.robot import Arm
 
 
-def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it(measured):
+def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it_and_friction(measured):
     """Without the analyzer: links, rotors and friction are off by some per cent or unknown."""
     case, folder, _ = measured
     arm = Arm.load(folder)
@@ -16,12 +16,6 @@ def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it(measured):
     assert fit.torque[1:3] == pytest.approx(1 / true.gains[1:3], rel=0.04)
     assert np.all(np.abs(fit.torque - 1 / true.gains)[1:3] < 5 * fit.uncertainty[1:3])
 
-
-def test_friction_of_the_big_joints(measured):
-    case, folder, _ = measured
-    arm = Arm.load(folder)
-    fit = fit_rigid(arm, read_runs(folder / "runs", arm.joints), np.ones(6), np.full(6, 0.15))
-    true = make_arm(case)
     at = 0.5  # rad/s: viscous, Coulomb and windage are told apart less well than their sum
     viscous, coulomb, windage = (
         fit.friction[law] for law in ("viscous_friction", "coulomb_friction", "nonlinear_viscous_friction")

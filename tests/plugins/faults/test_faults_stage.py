@@ -33,11 +33,6 @@ def test_a_reference_of_another_number_of_joints_is_refused(reference):
         made(reference, lay)
 
 
-def test_a_reference_that_is_not_there(tmp_path):
-    with pytest.raises(ModelError, match="learn one with `cellwatt reference`"):
-        made(tmp_path / "none.yaml")
-
-
 def test_the_arm_may_have_another_name_than_when_it_was_learned(reference):
     joints = [FrameChannel(f"left.joint_{j}.position", "rad", "continuous", "linear") for j in (1, 2, 3)]
     lay = Layout((*joints, FrameChannel("meter.supply.power", "W", "continuous", "average")), 50.0)
@@ -51,7 +46,6 @@ def test_the_arm_may_have_another_name_than_when_it_was_learned(reference):
     [
         ({"reference": "a.yaml", "tolerance": {"power": 10}}, "a number with its unit, like '10 %'"),
         ({"reference": "a.yaml", "confirm": 1}, "greater than or equal to 2"),
-        ({"reference": "a.yaml", "treshold": 1}, "Extra inputs"),
     ],
 )
 def test_wrong_settings_are_refused(content, text):

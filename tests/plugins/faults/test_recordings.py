@@ -10,17 +10,6 @@ def columns(n=500, joints=2):
     return t, np.column_stack([np.sin(t + j) for j in range(1, joints + 1)]), 90 + t
 
 
-def test_a_table_becomes_frames():
-    t, position, power = columns()
-    frames = frames_of_table(t, position, power)
-    assert frames.layout.rate == 100.0
-    assert frames.layout.names == ("table.joint_1.position", "table.joint_2.position", "table.supply.power")
-    assert len(frames) == 500
-    assert frames.values[:, :2] == pytest.approx(position)
-    assert frames.values[:, 2] == pytest.approx(power)
-    assert np.all(np.diff(frames.time) == 10_000_000)
-
-
 def test_holes_are_missing():
     t, position, power = columns()
     keep = (t < 2.0) | (t >= 2.5)

@@ -6,7 +6,6 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.errors import ConfigError
 from cellwatt_plugins.faults.command import reference
 from cellwatt_plugins.faults.reference import load
 from tests.plugins.faults.plant import Cycle, run
@@ -47,13 +46,3 @@ def test_the_robot_may_be_a_description(healthy, tmp_path):
     (tmp_path / "robot.yaml").write_text("robot: irb1200\njoints: []\n")
     called(healthy, "--out", tmp_path / "ref.yaml", "--robot", tmp_path / "robot.yaml")
     assert load(tmp_path / "ref.yaml").robot == "irb1200"
-
-
-@pytest.mark.parametrize("content", [None, "- a", "[", "name: x"])
-def test_a_description_that_is_none_is_refused(healthy, tmp_path, content):
-    path = tmp_path / "robot.yaml"
-    if content is not None:
-        path.write_text(content)
-    result = called(healthy, "--out", tmp_path / "ref.yaml", "--robot", path)
-    assert isinstance(result.exception, ConfigError)
-    assert "robot.yaml" in str(result.exception)

@@ -29,8 +29,8 @@ NOISE = np.array([0.8, 1.0, 0.6, 0.15, 0.12, 0.08])
 JOINTS = 6
 
 
-def write_robot(folder: Path, **changes: object) -> Path:
-    """The arm's URDF and ``robot.yaml``; ``changes`` are the same for every joint, or keys of the robot."""
+def urdf() -> str:
+    """The arm's links and joints."""
     links = ['<robot name="bench"><link name="base"/>']
     for i in range(JOINTS):
         size = INERTIAS[i]
@@ -41,7 +41,12 @@ def write_robot(folder: Path, **changes: object) -> Path:
             f'<child link="link_{i + 1}"/><origin xyz="{OFFSETS[i]}"/><axis xyz="{AXES[i]}"/>'
             '<limit lower="-3.5" upper="3.5" effort="300" velocity="6"/></joint>'
         )
-    (folder / "bench.urdf").write_text("\n".join([*links, "</robot>"]))
+    return "\n".join([*links, "</robot>"])
+
+
+def write_robot(folder: Path, **changes: object) -> Path:
+    """The arm's URDF and ``robot.yaml``; ``changes`` are the same for every joint, or keys of the robot."""
+    (folder / "bench.urdf").write_text(urdf())
     joints = [
         {
             "name": f"axis_{i + 1}",
@@ -118,9 +123,14 @@ def model(path: Path, payload: float = 0.0, gravity: tuple[float, float, float] 
 
 def needed(arm: pin.Model, moves: Moves, friction: float = 1.0) -> np.ndarray:
     """Torques (N, n) Nm of the real arm."""
+    links = rigid(arm, moves.q, moves.qd, moves.qdd)
+    return links + ROTOR * moves.qdd + friction * (COULOMB * np.tanh(moves.qd / 0.004) + VISCOUS * moves.qd)
+
+
+def rigid(arm: pin.Model, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """Torques (N, n) Nm that the links need."""
     data = arm.createData()
-    rigid = np.array([pin.rnea(arm, data, *row) for row in zip(moves.q, moves.qd, moves.qdd, strict=True)])
-    return rigid + ROTOR * moves.qdd + friction * (COULOMB * np.tanh(moves.qd / 0.004) + VISCOUS * moves.qd)
+    return np.array([pin.rnea(arm, data, *row) for row in zip(q, qd, qdd, strict=True)])
 
 
 def supply(torque: np.ndarray, qd: np.ndarray) -> np.ndarray:
@@ -179,11 +189,9 @@ def _picked_up(moves: Moves, torque: np.ndarray, path: Path) -> np.ndarray:
 
 EFFECTS: dict[str, Effect] = {
     "none": lambda moves, torque, path: torque,
-    "payload": lambda moves, torque, path: needed(model(path, payload=10.0), moves),
     "payload picked up": _picked_up,
     "gain": lambda moves, torque, path: torque * np.array([1, 1.3, 0.7, 1.3, 1, 0.7]),
     "clock drift": lambda moves, torque, path: _later(torque, moves, 3e-3 * moves.time),
-    "delay": lambda moves, torque, path: _later(torque, moves, np.full(len(torque), 0.1)),
     "no friction": lambda moves, torque, path: needed(model(path), moves, friction=0.0),
     "much friction": lambda moves, torque, path: needed(model(path), moves, friction=4.0),
     "saturation": lambda moves, torque, path: np.clip(
@@ -191,14 +199,11 @@ EFFECTS: dict[str, Effect] = {
     ),
     "vibration": lambda moves, torque, path: torque + np.outer(np.sin(2 * np.pi * 17 * moves.time), 15 * NOISE),
     "tilt": lambda moves, torque, path: needed(model(path, gravity=(1.7, 0.8, -9.62)), moves),
-    "wall": lambda moves, torque, path: needed(model(path, gravity=(9.81, 0, 0)), moves),
     "ceiling": lambda moves, torque, path: needed(model(path, gravity=(0, 0, 9.81)), moves),
     "elasticity": _elastic,
     "contact": _pushed,
     "balancer": lambda moves, torque, path: torque - np.outer(moves.q[:, 1] - 0.2, [0, 120, 0, 0, 0, 0]),
     "offset": lambda moves, torque, path: torque + 10 * NOISE,
-    "drift": lambda moves, torque, path: torque + np.outer(moves.time, NOISE),
-    "noise": lambda moves, torque, path: torque + 15 * NOISE * np.random.default_rng(3).standard_normal(torque.shape),
     "coarse current": lambda moves, torque, path: np.round(torque / (4 * NOISE)) * 4 * NOISE,
 }
 """Strong ones: all of them are what a robot, its drives or its mounting may do."""

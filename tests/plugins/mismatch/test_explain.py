@@ -16,11 +16,6 @@ from tests.plugins.mismatch.plant import REAL, Missing, column, loaded, turned
 from tests.plugins.robot.slow_meter import shown
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
-
-
 @dataclass(frozen=True)
 class Expected:
     """What must be found, and the true numbers of it."""
@@ -40,9 +35,6 @@ SINGLE = {
     ),
     "payload": Expected(
         Missing(arm=loaded(REAL, 2.0, 0.12)), "payload", None, {"mass": 2.0, "com_x": 0.12, "com_z": 0.0}
-    ),
-    "offset": Expected(
-        Missing(read=lambda torque: torque + np.array([0, 0, 1.5])), "torque_offset", 3, {"offset": 1.5}
     ),
     "contact": Expected(
         Missing(added=lambda t, q, qd, run: column((run == "run_01") * 20 * np.exp(-0.5 * ((t - 9) / 0.2) ** 2), 2)),
@@ -109,18 +101,6 @@ def test_two_effects_at_two_joints_are_both_found(explained):
     assert abs(offset.value - 1.5) < 4 * offset.std
 
 
-def test_what_is_none_of_the_known_effects_is_called_unknown(explained):
-    """A torque whose frequency rises with time: it depends on nothing that the arm does."""
-    strange = Missing(added=lambda t, q, qd, run: column(4 * np.sin(2 * np.pi * (0.5 * t + 0.06 * t**2)), 2))
-    found = explained(strange).findings
-    assert ("unknown", 2) in {(f.effect, f.joint) for f in found.findings}
-    assert found.verdict in ("unexplained", "partly_explained")
-    (left,) = found.unexplained
-    assert left.channel == "tau_2"
-    assert left.rms > 2 * left.noise_floor
-    assert "tau_2" in left.statement
-
-
 def test_the_push_is_placed_in_time(explained):
     (finding,) = explained(SINGLE["contact"].missing).findings.findings
     (span,) = finding.where.times
@@ -171,11 +151,3 @@ def test_runs_without_power_leave_the_supply_out_and_say_so(arm):
     assert found.findings.verdict == "no_mismatch"
     assert [fit.channel for fit in found.findings.fit] == ["tau_1", "tau_2", "tau_3"]
     assert any("power" in note for note in found.findings.notes)
-
-
-def test_recordings_without_a_plan_are_explained_from_the_encoders(arm):
-    missing = SINGLE["offset"].missing
-    runs = [plant.record("run_01", 1, missing, plan=False), plant.record("run_02", 2, missing, plan=False)]
-    with threadpool_limits(1):
-        found = explain(runs, baseline(runs, arm)).findings
-    assert ("torque_offset", 3) in {(f.effect, f.joint) for f in found.findings}

@@ -81,14 +81,6 @@ def test_a_retuned_model_is_the_arm_as_it_was_built(robot, motion):
     assert np.allclose(said.power, plant.draw(real, torque, motion.velocity), atol=1e-6)
 
 
-def test_a_payload_is_carried_and_paid_for(robot, motion):
-    said = predict(Model(robot, Retuned.nothing(plant.JOINTS), (PAYLOAD,)), motion)
-    loaded = plant.loaded(plant.NOMINAL, MASS, REACH)
-    torque = plant.motors(loaded, motion.position, motion.velocity, motion.acceleration)
-    assert np.allclose(said.torque, torque, atol=1e-9)
-    assert np.allclose(said.power, plant.draw(loaded, torque, motion.velocity), atol=1e-7)
-
-
 def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
     model = Model(robot, difference(plant.REAL, plant.NOMINAL), TERMS)
     save_model(model, tmp_path / "model.yaml")
@@ -124,12 +116,3 @@ def damaged(folder, robot, change):
 )
 def test_a_damaged_model_is_said_in_one_line(robot, tmp_path, change, said):
     assert said in damaged(tmp_path, robot, change)
-
-
-@pytest.mark.parametrize("content", [b"a: [b", b""])
-def test_what_is_no_model_is_said_in_one_line(tmp_path, content):
-    (tmp_path / "model.yaml").write_bytes(content)
-    with pytest.raises(ConfigError) as caught:
-        load_model(tmp_path)
-    assert "model.yaml" in str(caught.value)
-    assert "\n" not in str(caught.value)

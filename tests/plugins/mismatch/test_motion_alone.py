@@ -10,8 +10,7 @@ from click.testing import CliRunner
 
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.robot.servo.law import servo_of
-from tests.daemon.logs import making
-from tests.plugins.mismatch.servos import KP, PLANTS, ROW, integrated, mjcf
+from tests.plugins.mismatch.servos import KP, PLANTS, integrated, mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -104,31 +103,3 @@ def test_what_is_missing_is_named(tmp_path, logs, plant, place, number, value):
     _, named = explained(tmp_path, logs[plant])
     assert named.keys() == {place}
     assert named[place][number]["value"] == pytest.approx(value, rel=0.15)
-
-
-@pytest.fixture
-def soft(logs, monkeypatch):
-    """The log of a soft loop in the hands of the reference writers."""
-    time, told, seen = logs["gain"]
-    speed = np.gradient(seen, ROW, axis=0)
-    names = {"JOINTS": ("shoulder", "elbow"), "N": len(time), "TIME": time, "POSITION": seen, "VELOCITY": speed}
-    for name, value in (names | {"COMMAND": told}).items():
-        monkeypatch.setattr(making, name, value)
-
-
-def topics(types, order):
-    return {
-        "/joint_states": ("sensor_msgs/msg/JointState", making.states(types, order, effort=False)),
-        "/arm/state": (making.CONTROLLER, making.controls(types, order)),
-    }
-
-
-def test_a_bag_with_joints_in_another_order_is_explained_byte_for_byte_alike(tmp_path, soft):
-    types, said = making.store(), []
-    for order in (("shoulder", "elbow"), ("elbow", "shoulder")):
-        folder = tmp_path / order[0]
-        folder.mkdir()
-        _, named = explained(folder, making.bag(folder / "log", topics(types, order), types))
-        assert named.keys() == {("drive_gain", 2)}
-        said.append((folder / "out" / "findings.json").read_bytes())
-    assert said[0] == said[1]

@@ -1,4 +1,4 @@
-"""The live stage on frames of an arm whose torques the tests compute themselves."""
+"""The live stage on frames of an arm at work."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def values():
     return np.random.default_rng(1).uniform(-2, 2, (40, 5))
 
 
-@pytest.mark.parametrize("edges", [[], [1, 2, 3], [20], list(range(1, 40))])
+@pytest.mark.parametrize("edges", [[], list(range(1, 40))])
 def test_predictions_carry_the_times_of_the_frames_they_are_for(tmp_path, values, edges):
     network = Mlp.random(3, window=WINDOW)
     made = stage(network.save(tmp_path / "m.onnx", metadata(window=WINDOW, delay=DELAY)))

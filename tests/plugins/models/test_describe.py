@@ -16,37 +16,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from cellwatt import CellwattError, ModelError
-from cellwatt.channel import UNITS
-from cellwatt_plugins.models import Input, Metadata, Output, Training, describe, read_metadata
+from cellwatt_plugins.models import Input, Training, describe, read_metadata
 from cellwatt_plugins.models.seal import sealed
 from cellwatt_plugins.onnx_file import OnnxFile
 from tests.plugins.models.making import Mlp, metadata, stage
 
 SEAL = 2 + 2 + len("cellwatt.sha256") + 2 + 64
 """Bytes of the last entry: tag and length of it, of its key and of its value."""
-
-names = st.text(min_size=1, max_size=20)
-units = st.sampled_from(sorted(UNITS))
-limits = st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 2).map(lambda pair: tuple(sorted(pair)))
-
-
-@st.composite
-def described(draw: st.DrawFn) -> Metadata:
-    channels = draw(st.lists(names, min_size=1, max_size=5, unique=True))
-    return Metadata(
-        name=draw(names),
-        robot=draw(st.none() | names),
-        inputs=tuple(Input(c, draw(units)) for c in channels),
-        outputs=tuple(Output(n, draw(units)) for n in draw(st.lists(names, min_size=1, max_size=3, unique=True))),
-        rate_hz=draw(st.none() | st.floats(1e-3, 1e6)),
-        window=draw(st.integers(1, 10_000)),
-        training=Training(
-            data=hashlib.sha256(draw(st.binary(max_size=4))).hexdigest(),
-            range=tuple(draw(limits) for _ in channels),
-            created=draw(st.datetimes(timezones=st.just(UTC))),
-            rows=draw(st.integers(1, 2**60)),
-        ),
-    )
 
 
 def test_described_file_is_taken_and_says_what_was_written(tmp_path):

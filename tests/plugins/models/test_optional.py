@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from onnx import helper, numpy_helper
 
-from cellwatt_plugins.models import Input, Output, read_metadata
+from cellwatt_plugins.models import Input, Output
 from tests.plugins.models.making import alarms, frames, metadata, run, save, stage, tensor
 
 INPUTS = (
@@ -56,8 +56,3 @@ def test_windows_do_not_wait_for_it(tmp_path, block):
     whole = [1, 2, 3, 4, 5, 6, 7, 10, 11]
     assert np.flatnonzero(np.isfinite(said(results)[:, 0])).tolist() == whole
     np.testing.assert_array_equal(said(results)[whole, 2], block.values[np.array(whole) - 1, 4])
-
-
-def test_the_file_says_so(tmp_path):
-    told = read_metadata(pass_through(tmp_path / "m.onnx"))
-    assert [i.optional for i in told.inputs] == [False, True, True]

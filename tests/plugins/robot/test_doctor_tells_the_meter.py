@@ -66,9 +66,3 @@ def test_window_and_delay_are_told_beside_the_meter(config):
     assert text.startswith("mains.supply.power shows means over 10")
     assert "a value every 100 ms" in text
     assert (found["mains"].verdict, found["arm"].findings) == ("ok", [])
-
-
-def test_an_arm_alone_has_no_meter_to_look_at(config):
-    seen = read(WINDOW)
-    seen["mains"] = []
-    assert [e.findings for e in findings(config, seen).values()] == [[], []]

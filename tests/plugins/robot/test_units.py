@@ -10,12 +10,8 @@ from tests.plugins.robot import scara
     ("unit", "along"),
     [
         ("rad", "m"),
-        ("rad/s^2", "m/s^2"),
-        ("Nm", "N"),
-        ("Nm/rad", "N/m"),
         ("Nm s/rad", "N s/m"),
         ("kg*m^2", "kg"),
-        ("Nm/A", "N/A"),
         ("W", "W"),
         ("N*m*s^2/rad^2", "N*s^2/m^2"),
     ],

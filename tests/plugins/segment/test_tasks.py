@@ -73,7 +73,7 @@ def test_a_cycle_is_found_when_it_has_run_twice_and_then_each_time():
     assert tasks[0].signature == signature([i for i in world.intervals if i.moving][: len(A)])
 
 
-@pytest.mark.parametrize("late", range(len(A)))
+@pytest.mark.parametrize("late", [0, 3])
 def test_without_a_longest_rest_it_still_begins_at_the_same_move(late):
     order = A[late:] + A[:late]
     world = World()

@@ -46,15 +46,6 @@ def brute(links, limits, count=181):
     return float(np.linalg.norm(torques(links, grid, still, still), axis=1).min())
 
 
-def test_straight_up_where_the_arm_may_go_there(tmp_path):
-    links, arm, _, _ = arm_of(tmp_path, [(-3, 3), (-3, 0.5), (-2.5, 2.5)])
-    found = rest_pose(arm, starts=8)
-    assert found.residual < 0.01
-    assert np.linalg.norm(gravity(links, found.q)) < 0.01
-    assert arm.forward(found.q[None])[0, -1, 2, 3] == pytest.approx(0.3 + ROD, abs=1e-3)
-    assert found.reached >= 1
-
-
 def test_the_least_of_several_minima_within_the_limits(tmp_path):
     """The shoulder cannot stand the arm up: the elbow must balance it; a grid knows how well."""
     links, arm, limits, _ = arm_of(tmp_path, [(-3, 3), (-1.2, 0.3), (-2.0, 2.0)])

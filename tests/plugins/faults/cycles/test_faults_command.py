@@ -1,13 +1,10 @@
 import json
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.command import faults, reference
-from cellwatt_plugins.faults.cycles.known import restored, stored
-from cellwatt_plugins.faults.reference import load
 from tests.daemon.report.reading import check, numbers, read
 from tests.docs.pages import blocks
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run, write_table
@@ -92,15 +89,6 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_p
     assert numbers(row[3]) == fault["intervals"]
     assert row[7] == fault["statement"]
     assert {str(folder / name) for name in ("test.parquet", "reference.yaml")} < {r[0] for r in page.tables["Files"]}
-
-
-def test_the_file_keeps_what_was_learned(folder, known, robot):
-    kept = load(folder / "reference.yaml")
-    again = restored(*stored(known, robot), robot)
-    assert kept.power_model is not None
-    assert len(kept.cycles) == len(known.patterns)
-    assert np.allclose(again.arm.parameters.packed(), known.arm.parameters.packed())
-    assert np.abs(again.patterns[0].position - known.patterns[0].position).max() < 1e-5
 
 
 def test_a_reference_without_cycles_is_refused(folder, tmp_path):

@@ -22,12 +22,12 @@ def named(cycle):
     return [(fault.joint, fault.kind) for fault in cycle.faults]
 
 
-@pytest.mark.parametrize("joint", [0, 3])
-@pytest.mark.parametrize("what, size", [("spring", 40.0), ("friction", 1.0), ("drive_cut", 0.0), ("belt_off", 0.0)])
-def test_a_faulty_joint_is_named(known, what, size, joint):
-    small = {"spring": 0.25, "friction": 2.0}.get(what, 1.0) if joint == 3 else 1.0
-    (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size * small),)))
-    assert named(cycle) == [(joint + 1, "joint")]
+@pytest.mark.parametrize(
+    "fault", [Fault("spring", 0, 40.0), Fault("friction", 3, 2.0), Fault("drive_cut", 0), Fault("belt_off", 3)]
+)
+def test_a_faulty_joint_is_named(known, fault):
+    (cycle,) = judged(known, Cycle("A", faults=(fault,)))
+    assert named(cycle) == [(fault.joint + 1, "joint")]
     assert cycle.status == "fault"
     assert cycle.faults[0].confidence > 0.9
 
@@ -38,15 +38,16 @@ def test_a_hot_winding_is_named(known):
     assert "winding" in cycle.faults[0].statement
 
 
-@pytest.mark.parametrize("joint", [1, 2])
-@pytest.mark.parametrize("what, size", [("encoder_stuck", 0.0), ("encoder_scale", 0.1), ("encoder_offset", 0.04)])
-def test_a_wrong_encoder_is_named(known, what, size, joint):
-    (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size),)))
-    assert named(cycle) == [(joint + 1, "encoder")]
+@pytest.mark.parametrize(
+    "fault", [Fault("encoder_stuck", 1), Fault("encoder_scale", 2, 0.1), Fault("encoder_offset", 1, 0.04)]
+)
+def test_a_wrong_encoder_is_named(known, fault):
+    (cycle,) = judged(known, Cycle("A", faults=(fault,)))
+    assert named(cycle) == [(fault.joint + 1, "encoder")]
     assert "power is as in healthy cycles" in cycle.faults[0].statement
 
 
-@pytest.mark.parametrize("what, size, joint", [("spring", 400.0, 0), ("spring", 300.0, 1), ("friction", 4.0, 2)])
+@pytest.mark.parametrize("what, size, joint", [("spring", 400.0, 0), ("friction", 4.0, 2)])
 def test_a_large_fault_is_not_shared_out_to_two_joints(known, what, size, joint):
     (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size),)))
     assert named(cycle) == [(joint + 1, "joint")]
@@ -64,7 +65,6 @@ def of_two_joints(robot):
     "first, second",
     [
         (Fault("encoder_offset", 0, 0.1), Fault("encoder_scale", 2, 0.15)),
-        (Fault("encoder_scale", 0, -0.2), Fault("encoder_offset", 2, -0.08)),
         (Fault("encoder_offset", 0, -0.06), Fault("drive_cut", 2)),
     ],
 )

@@ -1,35 +1,10 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.cycles.known import learn_known
-from cellwatt_plugins.faults.cycles.match import begun_cycle, find_cycles
+from cellwatt_plugins.faults.cycles.match import begun_cycle
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
-
-
-@pytest.fixture(scope="module")
-def of_two_joints(robot):
-    """What is known of a cell with a task in which only joints 1 and 3 move."""
-    measured = run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)
-    return learn_known(Recording(measured.time, measured.position, measured.power), robot)
-
-
-def found(known, cycle):
-    """The match of a cycle that has one before and one after it, and that recording."""
-    measured = run([Cycle("B"), cycle, Cycle("B")], seed=24)
-    recording = Recording(measured.time, measured.position, measured.power)
-    matches = find_cycles(recording, find_runs(recording), known.patterns)
-    start, end = measured.spans[1]
-    return [m for m in matches if start - 0.1 < m.warp.t[0] < end], measured
-
-
-def test_moves_that_only_a_wrong_encoder_shows_are_timed_by_it(of_two_joints):
-    """Joint 1 alone makes the first move; its encoder shows it at the right time, if with a wrong angle."""
-    (match,), measured = found(of_two_joints, Cycle("D", faults=(Fault("encoder_scale", 0, 0.15),)))
-    assert (match.odd, match.unseen, match.broken) == ((0,), (), ())
-    assert match.pace == pytest.approx(1.0, abs=0.02)
-    assert match.warp.t[0] == pytest.approx(measured.spans[1][0] + 0.1, abs=0.05)
 
 
 def begun(known, cycle, moves):

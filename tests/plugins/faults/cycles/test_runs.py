@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from cellwatt import FrameChannel, Frames, Layout
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
@@ -28,14 +27,3 @@ def test_an_encoder_that_jumps_is_no_motion():
     found = find_runs(recorded(measured))
     assert len(found) == 5
     assert found[0].before[2] == pytest.approx(HOME_A[2] + 0.4, abs=1e-3)
-
-
-def frames(time, position, power):
-    """Frames at 100 Hz, those left out that are NaN."""
-    columns = [FrameChannel(f"arm.joint_{j + 1}.position", "rad", "continuous", "linear") for j in range(4)]
-    layout = Layout((*columns, FrameChannel("arm.supply.power", "W", "continuous", "average")), 100.0)
-    there = ~np.isnan(position).any(axis=1)
-    values = np.column_stack([position, power])[there]
-    zeros = np.zeros(values.shape)
-    when = np.round(time[there] * 100).astype(np.int64) * 10_000_000
-    return Frames(layout, 0, when, values, zeros.astype(np.uint8), zeros.astype(np.int64))

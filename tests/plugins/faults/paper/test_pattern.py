@@ -63,9 +63,7 @@ def test_the_command_writes_the_equation_and_its_fit(reference):
     ("faults", "expected"),
     [
         ((), set()),
-        ((CUT, BELT), {(2, "joint_fault"), (5, "joint_fault")}),
         ((CUT, BELT, CREEP), {(2, "joint_and_encoder_fault"), (5, "joint_fault")}),
-        ((Fault("encoder_offset", 6, 0.05),), {(6, "encoder_fault")}),
         ((Fault("friction", 5, 20.0),), {(5, "joint_fault")}),
     ],
 )

@@ -14,12 +14,11 @@ from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
 OFFSET = Term(BY_NAME["torque_offset"], 0, ())
-RIPPLES = [Term(BY_NAME["position_periodic_torque"], joint, (n,)) for joint in range(3) for n in (11.3, 17.7, 23.4)]
+RIPPLES = [Term(BY_NAME["position_periodic_torque"], joint, (n,)) for joint, n in ((0, 11.3), (1, 17.7), (2, 23.4))]
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory) -> Problem:
-    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+def problem(arm) -> Problem:
     shifted = plant.Missing(read=lambda torque: torque + np.array([0.1, 0, 0]))
     runs = [plant.record(f"run_{i:02d}", i, shifted, 20.0) for i in (1, 2, 3)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]

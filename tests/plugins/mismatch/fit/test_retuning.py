@@ -15,11 +15,6 @@ from tests.plugins.mismatch import plant
 FACTOR = np.full(plant.JOINTS, 2.0)
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
-
-
 def problem(arm, real: plant.Arm) -> Problem:
     runs = [plant.record(f"run_0{i}", i, plant.Missing(arm=real), 20.0, power=False) for i in (1, 2)]
     return torque_problem(runs, [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)])

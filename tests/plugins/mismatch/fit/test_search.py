@@ -7,17 +7,11 @@ from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.rows import Thinned
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import exact
 from tests.plugins.mismatch import plant
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
 
 
 def thinner(problem: Problem, every: int) -> Problem:
@@ -27,14 +21,13 @@ def thinner(problem: Problem, every: int) -> Problem:
     return replace(problem, rows=rows, **parts)
 
 
-def searched(arm, missing, names, seed=1, thresholds=None, thin=1):
-    runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
+def searched(arm, missing, names, thin=1):
+    runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     return search(
         lambda turning, late: thinner(torque_problem(runs, states, turning, late), thin),
         plant.JOINTS,
-        thresholds or Thresholds(),
-        [BY_NAME[name] for name in names],
+        effects=[BY_NAME[name] for name in names],
     )
 
 
@@ -42,42 +35,14 @@ def places(solution):
     return {(name, joint + 1) for name, joint in (t.place for t in solution.terms)}
 
 
-OFFSETS = plant.Missing(read=lambda torque: torque + np.array([1.5, 0, -1.0]))
 CHEAP = ("torque_offset", "stribeck_friction", "spring_load", "position_periodic_torque", "rotor_inertia")
 
 
-@pytest.mark.parametrize("seed", [1, 11])
-def test_nothing_enters_where_there_is_noise_alone(arm, seed):
-    solution = searched(arm, plant.NOTHING, CHEAP, seed)
+def test_nothing_enters_where_there_is_noise_alone(arm):
+    solution = searched(arm, plant.NOTHING, CHEAP)
     assert solution.terms == []
     assert solution.tried
     assert all(not trial.kept and trial.why for trial in solution.tried)
-
-
-@pytest.fixture(scope="module")
-def offsets(arm):
-    return searched(arm, OFFSETS, CHEAP)
-
-
-def test_what_is_there_enters_and_no_more(offsets):
-    assert places(offsets) == {("torque_offset", 1), ("torque_offset", 3)}
-    found = {t.joint: float(offsets.fit.coefficients[offsets.block(t)[1]][0]) for t in offsets.terms}
-    assert found[0] == pytest.approx(1.5, abs=0.2)
-    assert found[2] == pytest.approx(-1.0, abs=0.1)
-    # Below 1 where stops are many: there the doubt about friction's sign counts as noise.
-    assert np.all(offsets.problem.chi2(offsets.residual) < 1.2)
-    assert np.all(offsets.problem.chi2(offsets.residual) > 0.3)
-
-
-def test_a_shape_is_refined_beyond_what_was_tried(arm):
-    speed = 0.231
-
-    def sticky(time, q, qd, run):
-        return plant.column(5 * np.exp(-((qd[:, 1] / speed) ** 2)) * plant.turned(qd[:, 1]), 2)
-
-    (term,) = searched(arm, plant.Missing(added=sticky), ("stribeck_friction",)).terms
-    assert term.place == ("stribeck_friction", 1)
-    assert term.shape[0] == pytest.approx(speed, rel=0.05)
 
 
 def test_an_error_of_the_last_link_is_not_named_beside_a_payload(arm):
@@ -90,38 +55,14 @@ def test_an_error_of_the_last_link_is_not_named_beside_a_payload(arm):
 @pytest.mark.parametrize(
     "real",
     [
-        replace(plant.REAL, masses=(11.5, 4.3)),
         replace(plant.REAL, centres=(0.36, 0.21)),
         replace(plant.REAL, masses=(11.0, 4.3), centres=(0.30, 0.21), transverse=(0.33, 0.088)),
     ],
-    ids=["mass", "centre", "all of it"],
+    ids=["centre", "all of it"],
 )
 def test_the_link_that_is_off_is_told_from_its_neighbours(arm, real):
     solution = searched(arm, plant.Missing(arm=real), ("link_inertial_error",))
     assert places(solution) == {("link_inertial_error", 2)}
-
-
-def test_a_link_may_be_off_as_links_are(arm):
-    """It is heavier, or weighs elsewhere; no moment comes without inertia, nor inertia about one axis alone."""
-    run = plant.record("run_01", 1, plant.NOTHING)
-    states = [States(run.name, 0, run.time, moved(run), arm)]
-    effect = BY_NAME["link_inertial_error"]
-    covariance = effect.prior(states, 1, np.empty((0, 3, 10)), np.ones(3)).covariance
-
-    def parameters(mass, centre, share):
-        """Of the plant's second link; its centre on x, so the inertia about y and z has the centre's, too."""
-        inertia = share * np.array([0.03, 0.0, 0.22, 0.0, 0.0, 0.22])
-        inertia[[2, 5]] += mass * centre**2
-        return np.array([mass, mass * centre, 0.0, 0.0, *inertia])
-
-    def unlikely(change):
-        return float(change @ np.linalg.solve(covariance, change))
-
-    nominal = parameters(7.5, 0.24, 1.0)
-    assert unlikely(parameters(1.4 * 7.5, 0.24, 1.4) - nominal) < 1.5
-    assert unlikely(parameters(7.5, 0.29, 1.0) - nominal) < 1.5
-    assert unlikely(0.75 * np.eye(10)[1]) > 10
-    assert unlikely(0.2 * np.eye(10)[6]) > 10
 
 
 def test_a_delay_of_about_half_a_sample_is_how_torque_was_sampled(arm):
@@ -200,8 +141,7 @@ def test_a_delay_of_one_joint_alone_is_no_delay_of_the_recording(arm):
     assert whole.shape[0] == pytest.approx(4 / plant.RATE, rel=0.05)
 
 
-@pytest.mark.parametrize("thin", [1, 2, 3])
-def test_a_clipped_torque_is_found_where_only_some_samples_are_fitted(arm, thin):
+def test_a_clipped_torque_is_found_where_only_some_samples_are_fitted(arm):
     limit = 0.8 * np.max(np.abs(plant.record("run_01", 1, plant.NOTHING).torque[:, 1]))
 
     def clipped(torque):
@@ -209,7 +149,7 @@ def test_a_clipped_torque_is_found_where_only_some_samples_are_fitted(arm, thin)
         out[:, 1] = np.clip(torque[:, 1], -limit, limit)
         return out
 
-    found = searched(arm, plant.Missing(read=clipped), ("torque_saturation",), thin=thin)
+    found = searched(arm, plant.Missing(read=clipped), ("torque_saturation",), thin=3)
     (term,) = found.terms
     assert term.place == ("torque_saturation", 1)
     assert term.shape[0] == pytest.approx(limit, rel=0.03)
@@ -237,17 +177,12 @@ def hill(*top):
     return evidence
 
 
-@pytest.mark.parametrize("top", [0.15, 0.2, 0.26])
-def test_climbing_reaches_the_top(top):
-    (found,) = climb(hill(top), (0.2,), [(0.01, 1.0)])
-    assert found == pytest.approx(top, rel=0.02)
-
-
-def test_climbing_stays_within_bounds():
+def test_climbing_reaches_the_top_and_stays_within_bounds():
+    assert climb(hill(0.26), (0.2,), [(0.01, 1.0)]) == pytest.approx((0.26,), rel=0.02)
     assert climb(hill(5.0), (1.0,), [(0.5, 1.3)]) == pytest.approx((1.3,))
 
 
-@pytest.mark.parametrize("top", [7e-5, 9e-4, 0.2])
+@pytest.mark.parametrize("top", [7e-5, 0.2])
 def test_what_spans_decades_is_climbed_by_its_logarithm(top):
     def evidence(shape):
         return -(np.log(shape[0] / top) ** 2)
@@ -255,11 +190,3 @@ def test_what_spans_decades_is_climbed_by_its_logarithm(top):
     (found,) = climb(evidence, (2 * top,), [(5e-5, 0.6)])
     assert found == pytest.approx(top, rel=0.05)
     assert not at_bound(Term(BY_NAME["presliding_hysteresis"], 0, (2e-4, 1.0)))
-
-
-def test_climbing_never_goes_down():
-    def rough(shape):
-        return float(np.sin(40 * shape[0]) + 0.1 * shape[0])
-
-    (found,) = climb(rough, (0.7,), [(0.0, 2.0)])
-    assert rough((found,)) >= rough((0.7,))

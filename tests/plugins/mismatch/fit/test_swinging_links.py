@@ -22,8 +22,7 @@ SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory):
-    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+def problem(arm):
     runs = [plant.record("run_01", 1, plant.NOTHING), plant.record("run_02", 2, plant.NOTHING)]
     return torque_problem(runs, [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)])
 

@@ -116,15 +116,6 @@ def shifted(seconds):
     return change
 
 
-def both(*changes):
-    def change(run):
-        for one in changes:
-            run = one(run)
-        return run
-
-    return change
-
-
 MOTION = ("position", "velocity")
 ALL = ("position", "velocity", "torque")
 ELBOW_FIRST = [2, 1, 0, 3, 4, 5]
@@ -149,7 +140,6 @@ WRONG = {
     "power in kW": (times(1e-3, "power"), "is it in kW? It must be in W"),
     "simulated power in kW": (simulated(1e-3, "power"), "in its simulation: power is"),
     "joints in another order": (ordered(ELBOW_FIRST, *ALL), f"another order than the simulation's: {ELBOW_TEXT}"),
-    "joints moved on by one": (ordered([5, 0, 1, 2, 3, 4], *ALL), "q_1 holds joint 6, q_2 holds joint 1, q_3 holds"),
     "positions in another order": (ordered(ELBOW_FIRST, *MOTION), ELBOW_TEXT),
     "torques in another order": (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3, tau_3 holds joint 1"),
     "velocities in another order": (ordered(ELBOW_FIRST, "velocity"), "qd_1 holds joint 3, qd_3 holds joint 1"),
@@ -197,13 +187,8 @@ def test_small_motions_in_degrees_are_told_by_the_torques(described, arm):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            ordered([2, 1, 0, 3, 4, 5], *ALL),
-            f"the joints are in another order than in the robot's description: {ELBOW_TEXT}",
-        ),
         (ordered([0, 2, 1, 3, 4, 5], *ALL), "q_2 holds joint 3, q_3 holds joint 2"),
         (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3, tau_3 holds joint 1"),
-        (joint(3, -1, *ALL), "position and torque count the other way round at joint 3"),
         (joint(2, -1, "torque"), "torque of joint 2 has the opposite sign"),
     ],
 )
@@ -251,7 +236,7 @@ def test_what_a_robot_may_do_is_no_wrong_input(effect, described, arm, bare):
     """Every other effect with each kind of motion."""
     motion = list(MOTIONS.values())[list(EFFECTS).index(effect) % len(MOTIONS)]
     run = recorded(described, motion(seed=4), effect=EFFECTS[effect], seed=7)
-    for kept in (run, without_plan(run), replace(without_plan(run), velocity=None)):
+    for kept in (run, replace(without_plan(run), velocity=None)):
         assert examine([kept], arm)[1] == []
     assert all("otherwise than the simulation" in note for note in examine([run], bare)[1])
 
@@ -261,7 +246,7 @@ def tracked(run, seconds, error):
     return replace(run, position=late + error, velocity=None)
 
 
-@pytest.mark.parametrize(("seconds", "error"), [(0.03, 0.0), (0.1, 0.0), (0.0, 0.1), (0.1, -0.05), (0.0, 2 * np.pi)])
+@pytest.mark.parametrize(("seconds", "error"), [(0.1, -0.05), (0.0, 2 * np.pi)])
 def test_loose_tracking_is_no_wrong_input(seconds, error, run, arm):
     assert examine([tracked(run, seconds, error)], arm)[1] == []
 

@@ -40,14 +40,6 @@ def looked_at(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
     monkeypatch.setattr(selection, "SAMPLES", seconds * selection.RATE)
 
 
-def test_few_recordings_are_all_looked_at(
-    robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looked_at(monkeypatch, 1.0)
-    files = recorded(tmp_path, *range(FEW))
-    assert select(files, robot).close == tuple(files)
-
-
 def test_of_many_those_that_differ_are_looked_at_in_their_order(
     robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

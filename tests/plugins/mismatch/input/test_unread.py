@@ -23,9 +23,9 @@ from tests.plugins.mismatch.recorded_arm import (
 NOT_USED = "It is not used; the other joints are"
 
 
-@pytest.fixture(scope="module", params=[excitation, points])
-def run(request, described):
-    return recorded(described, request.param(seed=3))
+@pytest.fixture(scope="module")
+def run(described):
+    return recorded(described, points(seed=3))
 
 
 def read(folder, run, arm, drop=(), first=1, **changes):

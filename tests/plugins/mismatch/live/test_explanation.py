@@ -184,14 +184,12 @@ def finding(effect, joint, kind="missing"):
 @pytest.mark.parametrize(
     ("findings", "severity", "joint", "statement"),
     [
-        (said("no_mismatch"), "info", None, "Within noise and tolerances"),
         (
             said("partly_explained", [finding("viscous_friction", 2, "mistuned"), finding("backlash", 2)]),
             "warning",
             2,
             "backlash at 2. viscous_friction at 2.",
         ),
-        (said("unexplained", [], [{"statement": "tau_3 differs."}]), "error", None, "tau_3 differs."),
         (said("explained", [finding("spring_load", 4)]), "warning", None, "Only effects that the model has already"),
     ],
 )

@@ -1,18 +1,16 @@
 """A simulator is mended from recordings of an arm in closed form, and asked about a motion that nobody recorded."""
 
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt.commands import EXIT_USAGE, main
+from cellwatt.commands import EXIT_USAGE
 from cellwatt_plugins.mismatch.simulators import load_simulator
 from tests.plugins.mismatch import plant
+from tests.plugins.mismatch.calling import call
 from tests.plugins.mismatch.plant import REAL, Missing, column, loaded, turned
 
 pytest.importorskip("mujoco")
@@ -44,16 +42,6 @@ def mjcf(arm):
             f'diaginertia="{" ".join(str(x) for x in inertias[i])}"/>',
         ]
     return "\n".join([*lines, 3 * "</body>", "</worldbody>", "</mujoco>"])
-
-
-def call(*words):
-    """The command line as a person calls it: exit code, output, errors."""
-    out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr(sys, "argv", ["cellwatt", *map(str, words)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-    return stopped.value.code or 0, out.getvalue(), err.getvalue()
 
 
 def explain(cell, simulator, out):

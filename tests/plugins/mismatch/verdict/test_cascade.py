@@ -23,11 +23,6 @@ OFFSETS = np.array([0.0, 0.9, 1.5])
 (OFFSET,) = [effect for effect in EFFECTS if effect.name == "torque_offset"]
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
-
-
 def solution(arm: Arm, missing: Missing, *terms: Term) -> Solution:
     runs = [plant.record(f"run_{seed}", seed, missing, 12.0, power=False) for seed in (1, 2)]
     states = [States(run.name, i, run.time, moved(run), arm) for i, run in enumerate(runs)]

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from cellwatt_plugins.mismatch.fit.problem import torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
@@ -8,11 +7,6 @@ from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
 
 
 def left(arm, added, limits=Limits()):

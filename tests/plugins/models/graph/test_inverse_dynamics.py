@@ -97,16 +97,6 @@ def test_a_frame_costs_few_nodes(tmp_path):
     assert len(onnx.load_from_string(file).graph.node) < 60
 
 
-def test_the_same_graph_is_the_same_file(tmp_path):
-    body = written_arm(tmp_path, 6, seed=4)
-
-    def made() -> bytes:
-        graph = Graph(columns=6)
-        return graph.model(gravity_torque(graph, Chain.of(body), graph.input), 6)
-
-    assert made() == made()
-
-
 def test_a_sliding_joint_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="joint_1 does not turn"):
         Chain.of(written_arm(tmp_path, 2, seed=0, kind="prismatic"))

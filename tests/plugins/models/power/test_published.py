@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -77,11 +75,3 @@ def test_the_file_says_what_the_model_says(trained, tmp_path, name):
     assert np.abs(said["power"].to_numpy() - power)[within].max() < 1e-6
     for i in range(6):
         assert np.abs(said[f"current_{i + 1}"].to_numpy() - current[:, i])[within].max() < 1e-6
-
-
-def test_the_report_names_doubts_and_has_no_second_k_m(trained):
-    from cellwatt_plugins.models.power.wording import _nls
-
-    said = json.loads(json.dumps(_nls(trained[5]["nls"])))
-    assert set(said["power"]) == {"P_c", *(f"{name}_{i}" for name in "LR" for i in range(1, 7))}
-    assert isinstance(said["doubts"], list)

@@ -73,13 +73,6 @@ def test_a_model_its_report_and_its_predictions(case, tmp_path, monkeypatch):
     assert said.num_rows == pq.read_table(unseen).num_rows
 
 
-def test_a_column_that_is_missing_is_said(case, tmp_path):
-    robot, table, _ = case
-    pq.write_table(pq.read_table(table).drop_columns(["qd_3"]), tmp_path / "less.parquet")
-    with pytest.raises(CellwattError, match=r"less\.parquet: no column qd_3; there are qd_1, qd_2"):
-        called(tmp_path / "less.parquet", "--robot", robot, "--out", tmp_path)
-
-
 def test_a_robot_without_torque_constants_is_refused(case, tmp_path):
     robot, table, _ = case
     text = robot.read_text().replace("torque_constant: 13.0", "torque_constant: 0.0")

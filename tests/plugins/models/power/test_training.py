@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt.errors import ConfigError
 from cellwatt_plugins.models.power import scg_network
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
@@ -79,11 +78,3 @@ def test_a_payload_that_was_recorded_is_an_input(tmp_path):
     mass = fitted.model.inertial[-4]
     assert mass == pytest.approx(1.0, abs=0.05)
     assert fitted.model.inertial[-1] / mass == pytest.approx(0.08, abs=0.03)  # where the test's payload sits
-
-
-def test_without_torque_constants_nothing_can_be_said(case):
-    arm, known, _ = case
-    robot = arm.description
-    joints = (robot.joints[0], *(joint.model_copy(update={"torque_constant": 0.0}) for joint in robot.joints[1:]))
-    with pytest.raises(ConfigError, match="torque_constant of joint_2, joint_3"):
-        train(known, Arm(robot.model_copy(update={"joints": joints}), arm.body))

@@ -78,27 +78,3 @@ def test_an_effect_is_what_plain_mechanics_say(setting, what):
     groups, really = REALLY[what]
     torque, _ = effects.evaluate(replace(basis, payload=np.zeros(len(basis))), at(effects, **groups))
     np.testing.assert_allclose(torque, really.torque(poses.q, poses.q - poses.approach), atol=2e-5)
-
-
-def test_hoses_have_an_energy(setting):
-    """Both joints' torques are slopes of one energy: the slope of the one over the other's angle is the same."""
-    poses, _, effects = setting
-    p = np.zeros(len(effects.scale))
-    for kind in ("hose", "bent hose"):
-        part = effects.slices[f"{kind} 3-4"]
-        p[part] = effects.scale[part] * np.random.default_rng(5).normal(size=part.stop - part.start)
-    part = effects.linear
-
-    def torque(q):
-        share = (q - arms.LIMITS.mean(axis=1)) / effects.half
-        basis = replace(setting[1], share=share)
-        return effects.load(basis, p)[1][:, :, part] @ p[part]
-
-    h = 1e-5
-    cross = []
-    for a, b in ((2, 3), (3, 2)):
-        step = np.zeros(6)
-        step[b] = h
-        cross.append((torque(poses.q + step)[:, a] - torque(poses.q - step)[:, a]) / (2 * h))
-    np.testing.assert_allclose(cross[0], cross[1], rtol=1e-5, atol=1e-5)
-    assert np.abs(cross[0]).max() > 0.1

@@ -58,7 +58,6 @@ def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda t: t.pop("q_3"), r"no column q_3; there are q_1, q_2"),
         (lambda t: t.pop("torque_percent_5"), r"no column torque_percent_5; there are torque_percent_1"),
         (lambda t: t.update({k: v[:500] for k, v in t.items()}), "5 poses; a training needs 12, and 40"),
         (lambda t: (t.pop("pose"), t.pop("t")), r"expected a column pose, or t \(s\)"),

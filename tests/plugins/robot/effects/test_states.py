@@ -25,19 +25,7 @@ def test_the_nominal_torque_is_that_of_the_nominal_arm(states):
     assert np.allclose(states.rigid + np.array(plant.NOMINAL.rotor) * states.qdd + states.friction, expected, atol=1e-9)
 
 
-def test_the_torque_is_nominal_until_a_model_has_another(states):
-    assert np.array_equal(states.torque, states.nominal)
-    other = states.with_torque(states.nominal + 1)
-    assert np.allclose(other.torque - states.torque, 1)
-    assert np.array_equal(other.nominal, states.nominal)
-    assert other.regressor is states.regressor
-
-
 def test_the_arm_moves_where_a_joint_does(states):
     fast = np.max(np.abs(states.qd), axis=1)
     assert states.moving[fast > 0.02].all()
     assert not states.moving[fast < 0.001].any()
-
-
-def test_the_step_is_the_time_between_samples(states):
-    assert states.step == pytest.approx(1 / plant.RATE)
