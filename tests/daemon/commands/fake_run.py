@@ -145,8 +145,6 @@ SCENARIOS: dict[str, Callable[[Path], None]] = {
     "one source more": one_source_more,
     "a hundred hangups": a_hundred_hangups,
     "not YAML": mistake("site: ["),
-    "no such driver": mistake(CELL.replace("fake", "fakes")),
-    "stage refused": mistake(CELL + "stages: {judge: {}}\n"),
     "new stage aborts": mistake(CELL + "stages: {abort: {}}\n"),
     "another site": mistake(CELL.replace("site: plant", "site: other")),
     "stage does not fit": stage_does_not_fit,

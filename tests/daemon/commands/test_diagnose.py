@@ -148,10 +148,3 @@ def test_a_daemon_that_does_not_answer_holds_up_nobody(folder: Path, monkeypatch
     done, _ = diagnose(folder, CELL)
     over.set()
     assert "health and counts of the running daemon: there was no answer within 0 s" in done.output
-
-
-@pytest.mark.parametrize("text", ["5", "soon"])
-def test_a_time_without_unit_is_refused(folder: Path, text: str) -> None:
-    done = CliRunner().invoke(command, ["--record", text])
-    assert done.exit_code == 2
-    assert f"--record {text}: " in done.output

@@ -64,10 +64,6 @@ def test_page_of_a_driver():
     assert rows["state"].split() == ["state", "500", "Hz", "supply.power", "W", "continuous", "average"]
 
 
-def test_page_of_a_driver_that_sends_nothing():
-    assert "May send to the device:\n  - nothing" in run("meter").output
-
-
 def test_page_of_a_stage_names_what_it_needs():
     text = run("watch").output
     assert "Needs stages of the kind: cut" in text
@@ -80,13 +76,6 @@ def test_page_as_json():
     host = next(f for f in page["settings"] if f["key"] == "host")
     assert host["required"] is True
     assert host["description"].startswith("Address of the controller")
-
-
-def test_channels_in_json():
-    (page,) = json.loads(run("arm", "--json").stdout)
-    (stream,) = page["streams"]
-    assert (stream["name"], stream["rate"], stream["clock"]) == ("state", 500.0, "device")
-    assert stream["channels"][-1] == {"name": "supply.power", "unit": "W", "kind": "continuous", "method": "average"}
 
 
 def test_markdown():
