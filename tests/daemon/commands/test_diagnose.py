@@ -7,13 +7,11 @@ import re
 import stat
 import threading
 import zipfile
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
-from cellwatt import registry
 from cellwatt.commands.diagnose import command
 from cellwatt.errors import OutletError
 
@@ -41,9 +39,7 @@ TYPO = CELL.replace("password:", "pasword:").replace("user: ann\n", f"user: ann\
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.available.cache_clear()
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_parts: None) -> Path:
     monkeypatch.setenv("PLANT_PASSWORD", SECRETS["environment"])
     monkeypatch.setenv("ANOTHER_SECRET", SECRETS["beside"])
 

@@ -39,13 +39,9 @@ def test_list_as_json():
     assert by_name["outlet", "zenoh"]["title"] == "Bus of the tests"
 
 
-def test_installed_parts_name_their_package(monkeypatch):
-    from importlib.metadata import entry_points, version
+def test_installed_parts_name_their_package(real_parts):
+    from importlib.metadata import version
 
-    from cellwatt import registry
-
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.available.cache_clear()
     ours = [p for p in json.loads(run("--json").stdout) if p["package"] == "cellwatt"]
     assert {p["version"] for p in ours} == {version("cellwatt")}
     assert {"ur", "yaskawa", "power_board", "scpi_analyzer"} <= {p["name"] for p in ours if p["kind"] == "driver"}
