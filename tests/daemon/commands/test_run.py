@@ -129,7 +129,7 @@ def test_a_stage_that_does_not_fit_is_told_before_anything_is_opened(cell: Path)
     [
         ("stage aborts", "the process judge judge ended by signal SIGABRT"),
         pytest.param("stage grows", "stage judge broke; it is made anew", marks=pytest.mark.slow),
-        ("stage holds the interpreter", "held for 3 s"),
+        ("stage holds the interpreter", "held for 1 s"),
     ],
 )
 def test_a_stage_that_breaks_its_process_breaks_nothing_else(cell: Path, scenario: str, told: str) -> None:

@@ -139,11 +139,11 @@ OPERATIONS = st.lists(
         st.sampled_from(["raise", "update", "update", "clear", "acknowledge", "file", "restart"]),
     ),
     min_size=1,
-    max_size=60,
+    max_size=40,
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(OPERATIONS, st.booleans())
 def test_any_history_is_told_as_it_was(operations, levels):
     files: list[tuple[int, int, list]] = [(SESSION, 1, [])]
