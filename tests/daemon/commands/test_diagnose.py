@@ -7,13 +7,11 @@ import re
 import stat
 import threading
 import zipfile
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
-from cellwatt import registry
 from cellwatt.commands.diagnose import command
 from cellwatt.errors import OutletError
 
@@ -41,9 +39,7 @@ TYPO = CELL.replace("password:", "pasword:").replace("user: ann\n", f"user: ann\
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.available.cache_clear()
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_parts: None) -> Path:
     monkeypatch.setenv("PLANT_PASSWORD", SECRETS["environment"])
     monkeypatch.setenv("ANOTHER_SECRET", SECRETS["beside"])
 
@@ -148,10 +144,3 @@ def test_a_daemon_that_does_not_answer_holds_up_nobody(folder: Path, monkeypatch
     done, _ = diagnose(folder, CELL)
     over.set()
     assert "health and counts of the running daemon: there was no answer within 0 s" in done.output
-
-
-@pytest.mark.parametrize("text", ["5", "soon"])
-def test_a_time_without_unit_is_refused(folder: Path, text: str) -> None:
-    done = CliRunner().invoke(command, ["--record", text])
-    assert done.exit_code == 2
-    assert f"--record {text}: " in done.output

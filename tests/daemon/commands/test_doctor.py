@@ -71,12 +71,6 @@ def test_one_that_breaks_leaves_the_others(call: Call, cell: Path) -> None:
     assert {n: e["verdict"] for n, e in json.loads(ended.out).items()} == {"arm": "failed", "board": "ok"}
 
 
-def test_a_device_that_is_lost_while_it_is_read(call: Call, cell: Path) -> None:
-    DEVICES["arm"].tell(give(50), fail(SourceError("connection reset")))
-    code, found = look(call, cell)
-    assert (code, found["findings"]) == (1, ["reading stopped: connection reset"])
-
-
 def test_another_rate_and_losses_are_warnings(call: Call, cell: Path) -> None:
     async def slow(driver: FakeDriver) -> None:
         for n in range(50):

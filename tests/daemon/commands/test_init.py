@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
 import pytest
 from click.testing import CliRunner
 
-from cellwatt import registry
 from cellwatt.commands import init
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
 
+pytestmark = pytest.mark.usefixtures("real_parts")
+
 ALL = ("--site", "plant-1", "--cell", "weld_3", "--no-doctor")
-
-
-@pytest.fixture(autouse=True)
-def _real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.available.cache_clear()
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,13 @@ def _fake_parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(registry, "entry_points", entry_points)
     registry.available.cache_clear()
     yield
+    registry.available.cache_clear()
+
+
+@pytest.fixture
+def real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
+    """The drivers, stages and outlets that are installed, in place of the fakes."""
+    monkeypatch.setattr(registry, "entry_points", metadata.entry_points)
     registry.available.cache_clear()
 
 

@@ -8,25 +8,6 @@ from cellwatt.runtime.assemble import prepare
 from tests.daemon.config.conftest import VALID
 
 
-def test_prepare(cell_file):
-    prepared = prepare(load(cell_file))
-    assert {n: [s.name for s in streams] for n, streams in prepared.streams.items()} == {
-        "arm": ["state"],
-        "board": ["power"],
-    }
-    assert prepared.layout.names == (
-        "arm.joint_1.position",
-        "arm.joint_2.position",
-        "arm.joint_3.position",
-        "arm.supply.power",
-        "board.bus.power",
-    )
-    assert [c.method for c in prepared.layout.channels] == ["linear", "linear", "linear", "average", "hold"]
-    assert [c.unit for c in prepared.layout.channels] == ["rad", "rad", "rad", "W", "W"]
-    assert prepared.layout.rate == 50.0
-    assert set(prepared.stages) == {"cut", "power", "watch"}
-
-
 def test_stages_come_after_those_they_need(cell_file):
     cell_file.write_text(VALID.replace("  cut: {}\n", "").replace("tolerance: 10 %}", "tolerance: 10 %}\n  cut: {}"))
     names = list(prepare(load(cell_file)).stages)

@@ -8,22 +8,6 @@ from cellwatt.config.environment import expand
 ENVIRON = {"A": "one", "B_2": "two", "EMPTY": ""}
 
 
-def test_expand():
-    for text, value, shown in (
-        ("${A}", "one", "${A}"),
-        ("x${A}y${B_2}z", "xoneytwoz", "x${A}y${B_2}z"),
-        ("${A:-d}", "one", "${A}"),
-        ("${NO:-d}", "d", "${NO}"),
-        ("${EMPTY:-d}", "d", "${EMPTY}"),
-        ("${EMPTY}", "", "${EMPTY}"),
-        ("${NO:-a:-b}", "a:-b", "${NO}"),
-        ("$${A}", "${A}", "${A}"),
-        ("$A costs $5 or $$", "$A costs $5 or $$", "$A costs $5 or $$"),
-    ):
-        found = expand(text, ENVIRON)
-        assert (found.value, found.shown, found.mistakes) == (value, shown, ()), text
-
-
 def test_what_was_filled_in_is_known_by_its_name():
     assert expand("tls/${A}:${B_2}", ENVIRON).filled == {"one": "${A}", "two": "${B_2}"}
     assert expand("$${A} and $A", ENVIRON).filled == {}

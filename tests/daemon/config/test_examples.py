@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 
-from cellwatt import registry
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
 from cellwatt.runtime.assemble import prepare
 
+pytestmark = pytest.mark.usefixtures("real_parts")
+
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 ENVIRONMENT = {"PLANT_ROUTER": "router.example", "ZENOH_PASSWORD": "hunter2hunter2"}
-
-
-@pytest.fixture(autouse=True)
-def _real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.available.cache_clear()
 
 
 @pytest.mark.parametrize("name", ["ur-weld-cell", "yaskawa-line", "power-only", "plant-router", "fault-networks"])

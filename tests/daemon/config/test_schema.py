@@ -5,9 +5,6 @@ import json
 import pytest
 
 from cellwatt.config import json_schema
-from cellwatt.config.reference import reference, written
-from cellwatt.record.settings import RecordSettings
-from tests.daemon.config.fakes import ArmSettings
 
 
 @pytest.fixture
@@ -57,28 +54,3 @@ def test_every_reference_leads_somewhere(schema):
     assert found
     for ref in found:
         assert ref.removeprefix("#/$defs/") in schema["$defs"]
-
-
-def test_reference():
-    fields = {f.key: f for f in reference(ArmSettings)}
-    assert fields["host"].required
-    assert (fields["port"].type, fields["port"].default) == ("whole number (≥ 1, ≤ 65535)", "30004")
-    assert (fields["rate"].type, fields["rate"].default) == ("quantity, like 500 Hz", "500 Hz")
-    assert fields["client"].type == "native | library"
-    assert fields["verify"].default == "true"
-    assert fields["joints"].type == "list of whole number"
-    assert fields["limits.power"].default == "1500 W"
-    assert fields["zones.NAME.angle"].description == "Largest angle."
-    assert {f.key: f.default for f in reference(RecordSettings)}["file_age"] == "10 min"
-
-
-def test_quantities_as_written():
-    for value, example, text in (
-        (0.1, "100 ms", "100 ms"),
-        (0.0, "100 ms", "0 ms"),
-        (90.0, "100 ms", "90 s"),
-        (0.1, "10 %", "10 %"),
-        (1e9, "20 GB", "1 GB"),
-        (-0.5, "100 ms", "-500 ms"),
-    ):
-        assert written(value, {"type": "string", "examples": [example]}) == text

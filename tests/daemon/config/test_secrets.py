@@ -11,7 +11,6 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cellwatt import registry
 from cellwatt.commands.check import command
 from cellwatt.config import load, public_config
 from cellwatt.config.cell import FrameSettings
@@ -24,16 +23,11 @@ from cellwatt.errors import ConfigError
 from cellwatt.record import Header, RecordSettings
 from cellwatt.units import Units
 
+pytestmark = pytest.mark.usefixtures("real_parts")
+
 SECRET = "hunter2-Zürich"
 HEAD = "site: a\ncell: b\n"
 ABB = "sources:\n  arm:\n    driver: abb\n    host: 192.0.2.1\n    "
-
-
-@pytest.fixture(autouse=True)
-def _real_parts(_fake_parts: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The drivers and outlets that there are, not the fakes of the other tests."""
-    monkeypatch.undo()
-    registry.available.cache_clear()
 
 
 FORMS = {

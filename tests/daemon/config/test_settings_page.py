@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import re
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 import yaml
 
-from cellwatt import registry
 from cellwatt.config.cell import CellName, FrameSettings
 from cellwatt.config.installed import installed
 from cellwatt.config.reference import markdown
 from cellwatt.record.settings import RecordSettings
 from cellwatt.units import Units
+
+pytestmark = pytest.mark.usefixtures("real_parts")
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "settings.md"
@@ -45,12 +45,6 @@ def updated(page: str) -> str:
         )
     head = page[: page.index(FIRST_GENERATED)] + FIRST_GENERATED
     return head + "".join(f"\n### {title}\n\n{table}\n" for title, table in parts().items())
-
-
-@pytest.fixture(autouse=True)
-def _real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.available.cache_clear()
 
 
 def test_every_key_is_on_the_page():

@@ -28,10 +28,3 @@ def test_each_cell_has_its_line() -> None:
         "weld-2 is amber: 1 of 2 sources ok, 1997 samples received, 3 lost, 3 alarms, error: of error is wrong.",
         "weld-3: heard, does not answer",
     ]
-
-
-def test_a_cell_in_figures() -> None:
-    told = summary("weld-2", CELLS["weld-2"])
-    assert (told["sources"], told["sources_ok"], told["received"], told["lost"]) == (2, 1, 1997, 3)
-    assert [a["severity"] for a in told["alarms"]] == ["info", "error", "warning"]
-    assert summary("weld-3", None)["state"] is None

@@ -1,4 +1,8 @@
-"""The arm of ``recorded_arm`` at work, served to a daemon or a stage: its torques are Pinocchio's."""
+"""An arm whose torques the tests compute themselves (Newton and Euler, in world axes), served to a daemon or a stage.
+
+Nothing here is the code under test: the URDF and ``robot.yaml`` are written by ``recorded_arm``, the equations are
+those of any textbook (Siciliano et al., *Robotics*, ch. 7.5), written out in numpy.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +10,25 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from cellwatt.emulation.arm import ArmSignals, Move
 from cellwatt.frames import FrameChannel, Frames, Layout
 from tests.plugins.mismatch.recorded_arm import (
+    AXES,
+    CENTRES,
     CONSTANT,
     COULOMB,
+    INERTIAS,
     JOINTS,
+    MASSES,
     NOISE,
+    OFFSETS,
     RESISTANCE,
     ROTOR,
     STANDBY,
-    rigid,
-    urdf,
 )
 
+GRAVITY = 9.81
 MOVES = (
     Move({2: 0.5, 4: -0.6}, 0.9),
     Move({1: 0.9, 3: -0.6}, 0.9),
@@ -32,6 +39,51 @@ MOVES = (
 )
 """Some 7 s a cycle; joint 2 moves in every other."""
 ARM = ArmSignals(moves=MOVES, home=(0.0, -0.5, 0.9, 0.0, 0.4, 0.0))
+
+
+def _vectors(texts: tuple[str, ...]) -> np.ndarray:
+    return np.array([[float(x) for x in text.split()] for text in texts])
+
+
+def _rotation(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rodrigues' formula: (N, 3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    sine, rest = np.sin(angle)[:, None, None], (1 - np.cos(angle))[:, None, None]
+    return np.eye(3) + sine * cross + rest * (cross @ cross)
+
+
+def rigid_torque(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """Torques (N, 6) Nm that the links need."""
+    axes, offsets, centres = _vectors(AXES), _vectors(OFFSETS), _vectors(CENTRES)
+    count = len(q)
+    turn = np.tile(np.eye(3), (count, 1, 1))
+    place, spin, gain = np.zeros((3, count, 3))
+    pull = np.tile([0.0, 0.0, GRAVITY], (count, 1))
+    joints, forces, moments = [], [], []
+    for i in range(JOINTS):
+        arm = turn @ offsets[i]
+        pull = pull + np.cross(gain, arm) + np.cross(spin, np.cross(spin, arm))
+        place = place + arm
+        turn = turn @ _rotation(axes[i], q[:, i])
+        axis = turn @ axes[i]
+        gain = gain + axis * qdd[:, i, None] + np.cross(spin, axis * qd[:, i, None])
+        spin = spin + axis * qd[:, i, None]
+        lever = turn @ centres[i]
+        force = MASSES[i] * (pull + np.cross(gain, lever) + np.cross(spin, np.cross(spin, lever)))
+        inertia = turn @ np.diag(INERTIAS[i] * np.array([1, 1, 0.6])) @ np.swapaxes(turn, 1, 2)
+        own = np.einsum("nij,nj->ni", inertia, gain)
+        own += np.cross(spin, np.einsum("nij,nj->ni", inertia, spin))
+        joints.append((place, axis))
+        forces.append(force)
+        moments.append(own + np.cross(place + lever, force))
+    force, moment = np.zeros((2, count, 3))
+    out = np.empty((count, JOINTS))
+    for i in reversed(range(JOINTS)):
+        force, moment = force + forces[i], moment + moments[i]
+        place, axis = joints[i]
+        out[:, i] = np.sum(axis * (moment - np.cross(place, force)), axis=1)
+    return out
 
 
 @dataclass(frozen=True)
@@ -59,7 +111,7 @@ def recorded(
     random = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
     q, qd, qdd = ARM.motion(t)
-    torque = rigid(pin.buildModelFromXML(urdf()), q, qd, qdd) + ROTOR * qdd + COULOMB * np.tanh(qd / 0.004)
+    torque = rigid_torque(q, qd, qdd) + ROTOR * qdd + COULOMB * np.tanh(qd / 0.004)
     torque[:, joint - 1] += np.where((t >= since) & (t < until), viscous * qd[:, joint - 1], 0.0)
     power = STANDBY + np.sum(torque * qd + RESISTANCE * (torque / CONSTANT) ** 2, axis=1)
     return Recorded(

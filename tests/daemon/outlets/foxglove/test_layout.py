@@ -35,20 +35,6 @@ def test_the_packaged_file_is_that_of_the_demo() -> None:
     assert packaged["configById"]["3D!arms"]["topics"] == {SCENE: {"visible": True}}
 
 
-def test_measured_stands_beside_predicted_power() -> None:
-    layout = layout_for(
-        {"arm.bus.power": "W", "arm.joint_1.position": "rad", "mains.phase_1.power": "W"}, ["a", "b/heat"]
-    )
-    paths = [(p["value"], p["enabled"]) for p in layout["configById"]["Plot!power"]["paths"]]
-    assert paths == [
-        ("/frame.arm_bus_power", True),
-        ('/prediction{model=="a"}.outputs.power[-1]', True),
-        ('/prediction{model=="a"}.outputs.power[0]', False),
-        ('/prediction{model=="b"}.outputs.heat[-1]', True),
-        ('/prediction{model=="b"}.outputs.heat[0]', False),
-    ]
-
-
 def test_the_demos_own_file_gives_its_channels_and_its_model() -> None:
     layout = layout_of(load(ROOT / "examples" / "demo.yaml", {}))
     values = {p["value"] for config in layout["configById"].values() for p in config.get("paths", ())}

@@ -35,13 +35,6 @@ class View(FakeView):
         return {"record": None if self.record_folder is None else {"frames": True}}
 
 
-@pytest.fixture
-def record(tmp_path: Path) -> Path:
-    folder = tmp_path / "record"
-    folder.mkdir()
-    return folder
-
-
 def outlet_of(url: str, record: Path | None, **settings: Any) -> HistorianOutlet:
     influx = InfluxSettings(**{"url": url, "database": "plant", "every": 0.02, **settings})
     return HistorianOutlet("historian", HistorianSettings(influx=influx), View(record))
@@ -103,14 +96,6 @@ async def test_rows_and_results_arrive(record: Path, cell: Cell) -> None:
     request = server.requests[0]
     assert request.path_qs == "/write?db=plant&precision=ns"
     assert request.headers["Content-Encoding"] == "gzip"
-
-
-async def test_without_a_record_what_comes_is_written(record: Path) -> None:
-    async with fake() as server, running(outlet_of(server.url, None)) as outlet:
-        for second in range(3):
-            outlet.offer(frames(50 * second, 50))
-        await settled(server, 3)
-        check(server, range(3))
 
 
 async def test_patterns_that_fit_no_channel_are_told(caplog: pytest.LogCaptureFixture) -> None:
@@ -222,15 +207,11 @@ NOW = datetime(2026, 11, 24, 12, 0, 0, tzinfo=UTC)
     ("header", "seconds"),
     [
         (None, None),
-        ("17", 17.0),
-        ("0", 0.0),
         ("-5", 0.0),
         ("1e9", LONGEST_WAIT),
-        ("nan", None),
         ("soon", None),
         ("5 Nov 01 01:28777777777777777 GMT", None),
         ("Tue, 24 Nov 2026 12:00:30 GMT", 30.0),
-        ("Tue, 24 Nov 2026 11:00:00 GMT", 0.0),
     ],
 )
 def test_retry_after(header: str | None, seconds: float | None) -> None:
@@ -250,9 +231,6 @@ def test_answers_mean(status: int, kind: str) -> None:
     ("text", "reason"),
     [
         ('{"error": "a\\nb"}', "a b"),
-        ('{"code": "x", "message": "m"}', "m"),
-        ("[1]", "[1]"),
-        ("<html>", "<html>"),
         ("[" * 3000, "[" * 500),
     ],
 )
@@ -267,16 +245,10 @@ def test_reasons(text: str, reason: str) -> None:
         ({"influx": {"url": "influx:8086", "database": "d"}}, "expected an address like"),
         ({"influx": {"url": "http://u:p@127.0.0.1", "database": "d"}}, "no user or password into the address"),
         ({"influx": {"url": "http://127.0.0.1"}}, "one of database"),
-        ({"influx": {"url": "http://127.0.0.1", "bucket": "b"}}, "bucket needs org and token"),
         ({"influx": {"url": "http://influx.example", "database": "d"}}, "http is for this PC alone"),
-        ({"influx": {"url": "http://127.0.0.1", "database": "d", "user": "u"}}, "together"),
-        ({"influx": {"url": "http://127.0.0.1", "database": "d\nx"}}, "should match pattern"),
         ({"lake": {"folder": "l", "dead_band": {"*": 1.0}}}, "every row"),
-        ({"lake": {"folder": "l", "region": "eu"}}, "go with a folder s3"),
         ({"lake": {"folder": "s3://B C"}}, "expected s3://BUCKET/PATH"),
         ({"lake": {"folder": "s3://bucket", "endpoint": "http://minio.example"}}, "http is for this PC alone"),
-        ({"lake": {"folder": "s3://bucket", "access_key": "a"}}, "together"),
-        ({"lake": {"folder": "l"}, "kind": "lake"}, "not permitted"),
     ],
 )
 def test_mistakes_in_settings_are_told(settings: dict[str, Any], says: str) -> None:

@@ -27,13 +27,6 @@ RESULTS = ("alarms", "tasks", "energies")
 
 
 @pytest.fixture
-def record(tmp_path: Path) -> Path:
-    folder = tmp_path / "record"
-    folder.mkdir()
-    return folder
-
-
-@pytest.fixture
 def lake(tmp_path: Path) -> Path:
     return tmp_path / "lake"
 

@@ -23,13 +23,6 @@ from tests.daemon.outlets.historian.test_lake import check, check_results
 from tests.patience import eventually
 
 
-@pytest.fixture
-def record(tmp_path: Path) -> Path:
-    folder = tmp_path / "record"
-    folder.mkdir()
-    return folder
-
-
 def outlet_of(record: Path | None, folder: str, **settings: Any) -> HistorianOutlet:
     lake = {"folder": folder, "every": 0.1, **settings}
     return HistorianOutlet("historian", HistorianSettings.model_validate({"lake": lake}), View(record))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -89,18 +87,6 @@ def test_series_stay_few_and_the_same_ones() -> None:
     assert told(meter, "source_up").keys() == {("s1",), ("s3",), ("s4",)}
     meter.frames(frames((0.0, 1.0, 2.0)))
     assert all(len(series) <= 3 for name, series in meter.samples().items() if name != "cellwatt_series_left_out")
-
-
-def test_every_reading_has_the_labels_of_its_metric() -> None:
-    meter = meter_of()
-    missed: dict[str, Any] = {"arm": source(10, {"gap": 1}, dropped={"checksum": 2})}
-    meter.health(health(sources=missed, alarms=[alarm("error", "joint_fault")]))
-    meter.frames(frames((0.0, 1.0, 2.0)))
-    meter.energy(energy("task_1", 1.0, motion=1.0))
-    for name, series in meter.samples().items():
-        assert series or name in ("cellwatt_record_dropped", "cellwatt_sink_missed", "cellwatt_series_left_out",
-                                  "cellwatt_sink_occurrences", "cellwatt_process_skipped_bytes"), name  # fmt: skip
-        assert all(len(labels) == len(CATALOGUE[name].labels) for labels, _ in series)
 
 
 def test_a_successor_goes_on_with_all_totals() -> None:

@@ -50,11 +50,6 @@ def test_promtool_finds_nothing_to_say_about_the_metrics() -> None:
 
 
 @checks
-def test_promtool_accepts_the_alert_rules() -> None:
-    assert "SUCCESS" in promtool("check", "rules", str(SHIP / "alerts.yaml"))
-
-
-@checks
 def test_alert_rules_fire_when_they_should(tmp_path: Path) -> None:
     tests = yaml.safe_load(Path(__file__).with_name("alerts_test.yaml").read_text())
     tests["rule_files"] = [str(SHIP / "alerts.yaml")]
@@ -116,15 +111,3 @@ def test_dashboard_queries_are_promql(tmp_path: Path) -> None:
     file = tmp_path / "queries.yaml"
     file.write_text(yaml.safe_dump({"groups": [{"name": "dashboard", "rules": recorded}]}))
     promtool("check", "rules", str(file))
-
-
-def test_panels_have_places_of_their_own() -> None:
-    panels = json.loads((SHIP / "dashboard.json").read_text())["panels"]
-    assert len({panel["id"] for panel in panels}) == len(panels)
-    taken: set[tuple[int, int]] = set()
-    for panel in panels:
-        at = panel["gridPos"]
-        cells = {(x, y) for x in range(at["x"], at["x"] + at["w"]) for y in range(at["y"], at["y"] + at["h"])}
-        assert at["x"] + at["w"] <= 24
-        assert not cells & taken, panel["title"]
-        taken |= cells

@@ -17,19 +17,13 @@ from typing import NamedTuple
 import aiomqtt
 import pytest
 
+from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import eventually, wait_until
 
 PROGRAM = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 needs_mosquitto = pytest.mark.skipif(PROGRAM is None, reason="the program mosquitto is not installed")
 
 _DEFAULTS = ("persistence false", "allow_anonymous true")
-
-
-def free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port: int = found.getsockname()[1]
-        return port
 
 
 class Broker:
@@ -81,10 +75,6 @@ class Broker:
         """Take connections, as the kernel does, and say nothing."""
         assert self._process is not None
         os.kill(self._process.pid, signal.SIGSTOP)
-
-    def go_on(self) -> None:
-        assert self._process is not None
-        os.kill(self._process.pid, signal.SIGCONT)
 
 
 class Heard(NamedTuple):

@@ -53,11 +53,3 @@ def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:
         topic: "yes" in keeps or "until" in keeps for names, keeps in rows for topic in re.findall(r"`(.*?)`", names)
     }
     assert said == kept
-
-
-def test_the_figures_of_the_page_are_the_defaults() -> None:
-    fields = MqttSettings.model_fields
-    assert fields["health"].default == 10.0 and "each 10 s (`health`)" in TEXT
-    assert fields["backfill"].default == 100.0 and "(100 a second)" in TEXT
-    assert fields["queue"].default == 4096 and "(4096)" in TEXT
-    assert fields["qos"].default == 1 and "(`qos: 1`)" in TEXT

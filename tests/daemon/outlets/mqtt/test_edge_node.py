@@ -271,31 +271,6 @@ def test_names_that_topics_cannot_hold_are_escaped() -> None:
     assert node.connect().topic == "spBv1.0/plant%2F1/NDEATH/a%2Bb%23c"
 
 
-@pytest.mark.parametrize(
-    ("datatype", "value", "field"),
-    [
-        (DataType.INT64, -5, "long"),
-        (DataType.UINT64, 2**63, "long"),
-        (DataType.DOUBLE, -1.5, "double"),
-        (DataType.BOOLEAN, False, "boolean"),
-        (DataType.STRING, "§ 5", "string"),
-        (DataType.DATE_TIME, 1_800_000_000_000, "long"),
-    ],
-)
-def test_each_datatype_travels_in_its_field(datatype, value, field) -> None:
-    data = encode([Metric(datatype, value, 7, "a", 3, declared=True, unit="W")], 9, 200)
-    body = payload(data)
-    assert (body["timestamp"], body["seq"]) == (9, 200)
-    told = {"name": "a", "alias": 3, "timestamp": 7, "datatype": int(datatype), "field": field, "value": value}
-    assert body["metrics"] == [told | {"properties": {"engUnit": (12, "W")}}]
-    assert [(n, a) for n, a, _ in decode(data)] == [("a", 3)]
-
-
-def test_no_value_is_said_to_be_none() -> None:
-    (metric,) = payload(encode([Metric(DataType.DOUBLE, None, 7, alias=0, historical=True)], 9, 0))["metrics"]
-    assert metric == {"alias": 0, "timestamp": 7, "is_historical": 1, "is_null": 1}
-
-
 @pytest.mark.parametrize("size", range(0, 60, 7))
 def test_bytes_that_are_no_payload_are_refused_or_read(size: int) -> None:
     whole = encode([Metric(DataType.BOOLEAN, True, 7, "Node Control/Rebirth", 4)], 9, 1)

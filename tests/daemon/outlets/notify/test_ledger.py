@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
-from typing import Any
-
-import pytest
 
 from cellwatt.files import put_aside
-from cellwatt.outlets.notify import ledger as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.rules import Item, Message, Recipient
@@ -58,32 +53,6 @@ async def test_strange_lines_are_counted_and_passed_over(tmp_path: Path) -> None
     assert found.unreadable == 6
     await found.flush()
     assert read(path).unreadable == 0
-
-
-async def test_newer_figures_alone_are_not_written(tmp_path: Path) -> None:
-    path = tmp_path / "notify.jsonl"
-    made = await write(path)
-    before = path.read_bytes()
-    made.of("shift").see(alarm(1, statement="newer"), EPOCH)
-    await made.flush()
-    assert path.read_bytes() == before
-
-
-async def test_a_full_disk_is_told_and_made_good_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "notify.jsonl"
-    made = await write(path)
-
-    def full(*_: Any) -> None:
-        raise OSError(28, os.strerror(28))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "replace_bytes", full)
-        made.of("shift").arrived()
-        await made.flush()
-    assert made.problem == f"{path} cannot be written, so a restart may send again: No space left on device"
-    await made.flush()
-    assert made.problem is None
-    assert read(path).told == made.told
 
 
 async def test_former_recipients_are_forgotten(tmp_path: Path) -> None:

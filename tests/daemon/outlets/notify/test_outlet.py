@@ -171,30 +171,6 @@ async def test_an_attempt_under_way_is_noted_when_the_outlet_ends(tmp_path: Path
         assert told(server) == [("raised", 1), ("raised", 2)]
 
 
-async def test_an_attempt_that_does_not_end_is_sent_again_as_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "GRACE", 0.05)
-    never = asyncio.Event()
-
-    async def silent(_: web.BaseRequest) -> web.StreamResponse:
-        await never.wait()
-        return web.Response()
-
-    async with web_server() as server:
-        server.answers = [silent]
-        made = outlet(View(tmp_path), {"desk": hook(server)})
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: server.calls)
-        after = outlet(View(tmp_path), {"desk": hook(server)})
-        async with running(after):
-            await eventually(lambda: after.account.counters["desk: sent"])
-        never.set()
-        assert len(server.calls) == 2
-        assert len({(call.headers["webhook-id"], call.body) for call in server.calls}) == 1
-
-
 async def test_a_ledger_that_cannot_be_written_is_told_and_alarms_go_out(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
     async with web_server() as server:

@@ -101,42 +101,6 @@ def test_a_quiet_time_holds_back_and_tells_what_is_still_active() -> None:
     assert {(item.what, item.alarm.joint) for item in sent.items} == {("raised", 2), ("cleared", 9)}
 
 
-def test_what_is_shelved_while_it_waits_is_silent_until_the_shelf_ends() -> None:
-    machine = Machine()
-    machine.take(alarm(1))
-    silence(machine.told, alarm(1).id)
-    assert machine.send() is None
-    machine.take(alarm(1, time=EPOCH + 60 * SECOND))
-    machine.send()
-    silence(machine.told, alarm(1).id)  # told already: nothing to hold back
-    machine.take(alarm(1, active=False, time=EPOCH + 90 * SECOND))
-    machine.send()
-    assert machine.said == [("raised", 1), ("cleared", 1)]
-
-
-def test_repeats_what_was_told_and_is_up() -> None:
-    machine = Machine()
-    machine.take(alarm(1), alarm(2))
-    machine.send()
-    machine.take(alarm(2, active=False), alarm(3))
-    machine.rules.again(machine.told, [alarm(n).id for n in (1, 2, 3, 4)], EPOCH)
-    machine.send()
-    assert machine.said[2:] == [("cleared", 2), ("raised", 3), ("repeated", 1)]
-
-
-def test_given_again_in_the_same_session_nothing_is_told_twice() -> None:
-    machine = Machine()
-    story = [alarm(1), alarm(2), alarm(1, active=False), alarm(3)]
-    for one in story:
-        machine.take(one)
-        machine.send()
-    machine.again()
-    for one in story:
-        machine.take(one)
-        machine.send()
-    assert machine.said == [("raised", 1), ("raised", 2), ("cleared", 1), ("raised", 3)]
-
-
 def test_raised_again_soon_after_the_daemon_began_anew_it_is_the_same() -> None:
     machine = Machine()
     machine.take(alarm(1), alarm(2))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cellwatt.outlets.notify import texts
 from cellwatt.outlets.notify.rules import Item, Message
 from cellwatt.outlets.notify.texts import About, body, evidence, payload, subject
-from tests.daemon.outlets.notify.cell import ABOUT, CELL, EPOCH, SECOND, SITE, alarm
+from tests.daemon.outlets.notify.cell import ABOUT, CELL, EPOCH, SITE, alarm
 
 BERLIN = About(SITE, CELL, "https://weld-3.plant.example:8480/", ZoneInfo("Europe/Berlin"))
 
@@ -36,14 +36,6 @@ def test_one_alarm() -> None:
         "\n"
         "https://weld-3.plant.example:8480/cell/plant-1/weld-3/alarms\n"
     )
-
-
-def test_its_end() -> None:
-    told = of(Item("cleared", alarm(3, active=False, statement="Resolved: Joint 3 is as it was", time=EPOCH + SECOND)))
-    assert subject(ABOUT, told) == "[plant-1/weld-3] Resolved: Joint 3 is as it was"
-    assert "over:     2027-01-15 08:00:01 UTC" in body(ABOUT, told)
-    told = of(Item("cleared", alarm(3, active=False, statement="As it was")))
-    assert subject(ABOUT, told) == "[plant-1/weld-3] over: As it was"
 
 
 def test_several_begin_with_the_gravest() -> None:

@@ -29,7 +29,7 @@ def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 async def test_the_same_message_until_it_is_taken(tmp_path: Path) -> None:
     async with web_server() as server:
-        server.answers = [500, 503, 429, 408]
+        server.answers = [500, 401, 429, 403]
         made = outlet(View(tmp_path), {"desk": {"webhook": {"url": f"{server.url}/hook", "secret": SECRET}}})
         async with running(made):
             made.offer(alarm(3))
@@ -86,7 +86,7 @@ async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
         assert len(server.calls) == 1
 
 
-@pytest.mark.parametrize("status", [400, 404, 410, 413, 422])
+@pytest.mark.parametrize("status", [400, 422])
 async def test_refused_for_good(tmp_path: Path, status: int) -> None:
     async with web_server() as server:
         server.answers = [status]
@@ -99,16 +99,6 @@ async def test_refused_for_good(tmp_path: Path, status: int) -> None:
         kept = json.loads((tmp_path / UNDELIVERED).read_text())
         assert kept["reason"].startswith(f"{status} ")
         assert kept["alarms"][0]["id"] == alarm(1).id
-
-
-async def test_a_wrong_token_is_tried_again(tmp_path: Path) -> None:
-    async with web_server() as server:
-        server.answers = [401, 403]
-        made = outlet(View(tmp_path), {"phone": {"ntfy": {"url": server.url, "topic": "alarms", "token": "tk_geheim"}}})
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["phone: sent"])
-        assert len(server.calls) == 3
 
 
 async def test_ntfy(tmp_path: Path) -> None:

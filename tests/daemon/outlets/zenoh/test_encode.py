@@ -100,19 +100,6 @@ def test_streams_of_one_name_are_not_mixed_up() -> None:
         assert found.stream == stream
 
 
-@pytest.mark.parametrize(
-    "broken",
-    [
-        replace(batch(0, 3), time=np.zeros(2, np.int64)),
-        replace(batch(0, 3), values=np.zeros((3, 2))),
-        replace(batch(0, 3), quality=np.zeros((3, 3), np.uint8)),
-    ],
-)
-def test_a_batch_whose_arrays_do_not_fit_is_refused(broken: Batch) -> None:
-    with pytest.raises(ValueError, match="found"):
-        encode(broken)
-
-
 @pytest.mark.parametrize("payload", [b"", b"x", b"\xff\xff\xff\xff\x00\x00\x00\x00", b'{"json": true}' * 9])
 def test_foreign_payloads_are_refused(payload: bytes) -> None:
     with pytest.raises(ProtocolError, match="not a cellwatt Arrow stream"):

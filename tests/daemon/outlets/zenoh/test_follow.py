@@ -42,18 +42,6 @@ def confirm(following: Following, positions: Mapping[str, tuple[int, int]], now:
     return [part for _, part in following.told(1, positions, now)]
 
 
-def test_once_joined_a_new_topic_is_owed_from_its_first_number() -> None:
-    following = Following(WANTED)
-    following.told(1, {}, 0.0)
-    assert raw(following, 3) == []
-    assert confirm(following, {RAW: (1, 4)}) == []
-    (question,) = following.questions(0.0)
-    assert (question.hole.first, question.hole.count) == (0, 3)
-    given_out = following.filled(question, [(mark(1, 0, 3), batch(0, 3))])
-    assert numbers(given_out) == [(1, n) for n in range(4)]
-    assert [p.backfilled for p in given_out] == [True, False]
-
-
 def test_what_is_early_waits_for_the_cells_word_and_for_what_is_missing() -> None:
     following = Following(WANTED)
     following.told(1, {RAW: (1, 0)}, 0.0)
@@ -142,30 +130,6 @@ def test_nobody_there_is_asked_again_for_ever() -> None:
         assert following.questions(now + 0.1) == []
         (question,) = following.questions(now + 0.6)
     assert following.counts["lost"] == 0
-
-
-def test_what_the_cell_does_not_have_yet_is_waited_for_then_called_a_gap() -> None:
-    following = Following(WANTED, patience=1.0)
-    question = hole_in(following, 0.0)
-    assert following.nothing(question, "not recorded", 0.0) == []
-    (question,) = following.questions(0.9)
-    assert following.nothing(question, "not recorded", 0.9) == []
-    (question,) = following.questions(1.2)
-    gap, rest = following.nothing(question, "not recorded", 1.2)
-    assert gap.content == Gap(5, "not recorded")
-    assert rest.sequence == 5
-    assert following.counts == {"lost": 5, "live": 1}
-
-
-def test_the_next_piece_is_asked_for_at_once() -> None:
-    following = Following(WANTED)
-    following.told(1, {RAW: (1, 0)}, 0.0)
-    following.told(1, {RAW: (1, 10)}, 0.0)
-    following.questions(0.0)
-    (question,) = following.questions(1.0)
-    following.filled(question, [(mark(1, 0, 4), batch(0, 4))])
-    (question,) = following.questions(1.0)
-    assert (question.hole.first, question.hole.count) == (4, 6)
 
 
 # one topic --------------------------------------------------------------------------------------------

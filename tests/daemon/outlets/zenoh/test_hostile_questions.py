@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator
 from functools import cache
+from itertools import product
 from typing import Any
 
 import pytest
@@ -121,24 +122,24 @@ async def cell() -> AsyncIterator[Asked]:
             yield found
 
 
-@pytest.mark.parametrize(
-    "selector", ["alarm/**?cleared={}", "@/history?stream=frame;first={}", "@/results?kind=alarm;count={}"]
-)
-async def test_an_odd_number_is_an_error_reply_and_the_next_question_is_answered(cell: Asked, selector: str) -> None:
-    for text in ("-5", "", "nan", "9" * 5000):
+NUMBERED = ("alarm/**?cleared={}", "@/history?stream=frame;first={}", "@/results?kind=alarm;count={}")
+
+
+async def test_an_odd_number_is_an_error_reply_and_the_next_question_is_answered(cell: Asked) -> None:
+    for selector, text in product(NUMBERED, ("-5", "", "nan", "9" * 5000)):
         (reply,) = await cell.ask(selector.format(text))
         assert "whole number" in (said := json.loads(reply.err.payload.to_bytes())["error"]) or "characters" in said
     assert await cell.serves()
-    assert cell.counts == {"questions refused: wrong": 4}
+    assert cell.counts == {"questions refused: wrong": 12}
 
 
 ODD_KEYS = ("**?cleared=1", "*/**", "alarm/*/*/*", "alarm", "alarm/error/%2F", "@/*?first=-1", "@/**", "@/a/b")
 
 
-@pytest.mark.parametrize("selector", [*ODD_KEYS, "@/history?" + "a;" * 2000])
-async def test_odd_keys_leave_the_answers_at_work(cell: Asked, selector: str) -> None:
-    await cell.ask(selector)
-    assert await cell.serves()
+async def test_odd_keys_leave_the_answers_at_work(cell: Asked) -> None:
+    for selector in (*ODD_KEYS, "@/history?" + "a;" * 2000):
+        await cell.ask(selector)
+        assert await cell.serves(), selector
     assert "questions failed" not in cell.counts
 
 
@@ -188,9 +189,3 @@ async def test_health_that_cannot_be_said_costs_only_itself(cell: Asked) -> None
     assert "UnicodeEncodeError" in (said := reply.err.payload.to_string()) or "Serialization" in said
     cell.outlet.health({"device": "arm"})
     await eventually(cell.serves, "an answer")
-
-
-async def test_what_is_far_too_large_is_not_even_put_together(cell: Asked) -> None:
-    await asyncio.to_thread(lambda: list(cell.session.get(f"{ROOT}/@/status", payload=bytes(5 * LARGEST), timeout=0.5)))
-    assert await cell.serves()
-    assert cell.counts == {}

@@ -23,6 +23,7 @@ from cellwatt.record import History
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.openfile import OpenFile
 from cellwatt.results import Event, Result
+from tests.daemon.outlets.zenoh.consumer_process import same_frames
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, task
 from tests.daemon.outlets.zenoh.fake_cell import frames as numbered_frames
 from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
@@ -93,19 +94,13 @@ def answers(past: Past, first: int, count: int) -> Iterator[tuple[Mark, Frames]]
         first = answer.mark.end
 
 
-def same(a: Frames, b: Frames) -> bool:
-    arrays = "time", "values", "quality", "bound"
-    alike = all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in arrays)
-    return alike and (a.layout, a.sequence, len(a)) == (b.layout, b.sequence, len(b))
-
-
 @pytest.mark.parametrize("piece", [1e9, 30e3])
 def test_all_frames_once_in_order_first_from_the_record_then_from_memory(
     folder: Path, truth: list[Frames], piece: float
 ) -> None:
     past = Past(Recorded(folder), remembering(truth), lambda: piece)
     given = list(answers(past, 0, END))
-    assert same(concatenate([frames for _, frames in given]), concatenate(truth))
+    assert same_frames(concatenate([frames for _, frames in given]), concatenate(truth))
     assert all((m.session, m.sequence, m.count) == (SESSION, f.sequence, len(f)) for m, f in given)
     assert all(m.backfill and m.arrival == f.time[-1] for m, f in given)
     assert 1 < max(m.count for m, _ in given) <= min(MOST_SAMPLES, piece / 80)
@@ -135,7 +130,7 @@ def test_frames_that_were_not_published_are_in_the_record(folder: Path, truth: l
     for frames in (*truth[:5], *truth[8:20]):
         backlog.add_frames(frames)
     given = list(answers(Past(Recorded(folder), backlog, lambda: 1e9), 0, 200))
-    assert same(concatenate([frames for _, frames in given]), concatenate(truth[:20]))
+    assert same_frames(concatenate([frames for _, frames in given]), concatenate(truth[:20]))
 
 
 def test_frames_of_an_earlier_session_to_its_end(folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cellwatt import Alarm, Batch, ConfigError, OutletError
+from cellwatt import Batch, ConfigError, OutletError
 from cellwatt.errors import RepairingError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
 from cellwatt.outlets.zenoh.encode import encode
@@ -87,19 +87,6 @@ async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
     assert messages["alarm"].content == alarm(1)
 
 
-async def test_a_late_comer_gets_the_active_alarms(cell: Cell) -> None:
-    for item in (alarm(1), alarm(2), alarm(1, active=False)):
-        cell.outlet.offer(item)
-    await eventually(lambda: cell.outlet.account.received == 3, "alarms")
-    async with cell.subscriber(want=("alarm",)) as subscriber:
-        (standing,) = await read(subscriber, 1)
-        cell.outlet.offer(alarm(2, active=False))
-        (cleared,) = await read(subscriber, 1)
-    assert (standing.content, standing.backfilled) == (alarm(2), True)
-    assert isinstance(cleared.content, Alarm)
-    assert (cleared.content.active, cleared.backfilled) == (False, False)
-
-
 async def test_a_hole_is_filled_from_the_record_first(cell: Cell) -> None:
     async with cell.subscriber(want=("raw",)) as subscriber:
         await joined(subscriber)
@@ -109,17 +96,6 @@ async def test_a_hole_is_filled_from_the_record_first(cell: Cell) -> None:
         messages = await read(subscriber, 3)
         assert subscriber.counts == {"live": 10, "backfilled": 7, "duplicates": 0}
     assert [(m.sequence, m.count, m.backfilled) for m in messages] == [(0, 5, False), (5, 7, True), (12, 5, False)]
-
-
-async def test_the_end_is_not_missed_when_nothing_follows_it(cell: Cell) -> None:
-    """No later sample shows the hole: the health message does."""
-    async with cell.subscriber(want=("raw",)) as subscriber:
-        await joined(subscriber)
-        cell.give(0, 5)
-        await read(subscriber, 1)
-        cell.give(5, 7, live=False)
-        (message,) = await read(subscriber, 1)
-    assert (message.sequence, message.count, message.backfilled) == (5, 7, True)
 
 
 async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
@@ -287,14 +263,6 @@ def test_an_error_comes_after_what_is_left() -> None:
     assert box.take() == 1
     with pytest.raises(ValueError, match="broken"):
         box.take()
-
-
-async def test_an_event_loop_takes_what_a_thread_puts() -> None:
-    box: Mailbox[int] = Mailbox(10)
-    putter = threading.Thread(target=lambda: [box.put(i) for i in range(5000)])
-    putter.start()
-    assert [await box.take_async() for _ in range(5000)] == list(range(5000))
-    putter.join(PATIENCE)
 
 
 async def test_a_cancelled_take_loses_nothing() -> None:

@@ -85,16 +85,6 @@ def test_a_gate_that_swallows_packets_in_silence(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_days_of_the_record_after_a_cut(tmp_path: Path) -> None:
-    """72 h of time stamps, in dozens of files; the consumer's memory stays what it was."""
-    found = trial.past_and_catch_up(tmp_path, 72.0, 1.0, files=100, patience=4 * PATIENCE)
-    assert_whole(found["plant"], 72 * 3600)
-    assert found["cell"]["span_h"] > 72
-    assert found["cell"]["files"] > 20
-    assert found["plant"]["most_rss_MB"] < found["consumer_rss_before_MB"] + 250
-
-
-@pytest.mark.slow
 def test_what_the_record_no_longer_has_is_told_as_lost(tmp_path: Path) -> None:
     """The disk budget is spent during the cut: what is gone is told, with its count, and the rest comes."""
     found = trial.past_and_catch_up(tmp_path, 24.0, 1.0, files=100, keep="3 MB", patience=4 * PATIENCE)
