@@ -4,7 +4,7 @@
 
 A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, cut into tasks, recorded and published. Every 15 s the
 memory that each process has for itself (USS) is read: what it shares is counted by nobody, as it changes with what else
-runs on the PC. The slope is that of a straight line after ``--settle`` minutes, its error twice the standard error with
+runs on the PC. Processes that come and go count in the sum. The slope is that of a straight line after ``--settle`` minutes, its error twice the standard error with
 the correlation of neighbouring readings counted in.
 """
 
@@ -44,7 +44,8 @@ async def watch(minutes: float, settle: float) -> dict[str, Any]:
             more = f"stages: {{segment: {{}}}}\nzenoh: {{listen: [tcp/127.0.0.1:{free_port()}]}}\n"
             with daemon(cell(Path(name), sources, more)) as process:
                 readings = await asyncio.to_thread(_readings, process.pid, 60 * minutes)
-    return {part: slope(np.array(seen), 60 * settle) for part, seen in readings.items()}
+    lasting = {part: seen for part, seen in readings.items() if len(seen) == len(readings["together"])}
+    return {part: slope(np.array(seen), 60 * settle) for part, seen in lasting.items()}
 
 
 def _readings(pid: int, seconds: float) -> dict[str, list[tuple[float, float]]]:
