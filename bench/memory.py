@@ -4,8 +4,8 @@
 
 A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, cut into tasks, recorded and published. Every 15 s the
 memory that each process has for itself (USS) is read: what it shares is counted by nobody, as it changes with what else
-runs on the PC. Processes that come and go count in the sum. The slope is that of a straight line after ``--settle`` minutes, its error twice the standard error with
-the correlation of neighbouring readings counted in.
+runs on the PC. Processes that come and go count in the sum. The slope is that of a straight line after ``--settle``
+minutes, its error twice the standard error with the correlation of neighbouring readings counted in.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ async def watch(minutes: float, settle: float) -> dict[str, Any]:
 
 
 def _readings(pid: int, seconds: float) -> dict[str, list[tuple[float, float]]]:
-    """(s since the start, MB) by process, in the order in which these were begun, and of all together."""
+    """(s since the start, MB) by process, in the order in which these were begun, and together."""
     found: dict[str, list[tuple[float, float]]] = defaultdict(list)
     start = time.monotonic()
     while (now := time.monotonic() - start) < seconds:
         time.sleep(EVERY)
         total = 0.0
-        for n, part in enumerate(family(pid)):
+        for part in family(pid):
             try:
                 size = part.memory_full_info().uss / 1e6
             except psutil.NoSuchProcess:
                 continue
-            found[f"process {n}"].append((now, size))
+            found[f"process {part.pid - pid}"].append((now, size))
             total += size
         found["together"].append((now, total))
     return found
