@@ -16,7 +16,7 @@ from cellwatt.record.header import PART
 
 from .making import CELL, SESSION, batch_of, name_of, same_entry, write_chunks
 
-CHUNKS = 30
+CHUNKS = 80
 PER_CHUNK = 4
 """Batches of 3, 1, 4 and 2 samples, and a tick."""
 

@@ -11,6 +11,12 @@ def test_every_group_is_within_a_percent(measured, outcome):
     assert worst_error(measured[2], outcome.findings) < 1.0
 
 
+def test_fixed_powers(measured, outcome):
+    fixed = outcome.findings.fixed
+    for name, value in measured[2]["fixed"].items():
+        assert getattr(fixed, name) == pytest.approx(value, abs=0.2)
+
+
 def test_torque_gains_of_the_joints_that_work(measured, outcome):
     true = make_arm(measured[0]).gains
     found = [joint.torque_gain for joint in outcome.findings.drives]
