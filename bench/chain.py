@@ -185,7 +185,7 @@ def run(robots: int, seconds: float, cores: int, stages: bool, latency: str) -> 
         "lost": lost,
         "not_published": unpublished,
         "not_recorded": sum(status["recorder"]["drops"].values()),
-        "frames_judged": min((s["frames"] for s in status["stages"].values()), default=None) if stages else None,
+        "frames_judged": min(s["frames"] for s in status["stages"].values()),
         "frames_not_judged": sum(s["dropped"] for s in status["stages"].values()),
         "pss_mb": weight,
     }
