@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import os
 import signal
-import socket
 import sys
 import time
 from collections import Counter, defaultdict
@@ -20,13 +19,8 @@ from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Event
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Subscriber
+from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE, eventually
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Daemon:
