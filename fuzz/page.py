@@ -41,12 +41,12 @@ class _Hub(Hub):
     async def serve(
         self,
         request: web.Request,
-        channels: Sequence[str] | None,
+        channels: Sequence[str],
         rate: float,
         login: object = None,
         first: Sequence[bytes] = (),
     ) -> web.Response:
-        assert channels is None or len(channels) <= 102
+        assert len(channels) <= 102
         assert 0.1 <= rate <= 25.0
         return web.Response()
 

@@ -137,7 +137,7 @@ class Page:
         if hub is None:
             return refusal(HTTPStatus.NOT_FOUND, "this page shows one cell: there is no plant to follow")
         first = [encoded("plant", {"cells": self._cells.summary()})]
-        return await hub.serve(request, None, 1.0, visitor_of(request).token, first)
+        return await hub.serve(request, (), 1.0, visitor_of(request).token, first)
 
     # serving --------------------------------------------------------------------------------------
 
