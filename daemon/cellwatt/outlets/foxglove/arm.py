@@ -3,67 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from math import cos, hypot, sin
+from collections.abc import Mapping, Sequence
+from math import cos, sin
 from typing import Any, Final
 
 from cellwatt.outlets.foxglove.topics import SCENE, TRANSFORMS, Outgoing, drawn_topic, own, stamp_of
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+Vector = Sequence[float]
 
-IDENTITY: Final[Quaternion] = (0.0, 0.0, 0.0, 1.0)
-
-
-def about(axis: Vector, angle: float) -> Quaternion:
-    """The turn by ``angle`` rad about an axis of any length; no turn about an axis of length 0."""
-    length = hypot(*axis)
-    if not length:
-        return IDENTITY
-    x, y, z = (part / length * sin(angle / 2) for part in axis)
-    return x, y, z, cos(angle / 2)
-
-
-def product(first: Quaternion, second: Quaternion) -> Quaternion:
-    """The rotation ``second``, then ``first``, both in the outer frame."""
-    ax, ay, az, aw = first
-    bx, by, bz, bw = second
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def of_rpy(rpy: Vector) -> Quaternion:
-    """Roll, pitch and yaw in rad as URDF means them: about the fixed x, then y, then z."""
-    roll, pitch, yaw = rpy
-    return product(product(about((0, 0, 1), yaw), about((0, 1, 0), pitch)), about((1, 0, 0), roll))
-
-
-def turned(rotation: Quaternion, vector: Vector) -> Vector:
-    """A vector after a rotation."""
-    x, y, z, w = rotation
-    inverse = (-x, -y, -z, w)
-    turned = product(product(rotation, (*vector, 0.0)), inverse)
-    return turned[0], turned[1], turned[2]
-
-
-def joint_pose(xyz: Vector, rpy: Vector, axis: Vector, kind: str, value: float) -> tuple[Vector, Quaternion]:
-    """The place in m and the rotation of a joint's moving side within its parent's frame.
-
-    ``value`` is in rad, for a ``prismatic`` joint in m; a ``fixed`` one has none.
-    """
-    fixed = of_rpy(rpy)
-    if kind == "prismatic":
-        length = hypot(*axis) or 1.0
-        x, y, z = turned(fixed, (axis[0] / length * value, axis[1] / length * value, axis[2] / length * value))
-        return (xyz[0] + x, xyz[1] + y, xyz[2] + z), fixed
-    return xyz, fixed if kind == "fixed" else product(fixed, about(axis, value))
-
-
+IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
+"""No turn: quaternions are (x, y, z, w)."""
 WORLD: Final = "world"
 APART: Final = 1.5
 """m between the bases of arms whose places nobody told."""
@@ -71,14 +20,30 @@ _THICK: Final = 0.04
 """m: thickness of a link's line; its joint is a ball of twice that."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """Where a frame stands in its parent: m, and a quaternion (x, y, z, w)."""
+def of_rpy(rpy: Vector) -> Vector:
+    """The quaternion of roll, pitch and yaw in rad as URDF means them: about the fixed x, then y, then z."""
+    (sr, sp, sy), (cr, cp, cy) = (sin(a / 2) for a in rpy), (cos(a / 2) for a in rpy)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
 
-    frame: str
-    parent: str
-    place: Vector
-    rotation: Quaternion
+
+def moved(joint: Mapping[str, Any], values: Mapping[str, float]) -> tuple[Vector, Vector] | None:
+    """The place in m and the rotation of a joint's moving side in its origin; None while its value is not known.
+
+    One without a channel stands at 0.
+    """
+    value = 0.0
+    if joint["channel"] is not None:
+        value = values.get(joint["channel"], math.nan) * joint.get("multiplier", 1.0) + joint.get("offset", 0.0)
+    if not math.isfinite(value):
+        return None
+    along, turn = (value, 0.0) if joint["type"] == "prismatic" else (0.0, value)
+    x, y, z = (sin(turn / 2) * part for part in joint["axis"])
+    return [along * part for part in joint["axis"]], (x, y, z, cos(turn / 2))
 
 
 def joints_of(skeleton: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -95,43 +60,36 @@ def joints_of(skeleton: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def poses(joints: Iterable[Mapping[str, Any]], values: Mapping[str, float]) -> list[Pose]:
-    """The poses of all joints whose values are known; one without a channel stands at 0."""
-    found = []
-    for joint in joints:
-        value = 0.0
-        if joint["channel"] is not None:
-            value = values.get(joint["channel"], math.nan) * joint.get("multiplier", 1.0) + joint.get("offset", 0.0)
-        if math.isfinite(value):
-            place, rotation = joint_pose(joint["xyz"], joint["rpy"], joint["axis"], joint["type"], value)
-            found.append(Pose(joint["frame"], joint["parent"], place, rotation))
-    return found
-
-
 class Arms:
-    """The arms of a cell; they stand side by side, since the settings do not tell where."""
+    """The arms of a cell; they stand side by side, since the settings do not tell where.
+
+    A joint has two frames: ``<frame>/origin``, where its URDF puts it in its parent, and in it the side that moves.
+    """
 
     def __init__(self, skeletons: Sequence[Mapping[str, Any]]) -> None:
         self._joints = [joint for skeleton in skeletons for joint in joints_of(skeleton)]
-        self._bases = [
-            Pose(f"{skeleton['source']}/base", WORLD, (0.0, APART * i, 0.0), IDENTITY)
+        self._still: list[tuple[str, str, Vector, Vector]] = [
+            (WORLD, f"{skeleton['source']}/base", (0.0, APART * i, 0.0), IDENTITY)
             for i, skeleton in enumerate(skeletons)
         ]
+        self._still += [(j["parent"], f"{j['frame']}/origin", j["xyz"], of_rpy(j["rpy"])) for j in self._joints]
         self._transforms = drawn_topic(TRANSFORMS, "FrameTransforms")
         self._scene = drawn_topic(SCENE, "SceneUpdate")
 
     def at(self, time: int, values: Mapping[str, float]) -> Outgoing:
         """The transforms at ``time``, UTC ns, for the channels' ``values`` in rad or m."""
+        moves = ((joint["frame"], moved(joint, values)) for joint in self._joints)
+        poses = [*self._still, *((f"{frame}/origin", frame, *pose) for frame, pose in moves if pose is not None)]
         stamp = stamp_of(time)
         transforms = [
             own().FrameTransform(
                 timestamp=stamp,
-                parent_frame_id=pose.parent,
-                child_frame_id=pose.frame,
-                translation=own().Vector3(**_axes(pose.place)),
-                rotation=own().Quaternion(**_axes(pose.rotation)),
+                parent_frame_id=parent,
+                child_frame_id=frame,
+                translation=own().Vector3(**_axes(place)),
+                rotation=own().Quaternion(**_axes(rotation)),
             )
-            for pose in (*self._bases, *poses(self._joints, values))
+            for parent, frame, place, rotation in poses
         ]
         return Outgoing(self._transforms, time, own().FrameTransforms(transforms=transforms).encode())
 
@@ -169,5 +127,5 @@ def _still(place: Vector) -> Any:
     return own().Pose(position=own().Vector3(**_axes(place)), orientation=own().Quaternion(**_axes(IDENTITY)))
 
 
-def _axes(values: Sequence[float]) -> dict[str, float]:
+def _axes(values: Vector) -> dict[str, float]:
     return dict(zip("xyzw", values, strict=False))

@@ -41,9 +41,7 @@ def library() -> Any:
 def _channel(context: foxglove.Context, topic: Topic) -> foxglove.Channel:
     fox = library()
     schema = fox.Schema(name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema)
-    made: foxglove.Channel = fox.Channel(
-        topic.name, schema=schema, message_encoding=topic.encoding, context=context, metadata=dict(topic.metadata)
-    )
+    made: foxglove.Channel = fox.Channel(topic.name, schema=schema, message_encoding=topic.encoding, context=context)
     return made
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +19,6 @@ from cellwatt.outlets.foxglove.topics import (
     Moment,
     Outgoing,
     Topic,
-    channels_topic,
     drawn_topic,
     json_topic,
     own,
@@ -29,7 +26,7 @@ from cellwatt.outlets.foxglove.topics import (
 )
 from cellwatt.protobuf import file_descriptor_set
 from cellwatt.record import messages
-from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE, described
+from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE
 from cellwatt.record.rows import FRAME_FIELDS, FRAMING, FrameRows, value_fields
 from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
 
@@ -43,13 +40,11 @@ class FrameMessages:
     def __init__(self, layout: Layout) -> None:
         fields = value_fields(layout.names, FRAME_FIELDS)
         self.layout = layout
-        self.fields = described(layout.channels, fields)
         self.topic = Topic(
             FRAME_TOPIC,
             "protobuf",
             f"{PACKAGE}.frame",
             file_descriptor_set(PACKAGE, "frame", (*FRAME_FIELDS, *fields)),
-            {"declaration": json.dumps(asdict(layout)), "fields": json.dumps(self.fields)},
         )
         self._rows = FrameRows(layout)
 
@@ -59,11 +54,6 @@ class FrameMessages:
         data, size = rows.tobytes(), rows.dtype.itemsize
         for start in range(0, len(data), size):
             yield data[start + _BODY : start + size]
-
-    def channels(self) -> tuple[Topic, bytes]:
-        """The topic and message that name channel and unit of each field."""
-        told = [{"field": name, **about} for name, about in self.fields.items()]
-        return channels_topic(), json.dumps({"channels": told}).encode()
 
 
 Skeletons = Callable[[Layout], Sequence[Mapping[str, Any]]]
@@ -88,7 +78,7 @@ class Translator:
     def topics(self) -> tuple[Topic, ...]:
         """Topics that there are before anything was told; that of the frames comes with the first."""
         drawn = (drawn_topic(TRANSFORMS, "FrameTransforms"), drawn_topic(SCENE, "SceneUpdate"))
-        known = (*map(json_topic, KINDS), channels_topic(), self._log)
+        known = (*map(json_topic, KINDS), self._log)
         return known if self._skeletons is None else (*known, *drawn)
 
     def frames(self, frames: Frames) -> Iterator[Moment]:
@@ -101,10 +91,8 @@ class Translator:
         for i, data in enumerate(self._frames.of(frames)):
             time = int(frames.time[i])
             told = [Outgoing(self._frames.topic, time, data)]
-            if new:
-                topic, channels = self._frames.channels()
-                told.append(Outgoing(topic, time, channels, "channels"))
-                told += [self._arms.links(time)] if self._arms is not None else []
+            if new and self._arms is not None:
+                told.append(self._arms.links(time))
                 new = False
             if self._arms is not None and time - self._moved >= 1e9 / _FASTEST - 1:
                 self._moved = time
