@@ -13,8 +13,6 @@ from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Task
 KINDS: Final[tuple[type[messages.Message], ...]] = (Interval, Task, Energy, Prediction, Alarm, Event, messages.Health)
 """Results and more that are told as JSON, as in recordings."""
 LOG: Final = "/log"
-TRANSFORMS: Final = "/tf"
-SCENE: Final = "/scene"
 
 
 @dataclass(frozen=True, slots=True)

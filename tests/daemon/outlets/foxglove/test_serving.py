@@ -21,9 +21,8 @@ from cellwatt.frames import cut
 from cellwatt.outlets.foxglove import serve
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.record import Header, Recorder, RecordSettings
-from tests.daemon.outlets.foxglove.cell import HEALTH, LOGGED, TOLD, UNITS, URDF, frames
+from tests.daemon.outlets.foxglove.cell import HEALTH, LOGGED, TOLD, UNITS, frames
 from tests.daemon.outlets.foxglove.client import Client
-from tests.daemon.outlets.foxglove.moving import tool, tool_of
 from tests.daemon.outlets.foxglove.paths import found
 from tests.daemon.outlets.foxglove.shown import shown
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE
@@ -217,20 +216,6 @@ def test_every_path_of_the_packaged_layout_leads_to_values_live_and_recorded(see
     assert panels("RosOut")["RosOut!log"]["topicToRender"] in live
 
 
-async def test_the_arm_moves_as_the_published_frames_say() -> None:
-    async with shown(frames, arms={"arm": URDF}) as cell:
-        async with Client(cell.port) as client:
-            await eventually(lambda: client.told["/health"] and client.told["/scene"], "health and links")
-            block = frames(cell.begun, 12)
-            cell.outlet.offer(block)
-            last = int(block.time[-1])
-            await eventually(lambda: client.told["/tf"] and client.told["/tf"][-1].time == last, "the last pose")
-            told, scene = client.decoded("/tf")[-1], client.decoded("/scene")[0]
-        assert (await cell.end())[0] == 0
-    assert tool_of(told) == pytest.approx(tool(block.values[-1, :6]), abs=1e-12)
-    assert {entity.frame_id for entity in scene.entities} <= {t.child_frame_id for t in told.transforms}
-
-
 async def test_other_channels_start_the_server_anew_where_it_was() -> None:
     async with shown() as cell:  # without frames it serves all the same, after a while
         async with Client(cell.port) as client:
@@ -270,8 +255,6 @@ def test_it_stays_on_this_pc() -> None:
         with pytest.raises(ConfigError, match=f"not opened on {host}; .* ssh -L 8765:127.0.0.1:8765") as told:
             serve(link, SITE, CELL, host=host)
         assert "\n" not in str(told.value)
-    with pytest.raises(ConfigError, match="there is no URDF of arm at"):
-        serve(link, SITE, CELL, arms={"arm": Path("nowhere.urdf")})
 
 
 @pytest.mark.slow
