@@ -5,7 +5,7 @@
 A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, cut into tasks, predicted by a model, recorded,
 published and shown on a page that nobody looks at. All processes are the daemon's own but for the one that reads
 devices: here it gives a second of samples in a block, as soon as those of half a minute before are in the record. Each
-process's own memory (USS) is told at the end of each hour of the day, MB, and its slope over the last half of the day.
+process's own memory is told at the end of each hour of the day, MB, and its slope over the last half of the day.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from footprint import cell, family, free_port
+from footprint import cell, family, free_port, own
 from memory import slope
 
 from cellwatt.batch import Batch
@@ -96,7 +96,7 @@ def watch(hours: float) -> dict[str, Any]:
             while passed.value < hour - 1e-6 and daemon.is_alive():
                 time.sleep(0.5)
             for part in family(daemon.pid):
-                found[f"process {part.pid - daemon.pid}"].append((3600.0 * hour, part.memory_full_info().uss / 1e6))
+                found[f"process {part.pid - daemon.pid}"].append((3600.0 * hour, own(part)))
         last = list(Recording.open(Path(folder) / "record").health())[-1].status
         daemon.terminate()
         daemon.join(60)

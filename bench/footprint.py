@@ -83,6 +83,12 @@ def memory(parts: list[psutil.Process]) -> float:
     return round(sum(p.memory_full_info().pss for p in parts) / 1e6, 1)
 
 
+def own(part: psutil.Process) -> float:
+    """MB that a process has written and shares with none; libraries are shared or not by what else runs on the PC."""
+    rollup = Path(f"/proc/{part.pid}/smaps_rollup").read_text()
+    return int(rollup.partition("Private_Dirty:")[2].split()[0]) / 1e3
+
+
 def idle(seconds: float) -> dict[str, float]:
     """All devices down: nobody listens at any address."""
     with tempfile.TemporaryDirectory() as name:

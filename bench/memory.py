@@ -3,10 +3,10 @@
     python bench/memory.py --minutes 120
 
 A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, cut into tasks, predicted by a model, recorded and
-published, and a page that is looked at in a browser, which is not counted. Every 15 s the memory that each process has
-for itself (USS) is read: what it shares is counted by nobody, as it changes with what else runs on the PC. Processes
-that come and go count in the sum. The slope is that of a straight line after ``--settle`` minutes, its error twice the
-standard error with the correlation of neighbouring readings counted in.
+published, and a page that is looked at in a browser, which is not counted. Every 15 s the memory is read that each
+process has written and shares with none. Processes that come and go count in the sum. The slope is that of a straight
+line after ``--settle`` minutes, its error twice the standard error with the correlation of neighbouring readings
+counted in.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-import psutil
-from footprint import family, typical
+from footprint import family, own, typical
 from numpy.typing import NDArray
 
 EVERY = 15.0  # s
@@ -42,8 +41,8 @@ def _readings(pid: int, seconds: float) -> dict[str, list[tuple[float, float]]]:
         total = 0.0
         for part in family(pid):
             try:
-                size = part.memory_full_info().uss / 1e6
-            except psutil.NoSuchProcess:
+                size = own(part)
+            except OSError:
                 continue
             found[f"process {part.pid - pid}"].append((now, size))
             total += size
