@@ -17,7 +17,7 @@ _SECOND = 1_000_000_000
 _BLOCK = 512
 """Most frames in one block."""
 _HOLE = 60 * _SECOND
-"""A jump of the cell's time beyond this leaves the frames in between out; they are counted."""
+"""After a jump of the cell's time by more than this, frames go on where samples do; those left out are counted."""
 
 
 class Aligner:
@@ -65,7 +65,7 @@ class Aligner:
         self.layout = Layout(tuple(channels), rate)
         _check_names(self.layout)
         self.skipped = 0
-        """Frames left out because the cell's time itself jumped by more than a minute."""
+        """Frames left out because the cell's time jumped by more than a minute."""
         self._now = self._given_out = NEVER
         self._next: int | None = None  # number of the next grid point: its time in steps
         self._sequence = 0
@@ -123,16 +123,22 @@ class Aligner:
         """Frames from the next grid point up to number ``newest``."""
         if self._next is None or newest < self._next:
             return []
-        hole = newest - self._next + 1 - _HOLE // self._step
-        if hole > 0:
-            self.skipped += hole
-            self._next += hole
+        if newest - self._next >= _HOLE // self._step:
+            resumed = self._resumed(newest)
+            self.skipped += resumed - self._next
+            self._next = resumed
         blocks = [self._frames(k, min(k + _BLOCK, newest + 1)) for k in range(self._next, newest + 1, _BLOCK)]
         self._next, self._given_out = newest + 1, newest * self._step
         needed = self._following - self._step // 2
         for lane in self._lanes.values():
             lane.track.forget(needed)
         return blocks
+
+    def _resumed(self, newest: int) -> int:
+        """The grid point before the first sample of the last minute, ``newest`` at the latest."""
+        times = [lane.track.samples.time for lane in self._lanes.values()]
+        end = newest * self._step
+        return min(int(time[time > end - _HOLE].min(initial=end)) for time in times) // self._step
 
     def _frames(self, first: int, end: int) -> Frames:
         grid = np.arange(first, end, dtype=np.int64) * self._step
