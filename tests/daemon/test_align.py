@@ -270,6 +270,14 @@ def test_frames_after_a_jump_of_the_cell_time_by_an_hour_are_left_out_and_counte
     assert frames.time[0] == EPOCH + 3_599_920 * MS
 
 
+def test_frames_go_on_with_the_samples_after_half_a_minute_in_which_nothing_came():
+    aligner, of = one(POSITION)
+    play(aligner, [batch(of, [1, 3], [1, 1]), *(tick(t) for t in range(20, 1000, 20))], flush=False)
+    time, _, _, _ = joined(play(aligner, [batch(of, range(30_000, 30_200, 2), np.ones(100))], flush=False))
+    assert time[0] == 30_000
+    assert aligner.skipped == (30_000 - 900) // 20
+
+
 def test_samples_of_the_last_minute_before_a_jump_of_the_cell_time_ends_are_in_frames():
     aligner, of = one(POSITION)
     aligner.add(batch(of, [1, 3], [1, 1]))
