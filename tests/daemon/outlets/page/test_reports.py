@@ -169,7 +169,6 @@ def test_the_newest_comparison_tells_before_and_after(tmp_path):
         ("stribeck", 2, 9.0, 0.7, "Nm"),
         ("standby", None, 41.0, 4.2, "W"),
     ]
-    json.dumps(found, allow_nan=False)
     assert report_file([tmp_path], found["path"]) == tmp_path / "new" / "report.html"
 
 
