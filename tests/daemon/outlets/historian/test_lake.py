@@ -263,7 +263,7 @@ def test_a_file_begun_whose_frames_are_gone_is_given_up_and_counted(
     growing = Recorded(record).seconds(2)
     export(record, lake, results=False)
     growing.seconds(2).rotate()
-    saves[:] = [store := Doomed(lake, steps=2)]  # its intent is on disk, its file is not
+    saves[:] = [store := Doomed(lake, steps=2)]  # that a file is begun is on disk, the file is not
     with pytest.raises(Killed):
         export(record, lake, store, results=False)
     saves.clear()
