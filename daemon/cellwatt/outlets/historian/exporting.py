@@ -30,7 +30,7 @@ FILE: Final = "historian-lake.json"
 
 
 class Progress(BaseModel):
-    """How far each table in the lake ``lake`` reaches; ``intent`` is true where a file of it may be there beyond that."""
+    """How far each table in the lake ``lake`` reaches; with an ``intent`` it may have a file beyond that."""
 
     model_config = ConfigDict(extra="forbid")
 
