@@ -71,16 +71,11 @@ def tracks_of(channels: Mapping[int, Channel]) -> tuple[dict[int, Track], list[s
     return found, wrong
 
 
-def items(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[Item]:
-    """The items of a chunk's records in order, of the channels in ``wanted`` that ``tracks`` knows.
-
-    Raises ``ValueError`` where a record does not fit its channel.
-    """
-    return (item for _, item in numbered(data, tracks, wanted))
-
-
 def numbered(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[tuple[int, Item]]:
-    """The same with their numbers, of blocks that of the first row. Raises ``ValueError``."""
+    """The items of a chunk's records in order, of the channels in ``wanted`` that ``tracks`` knows, with their numbers.
+
+    The number of a block is that of its first row. Raises ``ValueError`` where a record does not fit its channel.
+    """
     at, end = 0, len(data)
     while at + FRAMED_MESSAGE.size <= end:
         opcode, length, channel, sequence, _, _ = FRAMED_MESSAGE.unpack_from(data, at)

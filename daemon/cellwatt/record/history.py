@@ -20,12 +20,13 @@ from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
 from cellwatt.frames import Frames, cut
 from cellwatt.record import seal
+from cellwatt.record.chunks import read_summary
 from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.reader import numbered_items
-from cellwatt.record.survey import Survey, read_summary, survey
+from cellwatt.record.survey import Survey, survey
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
 

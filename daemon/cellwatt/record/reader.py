@@ -20,7 +20,7 @@ from cellwatt.files import Places, paths_of
 from cellwatt.frames import Frames, concatenate, cut
 from cellwatt.progress import aside, steps
 from cellwatt.record import decoder
-from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
+from cellwatt.record.chunks import LARGEST_RECORD, open_chunk, read_at
 from cellwatt.record.container import RECORD, Chunk
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
@@ -28,7 +28,7 @@ from cellwatt.record.header import PART, Header
 from cellwatt.record.messages import TOPICS, Health, time_of
 from cellwatt.record.rows import FrameRows, SampleRows
 from cellwatt.record.samples import Samples, join
-from cellwatt.record.scan import Damage, read_at
+from cellwatt.record.scan import Damage
 from cellwatt.record.survey import (
     Survey,
     identity_of,

@@ -11,7 +11,7 @@ from io import FileIO
 from pathlib import Path
 
 from cellwatt.files import open_file, sync_folder, write_all
-from cellwatt.record.chunks import open_chunk, walk
+from cellwatt.record.chunks import open_chunk, read_at, walk
 from cellwatt.record.container import (
     PRELUDE,
     RECORD,
@@ -24,7 +24,7 @@ from cellwatt.record.container import (
 )
 from cellwatt.record.header import DAMAGED, PART, FileName, Header, plain_cell
 from cellwatt.record.openfile import HEADER, definitions_copy, lock
-from cellwatt.record.scan import Damage, Scan, read_at, scan
+from cellwatt.record.scan import Damage, Scan, scan
 from cellwatt.record.survey import guess_header
 
 

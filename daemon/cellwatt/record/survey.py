@@ -6,29 +6,24 @@ Files may be written, closed, repaired and removed meanwhile.
 from __future__ import annotations
 
 import os
-import struct
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import FileIO
 from pathlib import Path
 
-from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Statistics
-
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
 from cellwatt.progress import steps
-from cellwatt.record.chunks import LARGEST_RECORD, definition, parse, parse_attachment, records_in
-from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
+from cellwatt.record.chunks import LARGEST_RECORD, parse_attachment, read_at, read_summary
+from cellwatt.record.container import RECORD, Contents
 from cellwatt.record.decoder import tracks_of
 from cellwatt.record.foreign import ForeignError, held, is_foreign
 from cellwatt.record.header import PART, FileName, Header
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.rows import SampleRows
-from cellwatt.record.scan import LARGEST_SUMMARY, Damage, Scan, header_of, read_at, scan
+from cellwatt.record.scan import Damage, Scan, scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,48 +67,12 @@ def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:
     return tuple(Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
 
 
-def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
-    """The summary at a file's end; ``None`` where there is none or its checksum is wrong. Raises ``OSError``."""
-    size = os.fstat(file.fileno()).st_size
-    tail = read_at(file, TAIL, max(size - TAIL, 0))
-    if len(tail) < TAIL or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
-        return None
-    start, _, crc = struct.unpack_from("<QQI", tail, RECORD.size)
-    if not 0 < start <= size - TAIL or size - TAIL - start > LARGEST_SUMMARY:
-        return None
-    summary = read_at(file, size - TAIL - start, start)
-    if crc and zlib.crc32(tail[: RECORD.size + 16], zlib.crc32(summary)) != crc:
-        return None
-    try:
-        return _contents(summary, chunks=chunks)
-    except (ValueError, struct.error):
-        return None
-
-
-def _contents(summary: bytes, *, chunks: bool) -> Contents:
-    contents = Contents()
-    for opcode, at, length in records_in(summary):
-        if opcode == Opcode.CHUNK_INDEX and not chunks:
-            continue
-        body = summary[at : at + length]
-        contents.define(definition(opcode, body))
-        if opcode == Opcode.CHUNK_INDEX:
-            contents.chunks.append(read_chunk_index(body))
-        elif opcode == Opcode.ATTACHMENT_INDEX:
-            contents.attachments.append(parse(AttachmentIndex, body))
-        elif opcode == Opcode.STATISTICS:
-            statistics = parse(Statistics, body)
-            contents.counts.update(statistics.channel_message_counts)
-            contents.start, contents.end = statistics.message_start_time, statistics.message_end_time
-    return contents
-
-
 def _header(file: FileIO, contents: Contents) -> Header | None:
     for index in contents.attachments:
         if index.name == HEADER:
             record = read_at(file, min(index.length, LARGEST_RECORD), index.offset)
             try:
-                return header_of(parse_attachment(record[RECORD.size :]).data)
+                return Header.from_json(parse_attachment(record[RECORD.size :]).data)
             except ValueError:
                 return None
     return None

@@ -20,8 +20,9 @@ import pydantic_core
 
 from cellwatt.channel import Quality
 from cellwatt.frames import Frames, cut
-from cellwatt.outlets.past import ARCHIVED, Archived, files_of, opened
+from cellwatt.outlets.past import ARCHIVED, Archived, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
+from cellwatt.record.folder import files_of
 from cellwatt.record.messages import time_of
 from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Energy, Task
