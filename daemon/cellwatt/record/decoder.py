@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from mcap.opcode import Opcode
 from mcap.records import Channel
 
+from cellwatt.channel import Stream
 from cellwatt.record import messages
 from cellwatt.record.container import FRAMED_MESSAGE
 from cellwatt.record.encoder import FRAME_TOPIC, Item
@@ -69,6 +70,15 @@ def tracks_of(channels: Mapping[int, Channel]) -> tuple[dict[int, Track], list[s
         if track is not None:
             found[number] = track
     return found, wrong
+
+
+def streams_of(tracks: Iterable[Track]) -> dict[str, tuple[Stream, ...]]:
+    """The streams of samples by source, in the order of the sources' names."""
+    found: dict[str, dict[str, Stream]] = {}
+    for track in tracks:
+        if isinstance(track.rows, SampleRows):
+            found.setdefault(track.rows.source, {}).setdefault(track.rows.stream.name, track.rows.stream)
+    return {source: tuple(streams.values()) for source, streams in sorted(found.items())}
 
 
 def numbered(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[tuple[int, Item]]:

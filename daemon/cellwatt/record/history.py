@@ -9,7 +9,7 @@ from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from io import FileIO
 from itertools import takewhile
 from pathlib import Path
@@ -19,13 +19,14 @@ from cellwatt.batch import Batch
 from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
 from cellwatt.frames import Frames, cut
-from cellwatt.record import seal
 from cellwatt.record.chunks import read_summary
 from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.reader import numbered_items
+from cellwatt.record.seal import Seal
+from cellwatt.record.seal import read as read_seal
 from cellwatt.record.survey import Survey, survey
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
@@ -48,7 +49,7 @@ class FileIndex:
     end: int
     messages: int
     firsts: Mapping[str, tuple[int, int]]
-    seal: Mapping[str, Any] | None = None
+    seal: Seal | None = None
     """Signature of the cell for it, see ``record.seal``."""
 
 
@@ -63,7 +64,7 @@ def look_at(kept: RecordFile) -> FileIndex:
         if kept.path.suffix == ".mcap":
             found: Survey = survey(kept.path, chunks=False)
             known = index_of(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
-            return replace(known, seal=seal.read(kept.path))
+            return replace(known, seal=read_seal(kept.path))
         if not kept.closed:
             with open_file(kept.path) as file:
                 summary = read_summary(file, chunks=False)
@@ -125,7 +126,7 @@ class History:
                     "bytes": known.kept.size,
                     "messages": known.messages,
                     "state": known.state,
-                    **({} if known.seal is None else {"seal": known.seal}),
+                    **({} if known.seal is None else {"seal": asdict(known.seal)}),
                 }
                 for known in self._settled(self._files)
             ]

@@ -12,17 +12,15 @@ from datetime import UTC, datetime
 from io import FileIO
 from pathlib import Path
 
-from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
 from cellwatt.progress import steps
 from cellwatt.record.chunks import LARGEST_RECORD, parse_attachment, read_at, read_summary
 from cellwatt.record.container import RECORD, Contents
-from cellwatt.record.decoder import tracks_of
+from cellwatt.record.decoder import streams_of, tracks_of
 from cellwatt.record.foreign import ForeignError, held, is_foreign
 from cellwatt.record.header import PART, FileName, Header
 from cellwatt.record.openfile import HEADER
-from cellwatt.record.rows import SampleRows
 from cellwatt.record.scan import Damage, Scan, scan
 
 
@@ -58,13 +56,10 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
         raise RecordingError(f"{path}: holds nothing that is a recording")
     header = found.header or guess_header(path, contents)
     sound = found.end if path.name.endswith(PART) else found.size + 1
-    damage = (*(d for d in found.damage if d.offset < sound), *_undeclared(path, contents))
+    # Of channels whose declaration is damaged nothing is read; the others are.
+    undeclared = (Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
+    damage = (*(d for d in found.damage if d.offset < sound), *undeclared)
     return Survey(path, found.size, header, contents, damage, found.closed, (status.st_dev, status.st_ino))
-
-
-def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:
-    """Channels whose declaration is damaged; the others are read."""
-    return tuple(Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
 
 
 def _header(file: FileIO, contents: Contents) -> Header | None:
@@ -80,10 +75,7 @@ def _header(file: FileIO, contents: Contents) -> Header | None:
 
 def guess_header(path: Path, contents: Contents) -> Header:
     """Header of a file that lost it: its name tells cell and session, its channels the streams."""
-    streams: dict[str, tuple[Stream, ...]] = {}
-    for track in tracks_of(contents.channels)[0].values():
-        if isinstance(track.rows, SampleRows):
-            streams[track.rows.source] = (*streams.get(track.rows.source, ()), track.rows.stream)
+    streams = streams_of(tracks_of(contents.channels)[0].values())
     name = FileName.parse(path.name) or FileName(contents.start, 0, path.stem)
     return Header(site="", cell=name.cell, session=name.session, number=name.number, streams=streams)
 

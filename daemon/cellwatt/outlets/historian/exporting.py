@@ -22,7 +22,7 @@ from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
 from cellwatt.outlets.historian.pieces import Piece, Reached, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
-from cellwatt.outlets.historian.store import BucketStore, FolderStore, Store, s3_options
+from cellwatt.outlets.historian.store import Store, s3_options
 from cellwatt.outlets.past import ARCHIVED
 from cellwatt.units import Units
 
@@ -132,12 +132,12 @@ LOCK: Final = "historian-lake.lock"
 def store_of(settings: LakeSettings, folder: Path) -> Store:
     """The place of a lake; a folder that is not absolute begins at ``folder``."""
     if not settings.remote:
-        return FolderStore(folder / settings.folder)
+        return Store(folder / settings.folder)
     keys = None
     if settings.access_key is not None and settings.secret_key is not None:
         keys = settings.access_key.get_secret_value(), settings.secret_key.get_secret_value()
     ca = None if settings.ca is None else str(folder / settings.ca)
-    return BucketStore(settings.folder, s3_options(settings.endpoint, settings.region, keys, ca))
+    return Store(settings.folder, s3_options(settings.endpoint, settings.region, keys, ca))
 
 
 def work(told: dict[str, Any]) -> None:
