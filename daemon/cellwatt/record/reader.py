@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.errors import RecordingError
@@ -127,11 +126,6 @@ class Recording:
             return {c.name: c.unit for c in self.layout.channels}
         raw = ((source, c) for source, streams in self.streams.items() for s in streams for c in s.channels)
         return {f"{source}.{c.name}": c.unit for source, c in raw}
-
-    @property
-    def times(self) -> NDArray[np.datetime64]:
-        """Times (n,) of the frames, UTC, as ``datetime64[ns]``; reads all frames."""
-        return np.concatenate([np.empty(0, np.int64), *(f.time for f in self.frames())]).view("datetime64[ns]")
 
     @property
     def counts(self) -> dict[str, int]:
