@@ -16,7 +16,7 @@ from cellwatt.slots import Slots
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
 from cellwatt_drivers.shared.choice import Chosen
-from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, tcp_client
 from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
 from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.shared.states import State, StateWatch
@@ -151,12 +151,8 @@ class KinovaDriver(Driver[KinovaSettings]):
 @asynccontextmanager
 async def open_modbus(host: str, port: int, timeout: float) -> AsyncIterator[Modbus]:
     """Open a connection. Raises ``ConnectError`` that says what to check."""
-    from pymodbus.client import AsyncModbusTcpClient
-
     numbering = Numbering()
-    client = AsyncModbusTcpClient(
-        host, port=port, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=numbering.trace
-    )
+    client = tcp_client(host, port, timeout, numbering)
     place = f"TCP {host}:{port}"
     advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
     await connect(client, timeout, lambda: f"nobody answers at {place}; {advice}")

@@ -263,19 +263,12 @@ class PowerBoardEmulator(Emulator):
 
     def _transmit(self, frame: bytes, now: float) -> None:
         """Bring a packet over the radio, or what the faults leave of it."""
-        strikes, samples = self.injector.strikes, self._batch
-        if strikes("loss", now):
+        pieces, whole, late = self.injector.left_of(frame, _into_its_crc)
+        if not pieces:
             return
-        if strikes("half_frame", now):  # always into the CRC, so that no chance byte completes it
-            frame, samples = frame[: 1 + self.injector.below(len(frame) - 3)], 0
-        elif strikes("duplicate", now):
-            frame += frame
-        if strikes("garbage", now):
-            frame = self.injector.random_bytes(1, 40) + frame
-        delay = strikes("delay", now)
-        self._blocked = max(self._blocked, now + (delay.seconds if delay else 0.0))
-        item = _Item(self._blocked, frame, samples)
-        if strikes("reorder", now):
+        self._blocked = max(self._blocked, now + late)
+        item = _Item(self._blocked, b"".join(pieces), self._batch if whole else 0)
+        if self.injector.strikes("reorder", now):
             self._overtaken.append(item)
             return
         self._line.append(item)
@@ -293,3 +286,8 @@ class PowerBoardEmulator(Emulator):
                 return
             self.tally["sent" if listening else "unheard"] += item.samples
             self._line.popleft()
+
+
+def _into_its_crc(frame: bytes) -> int:
+    """A half frame lacks two bytes, so that no chance byte completes it."""
+    return len(frame) - 2

@@ -23,10 +23,8 @@ from cellwatt_drivers.shared.polling import deliver
 from cellwatt_drivers.yaskawa import payload, polls, wire
 from cellwatt_drivers.yaskawa.greeting import greet
 from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, TakeLate, open_link
-from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
 from cellwatt_drivers.yaskawa.polls import Poll
-from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, status_row
-from cellwatt_drivers.yaskawa.torque_watch import TorqueWatch
+from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, TorqueWatch
 
 T = TypeVar("T")
 Float = NDArray[np.float64]
@@ -198,15 +196,15 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         except NoAnswerError as failure:
             self._miss(failure)
             return
-        values = status_row(status)
+        values = np.array([*status.values()], dtype=np.float64)
         if "alarm" in self.settings.read:
             values = np.append(values, await self._alarm_code(link, status, until))
         self._emit(stream, exchange, values)
 
-    async def _alarm_code(self, link: Link, status: payload.Status, until: int) -> float:
+    async def _alarm_code(self, link: Link, status: dict[str, bool], until: int) -> float:
         """Code of the latest alarm, 0 without one, NaN where it could not be read; reports what is new."""
         alarm = payload.Alarm(0)
-        if status.alarming:
+        if status["alarm"] or status["error"]:
             try:
                 _, alarm = await self._ask(link, _ALARM, payload.decode_alarm, until)
             except NoAnswerError as failure:
@@ -277,8 +275,8 @@ def _polls(settings: YaskawaSettings) -> tuple[Poll, ...]:
     found = []
     for name in settings.read:
         if name == "position":
-            motors = MotorAngles.of(settings.pulses_per_degree, settings.coupling, settings.zero)
-            found.append(polls.position(group, rate, motors))
+            angles = polls.motor_angles(settings.pulses_per_degree, settings.coupling, settings.zero)
+            found.append(polls.position(group, rate, n, angles))
         elif name == "torque":
             found.append(polls.torque(group, rate, n, settings.rated_torque, settings.torque_count))
         elif name == "cartesian":

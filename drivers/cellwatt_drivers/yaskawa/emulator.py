@@ -131,9 +131,8 @@ class YaskawaEmulator(Emulator):
         return None if names is None else payload.encode_axis_names(names)
 
     def _status(self) -> bytes:
-        mode = payload.Mode.AUTOMATIC | payload.Mode.RUNNING | payload.Mode.PLAY | payload.Mode.REMOTE
-        state = payload.State.SERVO_ON | (payload.State.ALARM if self.alarm.code else payload.State(0))
-        return payload.encode_status(payload.Status(mode, state))
+        alarm = ("alarm",) if self.alarm.code else ()
+        return payload.encode_status("automatic", "running", "play", "remote", "servo_on", *alarm)
 
     def _torque(self) -> bytes:
         return payload.encode_axes(self.robot.torques(self.elapsed))
