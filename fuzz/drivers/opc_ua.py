@@ -20,7 +20,7 @@ from cellwatt.outlets.opc_ua.conditions import USER, Conditions
 from cellwatt_drivers.opc_ua import messages
 from cellwatt_drivers.opc_ua.intake import Intake
 from cellwatt_drivers.opc_ua.nodes import Source
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.items import SESSION
 from fuzz.target import Target
 

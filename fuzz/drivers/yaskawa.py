@@ -8,7 +8,7 @@ from contextlib import suppress
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
 from cellwatt_drivers.yaskawa.robotstate import AlarmWatch
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.target import Target
 
 
