@@ -66,6 +66,16 @@ def _before_its_end(frame: bytes) -> int:
     return len(frame) - 1
 
 
+class PortEmulator(Emulator):
+    """An emulator that answers at one ``port``, which ``set_up`` makes, and has nothing else to do."""
+
+    port: Port
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        await self.port.serve(ready)
+
+
 def host_and_port(address: str) -> tuple[str, int]:
     """Split ``HOST:PORT``. Raises ``ValueError`` for another text."""
     host, colon, port = address.rpartition(":")

@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.tables import read_table
-
-Float = NDArray[np.float64]
 
 
 class Signals(Protocol):

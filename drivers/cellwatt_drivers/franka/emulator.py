@@ -16,11 +16,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.driver import SourceSettings
 from cellwatt.emulation import Datagrams, Emulator, Options, Signals, TcpPort
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FAULT_KINDS
-from cellwatt.emulation.signals import Float
 from cellwatt_drivers.franka import fci
 
 _RATE = 1000.0

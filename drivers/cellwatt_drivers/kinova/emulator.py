@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar
 
-from cellwatt.emulation import Emulator, Options, Signals
+from cellwatt.batch import Float
+from cellwatt.emulation import Options, PortEmulator, Signals
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FaultKind
-from cellwatt.emulation.signals import Float
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import ARM, JOINTS_AND_TOOL, MOST_JOINTS, encode
 from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
-from cellwatt_drivers.shared.modbus_server import ModbusServer, refusal
+from cellwatt_drivers.shared.modbus_server import modbus_port, refusal
 
 _READ_INPUT = 4
 _MOST = 125
@@ -26,7 +26,7 @@ _DEG = math.degrees(1.0)
 _TOOL = registers.joints(1.0, MOST_JOINTS, True).stream.channels[5 * MOST_JOINTS :]
 
 
-class KinovaEmulator(Emulator):
+class KinovaEmulator(PortEmulator):
     """A Gen3 with 7 joints: registers 0 to 13 and 34 to 139 as its published map says; any other read is an error.
 
     Listens on 127.0.0.1:5020 unless told otherwise. Options: ``wrap`` (1: positions are 0 … 360 degrees, as real arms
@@ -51,15 +51,11 @@ class KinovaEmulator(Emulator):
         self.arm = EmulatedArm(self.signals, wrap)
         self.asked: Counter[tuple[int, int]] = Counter()
         self.tally.update(refused=0, written=0)
-        self._server = ModbusServer(self, lambda _, function, body: self._answer(function, body))
+        self.port = modbus_port(self, lambda _, function, body: self._answer(function, body))
 
     def change(self, kind: str, value: float | str) -> None:
         """Set state or flags."""
         setattr(self.arm, kind, int(value))
-
-    async def serve(self, ready: Callable[[str], None]) -> None:
-        """See ``Emulator.serve``."""
-        await self._server.serve(ready)
 
     def _answer(self, function: int, body: bytes) -> bytes:
         if function != _READ_INPUT or len(body) != 4:

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.channel import Channel, Stream
 
 PORT = 502
 MOST_JOINTS = 7
 Block = Literal["arm", "joints", "tool"]
-Float = NDArray[np.float64]
 
 ARM = (0, 14)
 """First register and number of the arm's block."""

@@ -36,13 +36,13 @@ class Modem:
     def __init__(self, *, escaped: bool) -> None:
         self._escaped = escaped
         self._values = {**_FIXED, b"AP": b"\x02" if escaped else b"\x01"}
-        self._frames = (xbee.EscapedApiFrames if escaped else xbee.ApiFrames)(self._obey, Counter())
+        self._frames = (xbee.EscapedApiFrames if escaped else xbee.api_frames)(self._obey, Counter())
         self._answers = b""
 
     def feed(self, data: bytes) -> bytes:
         """Answer frames to the commands completed by these bytes; other frames are not answered."""
         self._answers = b""
-        self._frames.feed(data)
+        self._frames.scan(data)
         return self._answers
 
     def _obey(self, command: bytes) -> bool:

@@ -8,10 +8,9 @@ from contextlib import AbstractAsyncContextManager
 from typing import Annotated, ClassVar, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from cellwatt.batch import Reading
+from cellwatt.batch import Float, Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
@@ -27,7 +26,6 @@ from cellwatt_drivers.yaskawa.polls import Poll
 from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, TorqueWatch
 
 T = TypeVar("T")
-Float = NDArray[np.float64]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Read = Literal["position", "torque", "cartesian", "status", "alarm"]
 

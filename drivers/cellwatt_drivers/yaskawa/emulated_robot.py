@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.emulation import Signals
 from cellwatt.emulation.blocks import Blocks
-from cellwatt.emulation.signals import Float
 from cellwatt_drivers.yaskawa import payload
 
 PULSES_PER_DEGREE = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)

@@ -7,13 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.channel import Channel, Stream
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
-
-Float = NDArray[np.float64]
 
 _CARTESIAN_INSTANCE = 100
 _POSE_UNITS = np.array([payload.METRES] * 3 + [math.radians(payload.DEGREES)] * 3)
