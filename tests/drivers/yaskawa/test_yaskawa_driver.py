@@ -5,11 +5,11 @@ import socket
 
 import numpy as np
 import pytest
-from cellwatt_drivers.yaskawa.robotstate import TorqueWatch
 
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
 from cellwatt_drivers.yaskawa.payload import Alarm, encode_axes
+from cellwatt_drivers.yaskawa.robotstate import TorqueWatch
 from tests.patience import eventually
 
 from .rig import ANGLES, PULSES, RATED, TORQUES, Inlet, emulated, running, settings
