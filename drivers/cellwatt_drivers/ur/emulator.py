@@ -6,12 +6,13 @@ import asyncio
 import math
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Options, RecordedSignals
+from cellwatt.emulation import Emulator, Injector, Options, RecordedSignals
 from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
@@ -130,7 +131,7 @@ class UrEmulator(Emulator):
         stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
         place = None if client.compares else next((p for p in self._places if p.lost), None)
         if place is None:
-            place = Place(0, stride, client, counted=not client.compares)
+            place = Place(0, stride, client)
             self._places.append(place)
         if place.client is not None:
             place.client.place = None
@@ -154,7 +155,7 @@ class UrEmulator(Emulator):
         place, client.place = client.place, None
         if place is not None:
             place.client = None
-            if not place.counted:
+            if client.compares:
                 self._places.remove(place)
 
     @property
@@ -195,10 +196,7 @@ class UrEmulator(Emulator):
         if self._samples.end is not None:
             due = min(due, self._samples.end)
         for place in list(self._places):
-            if place.counted:
-                self._serve(place, due, now)
-            elif place.client is not None:
-                self._show(place, place.client, due)
+            self._serve(place, due, now)
 
     def _strike_once(self, now: float) -> None:
         if fault := self.injector.once("clock_jump"):
@@ -212,42 +210,36 @@ class UrEmulator(Emulator):
             self._leave_all(fault.seconds)
 
     def _serve(self, place: Place, due: int, now: float) -> None:
-        """Make and send what is due in one place, all in one write."""
+        """Make and send what is due in one place, all in one write; nothing strikes a client that compares clocks."""
         ready: list[bytes] = []
         client = place.client
+        apart = client is not None and client.compares
+        tally, strikes = (Counter[str](), Injector().strikes) if apart else (self.tally, self.injector.strikes)
         while place.next < due and client is not None and client.listening:
             number = place.next
             place.next += place.stride
-            self.tally["made"] += 1
-            if self.injector.strikes("loss", now):
+            tally["made"] += 1
+            if strikes("loss", now):
                 continue
             package = self._package(place, number, client.encoder)
-            if fault := self.injector.strikes("delay", now):
+            if fault := strikes("delay", now):
                 self._send(client, ready)
                 client.hold(now + fault.seconds)
-            if self.injector.strikes("half_frame", now):
+            if strikes("half_frame", now):
                 self._send(client, ready)
                 client.put(package[: len(package) // 2])
                 client.end()
-            elif self.injector.strikes("garbage", now):
+            elif strikes("garbage", now):
                 self._send(client, ready)
                 client.put(self._garbage(package))
                 client.listening = False
             else:
                 ready.append(package)
         unheard = max(0, -(-(due - place.next) // place.stride))
-        self.tally["made"] += unheard
+        tally["made"] += unheard
         place.next += unheard * place.stride
         if client is not None:
             self._send(client, ready)
-
-    def _show(self, place: Place, client: EmulatedClient, due: int) -> None:
-        """Send what is due to a client that compares clocks."""
-        ready = []
-        while place.next < due:
-            ready.append(self._package(place, place.next, client.encoder))
-            place.next += place.stride
-        self._send(client, ready)
 
     def _send(self, client: EmulatedClient, packages: list[bytes]) -> None:
         written = client.put(b"".join(packages), len(packages))
