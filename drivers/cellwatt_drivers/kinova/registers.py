@@ -98,7 +98,7 @@ def _floats(registers: Sequence[int]) -> Float:
     return np.array(registers, dtype="<u2").view("<f4").astype(np.float64)
 
 
-def encode(values: Sequence[float]) -> list[int]:
+def encode(values: Sequence[float] | Float) -> list[int]:
     """Values as the registers that hold them."""
     words: list[int] = np.array(values, dtype="<f4").view("<u2").tolist()
     return words
