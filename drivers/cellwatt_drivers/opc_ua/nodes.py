@@ -24,7 +24,7 @@ NUMBERS: Final = range(1, 12)
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TagPlace:
     """Place of one channel's values: its column, its node, the element, and from the value to SI units."""
 
     column: int
@@ -48,7 +48,7 @@ class Search:
         self._uris: list[str] = []
         self._children: dict[str, list[Child]] = {}
 
-    async def find(self, tags: Mapping[str, Tag]) -> tuple[list[Source], list[str]]:
+    async def find(self, tags: Mapping[str, Tag]) -> tuple[list[TagPlace], list[str]]:
         """Return the sources of all channels, in columns of their order, and the optional channels that are not there.
 
         Raises ``WrongDeviceError`` for the first tag that is not there or gives no number.
@@ -76,7 +76,7 @@ class Search:
                 continue
             self._check(name, tag, value, kind)
             factor, zero = self._scale(name, tag, unit)
-            found.append(Source(column, node, tag.indices, factor, zero))
+            found.append(TagPlace(column, node, tag.indices, factor, zero))
         return found, lacking
 
     async def _placed(self, name: str, tag: Tag) -> ua.NodeId | None:

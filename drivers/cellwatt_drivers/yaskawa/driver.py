@@ -21,7 +21,7 @@ from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.polling import deliver
 from cellwatt_drivers.yaskawa import payload, polls, wire
 from cellwatt_drivers.yaskawa.greeting import greet
-from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, TakeLate, open_link
+from cellwatt_drivers.yaskawa.link import Exchange, Link, TakeLate, UnansweredError, open_link
 from cellwatt_drivers.yaskawa.polls import Poll
 from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, TorqueWatch
 
@@ -121,7 +121,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._slot = 0
         self._slots = Slots(self._rate, self._miss_slots)
         self._heard = 0
-        self._failure: NoAnswerError | None = None
+        self._failure: UnansweredError | None = None
         self._newest: dict[str, int] = {}
         """Twice the middle of the newest answer given, ns, by stream."""
 
@@ -180,7 +180,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
         try:
             exchange, values = await self._ask(link, poll.request, poll.values, until, late)
-        except NoAnswerError as failure:
+        except UnansweredError as failure:
             self._miss(failure)
             missed = failure.reason == "timeout"
         else:
@@ -191,7 +191,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
     async def _serve_state(self, link: Link, stream: Stream, until: int) -> None:
         try:
             exchange, status = await self._ask(link, _STATUS, payload.decode_status, until)
-        except NoAnswerError as failure:
+        except UnansweredError as failure:
             self._miss(failure)
             return
         values = np.array([*status.values()], dtype=np.float64)
@@ -205,7 +205,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         if status["alarm"] or status["error"]:
             try:
                 _, alarm = await self._ask(link, _ALARM, payload.decode_alarm, until)
-            except NoAnswerError as failure:
+            except UnansweredError as failure:
                 self._note(failure)
                 return float("nan")
         self._alarms.see(alarm)
@@ -224,7 +224,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             found = decode(exchange.answer.data)
         except ProtocolError as error:
             link.count_malformed()
-            raise NoAnswerError("malformed", str(error)) from error
+            raise UnansweredError("malformed", str(error)) from error
         self._heard = time.monotonic_ns()
         return exchange, found
 
@@ -251,11 +251,11 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             Reading(poll.stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked, quality=quality)
         )
 
-    def _miss(self, failure: NoAnswerError) -> None:
+    def _miss(self, failure: UnansweredError) -> None:
         self.inlet.account.lose(1, failure.reason)
         self._note(failure)
 
-    def _note(self, failure: NoAnswerError) -> None:
+    def _note(self, failure: UnansweredError) -> None:
         if failure.reason == "device error" and str(failure) != str(self._failure):
             self.inlet.event("device_error", f"{self.name}: the controller refuses a read: {failure}")
         self._failure = failure
