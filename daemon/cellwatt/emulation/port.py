@@ -69,6 +69,7 @@ def _before_its_end(frame: bytes) -> int:
 class PortEmulator(Emulator):
     """An emulator that answers at one ``port``, which ``set_up`` makes, and has nothing else to do."""
 
+    faults = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
     port: Port
 
     async def serve(self, ready: Callable[[str], None]) -> None:

@@ -13,7 +13,6 @@ import numpy as np
 from cellwatt.batch import Float
 from cellwatt.emulation import Options, PortEmulator, Signals
 from cellwatt.emulation.blocks import Blocks
-from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import ARM, JOINTS_AND_TOOL, MOST_JOINTS, encode
@@ -42,9 +41,7 @@ class KinovaEmulator(PortEmulator):
 
     title: ClassVar[str] = "Kinova Gen3 (Modbus TCP)"
     usual_address: ClassVar[str] = "127.0.0.1:5020"
-    usual_port = registers.PORT
     changes = MappingProxyType({"state": "number", "fault_flags": "number", "warning_flags": "number"})
-    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cellwatt.emulation import Options, PortEmulator
-from cellwatt.emulation.faults import FaultKind
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, load_map, packaged_map
@@ -34,9 +33,7 @@ class ModbusMeterEmulator(PortEmulator):
 
     title: ClassVar[str] = "Modbus energy meter"
     usual_address: ClassVar[str] = "127.0.0.1:5020"
-    usual_port = 502
     line = "line"
-    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:

@@ -111,11 +111,6 @@ class PowerBoardEmulator(Emulator):
         form = {"mode": settings.mode, "board": str(boards[0]), "phases": str(settings.phases)}
         return form | {"rate": f"{settings.rate!r}"}
 
-    @classmethod
-    def address_in(cls, settings: Any) -> str:
-        """See ``Emulator.address_in``."""
-        return str(settings.port)
-
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
         if not self.on_terminal:

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from cellwatt.emulation import Options, PortEmulator
-from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.terminal import Writer, port_of
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer, known_functions
 from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, EmulatedWt310
@@ -39,9 +38,7 @@ class ScpiAnalyzerEmulator(PortEmulator):
 
     title: ClassVar[str] = "Power analyzer (SCPI: R&S HMC8015, Yokogawa WT310E, ZES LMG670)"
     usual_address: ClassVar[str] = f"127.0.0.1:{PORT}"
-    usual_port = PORT
     line = "serial"
-    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:

@@ -54,7 +54,6 @@ class UrEmulator(Emulator):
 
     title = "Universal Robots controller (RTDE)"
     usual_address = "127.0.0.1:30004"
-    usual_port = 30004
     faults = ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump")
     changes = MappingProxyType({"reboot": "seconds", "message": "text"})
 

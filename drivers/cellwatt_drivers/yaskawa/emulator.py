@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from cellwatt.emulation import Datagrams, Emulator, Options
 from cellwatt.emulation.datagrams import Address
-from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.port import host_and_port
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
@@ -45,10 +45,7 @@ class YaskawaEmulator(Emulator):
 
     title: ClassVar[str] = "Yaskawa controller (High-Speed Ethernet Server)"
     usual_address: ClassVar[str] = f"127.0.0.1:{wire.PORT}"
-    usual_port = wire.PORT
-    faults: ClassVar[tuple[FaultKind, ...]] = (
-        "delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect",
-    )  # fmt: skip
+    faults = tuple(kind for kind in FAULT_KINDS if kind != "clock_jump")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
