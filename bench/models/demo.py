@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from contextlib import AsyncExitStack
+from copy import deepcopy
 from pathlib import Path
 
 import yaml
@@ -20,7 +21,6 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt.config import load
 from cellwatt.demo import cells, processes
-from cellwatt.demo.fault import FAULTY
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.power.api import write
@@ -29,8 +29,8 @@ from cellwatt_plugins.models.power.training import model_of
 from cellwatt_plugins.robot import Arm
 
 SECONDS = 40.0
-DRIVERS = ("ur", "power_board")
-"""Of the demo's arm and its board."""
+SOURCES = {"arm": {"driver": "ur", "host": "127.0.0.1"}, "board": {"driver": "power_board", "port": "/dev/ttyUSB0"}}
+"""The demo's arm and its board."""
 LENGTHS = (0.15, 0.0, 0.42, 0.39, 0.1, 0.1)
 """m from joint to joint."""
 MASS = (3.0, 4.0, 2.0, 0.6, 0.4, 0.2)
@@ -43,15 +43,16 @@ RESISTANCE = (1.1, 1.1, 1.2, 2.0, 2.0, 2.0)
 
 async def record(folder: Path, seconds: float = SECONDS) -> None:
     """Frames of the arm and of the board on its supply."""
-    endpoint = cells.free_endpoint()
-    known = cells.every_driver()
-    sources = {name: known[driver] for driver, name in zip(DRIVERS, FAULTY, strict=True)}
-    devices = devices_of(load(cells.write(folder, sources, endpoint), {}), free=True)
+    file = folder / "cell.yaml"
+    cell = {"site": "demo", "cell": "demo", "sources": deepcopy(SOURCES), "record": {"folder": str(folder)}}
+    file.write_text(yaml.safe_dump(cell))
+    devices = devices_of(load(file, {}), free=True)
     async with AsyncExitStack() as stack:
-        emulators = await stack.enter_async_context(running(devices, time.time(), seed=len(cells.SMALL)))
+        emulators = await stack.enter_async_context(running(devices, time.time(), seed=len(cells.SOURCES)))
         for (_, name, key), value in places(devices, emulators).items():
-            sources[str(name)][str(key)] = value
-        daemon = await stack.enter_async_context(processes.daemon(cells.write(folder, sources, endpoint), folder))
+            cell["sources"][name][key] = value
+        file.write_text(yaml.safe_dump(cell))
+        daemon = await stack.enter_async_context(processes.daemon(file, folder))
         await asyncio.sleep(seconds)
         daemon.send_signal(signal.SIGTERM)
         await daemon.wait()

@@ -65,11 +65,9 @@ class Document:
 
         Values that came from the environment are shown as ``${NAME}``.
         """
-        there = path
-        while there and there not in self.places:
-            there, at_key = there[:-1], True
+        there = self._nearest(path)
         message = self.blanked(message)
-        at_key = at_key or isinstance(self.at(there), dict)
+        at_key = at_key or there != path or isinstance(self.at(there), dict)
         found = self.places[there]
         return problem(self.file, found.key if at_key else found.value, message, path)
 
@@ -103,8 +101,13 @@ class Document:
         return blank(text)
 
     def place(self, path: KeyPath) -> str:
-        """``file:line:column`` of a key."""
-        return place(self.file, self.places[path].key)
+        """``file:line:column`` of a key, or of the nearest above that is there."""
+        return place(self.file, self.places[self._nearest(path)].key)
+
+    def _nearest(self, path: KeyPath) -> KeyPath:
+        while path and path not in self.places:
+            path = path[:-1]
+        return path
 
     def at(self, path: KeyPath) -> Any:
         """The value at a path that is in ``places``."""

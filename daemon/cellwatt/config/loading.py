@@ -83,11 +83,6 @@ class _Reading:
         if path not in self.told and len(self.problems) < _WORDED:
             self.problems.append(self.document.problem(path, message, at_key=at_key))
 
-    def missing(self, path: KeyPath, key: str, description: str) -> None:
-        """Note that a mapping lacks a key."""
-        if (*path, key) not in self.told:
-            self.complain(path, missing_key(key, description), at_key=True)
-
     def mapping(self, path: KeyPath, value: Any) -> dict[Any, Any] | None:
         """The value as a mapping; a key without a value is an empty one."""
         if value is None or isinstance(value, dict):
@@ -163,14 +158,8 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         units=units,
         environment=document.environment,
         secrets=document.secrets,
-        record_place=_record_place(document, top),
+        record_place=document.place(("record", "folder")) if "record" in top else "",
     )
-
-
-def _record_place(document: Document, top: Mapping[Any, Any]) -> str:
-    if "record" not in top:
-        return ""
-    return document.place(("record", "folder") if "folder" in (top["record"] or {}) else ("record",))
 
 
 def _robot(reading: _Reading, name: CellName | None) -> None:
@@ -222,14 +211,16 @@ def _named(reading: _Reading, section: str, top: Mapping[Any, Any]) -> Iterator[
 
 def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, SourceConfig]]:
     if "sources" not in top:
-        reading.missing((), "sources", "what is measured: name: {driver: …}")
+        if ("sources",) not in reading.told:
+            reading.complain((), missing_key("sources", "what is measured: name: {driver: …}"), at_key=True)
     elif not top["sources"]:
         reading.complain(("sources",), "found no source, expected at least one (name: {driver: …})", at_key=True)
     for name, values in _named(reading, "sources", top):
         path = ("sources", name)
         kind = values.pop("driver", None)
         if kind is None:
-            _no_driver(reading, path, values)
+            known = f"one of: {', '.join(available('cellwatt.drivers'))}"
+            reading.complain(path, missing_key("driver", known), at_key=True)
             continue
         found_class = reading.find(driver, kind, (*path, "driver"))
         if found_class is None:
@@ -237,14 +228,6 @@ def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, S
         settings = reading.settings(found_class.Settings, path, values)
         if settings is not None:
             yield name, SourceConfig(name, kind, settings, reading.document.place(path))
-
-
-def _no_driver(reading: _Reading, path: KeyPath, values: Mapping[Any, Any]) -> None:
-    meant = nearest("driver", [key for key in values if isinstance(key, str)])
-    if meant is None:
-        reading.missing(path, "driver", f"one of: {', '.join(available('cellwatt.drivers'))}")
-    else:
-        reading.complain((*path, meant), unknown_key(meant, ["driver"]), at_key=True)
 
 
 def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageConfig]]:

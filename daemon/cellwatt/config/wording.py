@@ -27,26 +27,8 @@ _MISSING = ("missing", "missing_argument")
 _SETTINGS, _LIST = _COLLECTIONS = "settings (key: value)", "a list"
 
 _EXPECTED = {
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
     "int_parsing_size": "a smaller whole number",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "float_parsing": "a number",
     "finite_number": "a finite number",
-    "bool_type": "true or false",
-    "bool_parsing": "true or false",
-    "string_type": "text",
-    "path_type": "a path",
-    "list_type": _LIST,
-    "tuple_type": _LIST,
-    "set_type": _LIST,
-    "frozen_set_type": _LIST,
-    "dict_type": _SETTINGS,
-    "mapping_type": _SETTINGS,
-    "model_type": _SETTINGS,
-    "model_attributes_type": _SETTINGS,
-    "dataclass_type": _SETTINGS,
     "none_required": "nothing",
     "path_not_file": "a file that exists (relative paths start at the folder of the settings file)",
     "path_not_directory": "a folder that exists (relative paths start at the folder of the settings file)",
@@ -62,6 +44,10 @@ _EXPECTED = {
     "literal_error": "{expected}",
     "enum": "{expected}",
 }
+_KINDS = {"int": "a whole number", "float": "a number", "bool": "true or false", "string": "text", "path": "a path"}
+_KINDS |= dict.fromkeys(("list", "tuple", "set", "frozen"), _LIST)
+_KINDS |= dict.fromkeys(("dict", "mapping", "model", "dataclass"), _SETTINGS)
+"""By the first word of pydantic's name for an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +190,7 @@ def _own_words(error: ErrorDetails) -> str:
 
 
 def _expected(error: ErrorDetails) -> str:
-    template = _EXPECTED.get(error["type"])
+    template = _EXPECTED.get(error["type"]) or _KINDS.get(error["type"].partition("_")[0])
     context: Mapping[str, Any] = error.get("ctx", {})
     if template is None:
         text = error["msg"].removeprefix("Input should be ").removeprefix("Value should ")
