@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.table import Table
 
 from cellwatt.commands import EXIT_FAILED, Commands
+from cellwatt.commands.doctor import rates
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.errors import CellwattError, why
 from cellwatt.live.bulletin import Bulletin
+from cellwatt.progress.terminal import show_table
 
 HEALTHY = 20.0
 """s at least, to see healthy cycles before the fault."""
@@ -104,33 +104,26 @@ async def _run(demonstration: Demonstration) -> dict[str, Any]:
 
 
 def _show(summary: Mapping[str, Any]) -> None:
-    console = Console()
-    console.print(_sources(summary["sources"]))
-    console.print(f"{summary['frames']} frames, {summary['intervals']} intervals, {summary['tasks']} tasks")
+    header = ("source", "stream", "nominal", "measured", "jitter p99", "samples", "at the subscriber", "lost")
+    show_table(
+        header,
+        [
+            (name, stream, *rates(s), str(s["samples"]), str(s["delivered"]), str(source["lost"]))
+            for name, source in summary["sources"].items()
+            for stream, s in source["streams"].items()
+        ],
+    )
+    click.echo(f"{summary['frames']} frames, {summary['intervals']} intervals, {summary['tasks']} tasks")
     fault = summary["fault"]
     if fault and fault["statement"]:
-        console.print(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", style="bold")
+        click.secho(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", bold=True)
     if summary["meter"]:
-        console.print(summary["meter"]["statement"])
+        click.echo(summary["meter"]["statement"])
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
             told = f"{name}: {source['host_stalled']} samples fell due while this PC stood still or was taken by others"
-            console.print(told, style="bold yellow")
+            click.secho(told, fg="yellow")
     for problem in summary["problems"]:
-        console.print(problem, style="bold red")
+        click.secho(problem, fg="red")
     if summary["ok"]:
-        console.print("nothing was lost, and the alarm named the right joint in time", style="bold green")
-
-
-def _sources(sources: Mapping[str, Any]) -> Table:
-    table = Table(title="summary", box=None, header_style="bold", title_justify="left")
-    for name in ("source", "stream", "nominal", "measured", "jitter p99", "samples", "at the subscriber", "lost"):
-        table.add_column(name, justify="left" if name in {"source", "stream"} else "right")
-    for name, source in sources.items():
-        for stream, s in source["streams"].items():
-            nominal = f"{s['nominal_hz']:g} Hz" if s["nominal_hz"] else "on change"
-            measured = "–" if s["rate_hz"] is None else f"{s['rate_hz']:.2f} Hz"
-            jitter = "–" if s["jitter_p99_ms"] is None else f"{s['jitter_p99_ms']:.2f} ms"
-            cells = (nominal, measured, jitter, str(s["samples"]), str(s["delivered"]), str(source["lost"]))
-            table.add_row(name, stream, *cells)
-    return table
+        click.secho("nothing was lost, and the alarm named the right joint in time", fg="green")

@@ -147,20 +147,6 @@ def parse(
     return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes, environ)
 
 
-def of_value(value: Any) -> Document:
-    """A value that stands in no file, as a document, so that mistakes in it are told in the same words."""
-    places: dict[KeyPath, Place] = {}
-
-    def note(path: KeyPath, here: Any) -> None:
-        places[path] = Place(Mark(1, 1), Mark(1, 1), str(here))
-        entries = here.items() if isinstance(here, dict) else enumerate(here) if isinstance(here, list) else ()
-        for key, below in entries:
-            note((*path, key), below)
-
-    note((), value)
-    return Document(Path(), "", value, places, {}, {}, {}, {})
-
-
 class _Builder:
     """Turns nodes into values and notes their places, environment and mistakes."""
 

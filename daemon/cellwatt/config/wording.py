@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from cellwatt.config.document import Document, of_value
+from cellwatt.config.document import Document
 from cellwatt.config.fields import fields_at
 from cellwatt.config.marks import LONGEST_VALUE, quoted, shortened
 from cellwatt.config.places import MOST, KeyPath
@@ -122,14 +122,6 @@ def explain(
             grouped.setdefault(finding.path, []).append(finding)
     worded = sorted(grouped.values(), key=lambda group: _order(group[0], document))[: MOST + 1]
     return [_problem(group, model, document) for group in worded]
-
-
-def explain_value(error: ValidationError, kind: Any, value: Any) -> str:
-    """The first mistake that ``kind`` finds in a value that stands in no file of settings, and how many more."""
-    problems = explain(error, kind, of_value(value), (), ())
-    more = len(problems) - 1
-    where = f"{problems[0].path}: " if problems[0].path else ""
-    return f"{where}{problems[0].message}{f' (and {more} more)' if more else ''}"
 
 
 def _order(finding: _Finding, document: Document) -> tuple[int, int]:

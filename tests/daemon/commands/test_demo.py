@@ -107,6 +107,6 @@ def test_in_json(call: Call, folders: dict[str, Any], summary: dict[str, Any], c
 def test_what_is_kept(call: Call, folders: dict[str, Any], tmp_path: Path) -> None:
     ended = call("demo", "--keep", tmp_path / "kept")
     assert folders["folder"] == tmp_path / "kept"
-    assert f"try: cellwatt plot {tmp_path / 'kept'}" in ended.out.replace("\n", "")
+    assert f"try: cellwatt plot {tmp_path / 'kept'}" in ended.out
     call("demo")
     assert not folders["folder"].exists(), "nothing is left behind otherwise"
