@@ -58,7 +58,6 @@ class Document:
     secrets: dict[str, str]
     mistakes: Mapping[KeyPath, tuple[Problem, ...]]
     environ: Mapping[str, str] = field(repr=False)
-    hidden: set[KeyPath] = field(default_factory=set)
 
     def problem(self, path: KeyPath, message: str, *, at_key: bool = False) -> Problem:
         """A mistake at a value, or at its key; for settings and for a key that is not there, at the nearest key.
@@ -81,7 +80,6 @@ class Document:
         if place is None or not place.written:
             return
         if not _REFERENCE.fullmatch(place.written):
-            self.hidden.add(path)
             self.environment[path] = HIDDEN
             value = self.at(path)
             self.secrets.update({str(text): HIDDEN for text in (place.written, value) if text is not None})
@@ -89,13 +87,13 @@ class Document:
     @property
     def public_text(self) -> str:
         """The file as it may be shown; it stays YAML that says the same but for secrets."""
-        text = self.text
-        for start, end in sorted({self.places[path].span for path in self.hidden}, reverse=True):
+        text, hidden = self.text, [path for path, shown in self.environment.items() if shown == HIDDEN]
+        for start, end in sorted({self.places[path].span for path in hidden}, reverse=True):
             written = text[start:end]
             value = _PROPERTIES.sub("", written, count=1).rstrip()
             before, after = written[: written.index(value)], written[len(written.rstrip()) :]
             text = f'{text[:start]}{before}"{HIDDEN}"{after}{text[end:]}'
-        for path in self.hidden:
+        for path in hidden:
             if len(written := self.places[path].written) >= _CERTAIN_SECRET:
                 text = text.replace(written, HIDDEN)
         return blank(text)

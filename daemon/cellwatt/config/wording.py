@@ -17,7 +17,7 @@ from cellwatt.config.fields import fields_at
 from cellwatt.config.marks import LONGEST_VALUE, quoted, shortened
 from cellwatt.config.places import MOST, KeyPath
 from cellwatt.errors import Problem
-from cellwatt.host import blank
+from cellwatt.host import HIDDEN, blank
 
 _LONGEST_WORD = 100  # characters of a key that is compared with others
 _MOST_SIBLINGS = 200  # unknown keys that may be a missing one misspelt
@@ -91,7 +91,7 @@ def found(document: Document, path: KeyPath) -> str:
     """The value at a path as a message repeats it; never a secret or what came from the environment."""
     if path in document.environment:
         shown = document.environment[path]
-        return shown if path in document.hidden else f"the value of {shown}"
+        return shown if shown == HIDDEN else f"the value of {shown}"
     value = document.at(path)
     if value is None:
         return "nothing"
