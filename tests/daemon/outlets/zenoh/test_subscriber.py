@@ -46,7 +46,7 @@ class Cell:
         if live:
             self.outlet.offer(item)
         else:  # the outlet knows of it and loses it on the way
-            self.outlet._outbox._ends[RAW] = (EPOCH, first + count)
+            self.outlet._ends[RAW] = (EPOCH, first + count)
 
 
 @pytest.fixture
