@@ -156,7 +156,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
     def health(self, status: Mapping[str, Any]) -> None:
         """Publish the cell's health with the positions reached."""
         self._status = status
-        if self._publisher is not None and self._publisher.health_awaited:
+        if self._publisher is not None and (self.settings.connect or self._publisher.health_awaited):
             beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
             self._publisher.send_health(beats, self._said(beats))
             self._beats = beats
