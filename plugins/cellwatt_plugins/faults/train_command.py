@@ -18,9 +18,8 @@ from cellwatt.files import write_file
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
-from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
-from cellwatt_plugins.faults.paper.network import FaultNetwork
-from cellwatt_plugins.faults.paper.training import CodeNetwork, Sources, train_codes
+from cellwatt_plugins.faults.paper.course import Key, courses_of
+from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load
 
@@ -67,40 +66,21 @@ def train(
         raise ModelError("the reference has whole cycles only, no intervals to make a table of")
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
-        return recorded(frames_of_files(paths), courses, tolerance, arm, power or reference.power)
+        return recorded(list(frames_of_files(paths)), courses, tolerance, arm, power or reference.power)
 
     told = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
     for joint, found in told.items():
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
-    calm = codes_in(recordings) if recordings else {}
-    sources = Sources(told, None if robot is None else _arm(reference, robot), tolerance)
-    networks = spread(_codes_of, courses, "networks of codes", shared=(sources, seed))
-    report = [_written(trained, calm.get(trained.course.key, []), out) for trained in networks]
+    fitted = None if robot is None else _arm(reference, robot)
+    sources = Sources(told, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
+    report = []
+    for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
+        if content is not None:
+            about["file"] = str(out / f"{about['task']}-{about['speed']:.2f}-codes.onnx")
+            write_file(Path(about["file"]), content)
+        report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
-
-
-def _codes_of(course: Course, given: tuple[Sources, int]) -> CodeNetwork:
-    return train_codes(course, *given)
-
-
-def _written(trained: CodeNetwork, calm: Sequence[Codes], out: Path) -> dict[str, Any]:
-    """What is told of a network that is written to ``out``; ``calm`` are codes of healthy cycles to try it on."""
-    course, network, path = trained.course, None, None
-    if trained.content is not None:
-        network, path = FaultNetwork(trained.content), out / f"{course.task}-{course.speed:.2f}-codes.onnx"
-        write_file(path, trained.content)
-    return {
-        "file": None if path is None else str(path),
-        "task": course.task,
-        "speed": course.speed,
-        "table": trained.table.tolist(),
-        "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in trained.columns],
-        "named_together": trained.alike,
-        "healthy_cycles": len(calm),
-        "healthy_cycles_with_codes": sum(bool(codes.any()) for codes in calm),
-        "named_in_vain": sum(network is not None and bool(network.joints(codes)) for codes in calm),
-    }
 
 
 def _arm(reference: Reference, robot: Path) -> FittedArm:
