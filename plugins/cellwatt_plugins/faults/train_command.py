@@ -6,7 +6,7 @@ import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -21,10 +21,7 @@ from cellwatt_plugins.faults.paper.columns import recorded
 from cellwatt_plugins.faults.paper.course import Key, courses_of
 from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
-from cellwatt_plugins.faults.reference import Reference, load
-
-if TYPE_CHECKING:
-    from cellwatt_plugins.faults.cycles.identify import FittedArm
+from cellwatt_plugins.faults.reference import load
 
 Codes = NDArray[np.int8]
 
@@ -72,7 +69,11 @@ def train(
     for joint, found in told.items():
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
-    fitted = None if robot is None else _arm(reference, robot)
+    fitted = None
+    if robot is not None:
+        from cellwatt_plugins.faults.cycles.known import known_of
+
+        fitted = known_of(reference, file, robot).arm
     sources = Sources(told, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
@@ -81,22 +82,6 @@ def train(
             write_file(Path(about["file"]), content)
         report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
-
-
-def _arm(reference: Reference, robot: Path) -> FittedArm:
-    """The arm of a reference; as described where its power was never fitted."""
-    from cellwatt_plugins.faults.cycles.arm import nominal
-    from cellwatt_plugins.faults.cycles.identify import FittedArm
-    from cellwatt_plugins.faults.cycles.known import restored
-    from cellwatt_plugins.robot import Arm
-
-    arm = Arm.load(robot)
-    if arm.joints != reference.joints:
-        raise ModelError(f"robot {robot} has {arm.joints} joints, the reference {reference.joints}")
-    if reference.power_model is not None:
-        return restored(reference.power_model, reference.cycles, arm).arm
-    parameters = nominal(arm)
-    return FittedArm(arm.body, parameters, np.zeros((len(parameters.packed()),) * 2))
 
 
 def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:

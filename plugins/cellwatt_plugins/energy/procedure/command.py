@@ -97,15 +97,7 @@ def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
 @_json
 @with_progress
 def cut(
-    recording: Path,
-    robot: Path,
-    state: str | None,
-    payload: float | None,
-    out: Path,
-    source: str | None,
-    supply: str | None,
-    as_json: bool,
-    **asked: Any,
+    recording: Path, robot: Path, state: str | None, payload: float | None, out: Path, as_json: bool, **asked: Any
 ) -> None:
     """Cut the files that `disaggregate` reads from RECORDING (a file or folder of the cell).
 
@@ -119,8 +111,8 @@ def cut(
 
     if (state is None) == (payload is None):
         raise click.UsageError("expected either --state or --payload, which says what the recording holds")
-    opened = Recording.open(recording)
-    reading = power_of(opened, supply)
+    opened, source = Recording.open(recording), asked.pop("source")
+    reading = power_of(opened, asked.pop("supply"))
     if payload is not None:
         arm = Arm.load(robot, MOTOR)
         runs = cut_programme(arm, motion_of(opened, arm, source), reading, payload, out=out, **asked)
