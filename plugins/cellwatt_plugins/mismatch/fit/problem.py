@@ -70,6 +70,15 @@ class Term:
         return self.effect.name, self.joint
 
 
+def on_joints(course: Float, joint: int | None, joints: int) -> Float:
+    """A course (N,) of one joint beside zeros of the others, (N, n); one (N, n) of the whole arm as it is."""
+    if course.ndim == 2:
+        return course
+    out = np.zeros((len(course), joints))
+    out[:, joint or 0] = course
+    return out
+
+
 def said(term: Term) -> str:
     """Name of a term in messages."""
     name = term.effect.name.replace("_", " ")
@@ -153,6 +162,12 @@ class Problem:
         """Target and nominal parameters of all runs, ready to be fitted."""
         blocks = [Block(self.stack(np.split(b.columns, self._ends)), b.channel, b.prior) for b in self.nuisance]
         return Design(np.concatenate(self.target), np.concatenate(self.variance), blocks)
+
+    def channel(self, index: int) -> tuple[str, str]:
+        """Name and unit: ``tau_3`` and ``N*m``, or ``N``, of the third joint; ``power`` and ``W`` of the supply."""
+        if self.side == "supply":
+            return "power", "W"
+        return f"tau_{index + 1}", self.states[0].robot.unit(index, "N*m")
 
     @property
     def _ends(self) -> NDArray[np.intp]:
@@ -413,6 +428,4 @@ def _between_ends(run: Run) -> NDArray[np.bool_]:
 
 def _without_gaps(variance: Float, run: Run) -> Float:
     """Samples that were filled in count for nothing."""
-    if run.gaps is None:
-        return variance
-    return np.where(run.gaps[:, None], 1e6 * variance, variance)
+    return np.where(run.filled[:, None], 1e6 * variance, variance)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.problem import Term, said
-from cellwatt_plugins.mismatch.fit.retuning import confirmed, looseness
+from cellwatt_plugins.mismatch.fit.retuning import confirmed, freed, looseness
 from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_ambiguous,
     drop_for_plainer,
@@ -61,7 +61,7 @@ def search(
         state.loosen(loose)
         now = _found(state, now.terms)
     free, others = state.problem, _rivals(state, now)
-    state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
+    state.use(freed(state.problem, confirmed(state.problem, now.terms, now.factor)))
     now = drop_unconfirmed(state, solve(state, now.terms))
     now.spent, now.free = state.spent(), free
     now.unlooked = tuple(j for j in state.moving if j in state.unlooked) if now.spent else ()
