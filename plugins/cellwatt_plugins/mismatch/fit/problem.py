@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from cellwatt_plugins.robot.servo.motion import EDGE, compared
 from cellwatt_plugins.robot.servo.motion import noise as noise_of
 
 Float = NDArray[np.float64]
-K = TypeVar("K")
 
 ROWS = 16000
 """Rows that are fitted, about."""
@@ -109,8 +108,8 @@ class Problem:
     """Columns of terms that depend on the motion alone."""
     made: dict[tuple[object, ...], Block] = field(default_factory=dict)
     """Blocks of such terms."""
-    of_design: dict[str, object] = field(default_factory=dict)
-    """See ``kept``."""
+    of_design: dict[str, Any] = field(default_factory=dict)
+    """What ``LeaveOut`` makes once of the design, which stays whatever torque is fitted."""
 
     def stack(self, parts: Sequence[Float]) -> Float:
         """One array (each run's samples, …) per run to the fitted rows of all runs."""
@@ -250,12 +249,6 @@ class Problem:
         new = replace(self, nuisance=nuisance)
         new.__dict__["design"] = self.design.with_priors(priors)
         return new
-
-    def kept(self, name: str, made: Callable[[], K]) -> K:
-        """What is made once of the design, which stays whatever torque is fitted."""
-        if name not in self.of_design:
-            self.of_design[name] = made()
-        return cast("K", self.of_design[name])
 
 
 def torque_problem(

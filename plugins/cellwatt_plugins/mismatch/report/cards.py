@@ -29,7 +29,6 @@ MOST_TRIALS = 16
 """Shown at once; the rest is folded."""
 MOST_OTHERS = 12
 """Recordings shown at once; the rest is folded."""
-STATES = (("simulation", "simulation"), ("refit", "retuned"), ("model", "model"))
 
 
 def tiles(fit: Sequence[ChannelFit]) -> list[Tile]:
@@ -113,19 +112,6 @@ def _share(closed: float) -> str:
 
 def _remains(rms: float, symbol: str, floor: float) -> Bars:
     return Bars([("remains", "model", rms)], symbol, floor)
-
-
-def fit_table(fit: Sequence[ChannelFit]) -> list[Block]:
-    """Held-out error of each channel, in its unit and in noise floors."""
-    heads = [Html(f"<i class={key}></i>{label}") for key, label in (*STATES, ("floor", "noise floor"))]
-    rows = []
-    for one in fit:
-        digits = decimals_for(one.noise_floor)
-        values = [fixed(v, digits) for v in (one.simulation, one.refit, one.model, one.noise_floor)]
-        name, ratio = capital(wording.channel_name(one.channel)), times(one.model / one.noise_floor)
-        rows.append([name, *values, unit(one.unit), ratio])
-    table = Table("Error of each channel", ["channel", *heads, "unit", "model ÷ noise"], rows)
-    return [table] if rows else []
 
 
 def others_table(others: Sequence[Other]) -> list[Block]:

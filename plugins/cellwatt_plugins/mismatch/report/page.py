@@ -48,7 +48,6 @@ def report(
             falls.section(findings),
             Section("What was found", cards.found(findings)),
             Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
-            Section("Channels", cards.fit_table(findings.fit), "Held-out rms error."),
             *figures.sections(findings, traces, floors),
             Section("Other recordings", cards.others_table(findings.others), OTHERS),
             Section("What was tried", cards.trials(findings.tried), TRIED),
