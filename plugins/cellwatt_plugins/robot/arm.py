@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.robot.body import Body
@@ -17,8 +17,6 @@ from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.simulated import described, is_simulator
 from cellwatt_plugins.robot.units import Kind, unit_at
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
 from cellwatt_plugins.robot.mjcf import is_mjcf, urdf_of
-
-Float = NDArray[np.float64]
 
 PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin."""

@@ -8,11 +8,10 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.body import Solid
 from cellwatt_plugins.robot.description import Capsule
-
-Float = NDArray[np.float64]
 
 CLEARANCE: Final = 0.02
 """m that must be left between two links, and above the floor."""

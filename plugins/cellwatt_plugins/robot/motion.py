@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
+from cellwatt.batch import Float
 from cellwatt_plugins.noise import white_noise
-
-Float = NDArray[np.float64]
 
 SIGN_WIDTH = 0.004
 """rad/s: Coulomb friction turns over within this velocity."""

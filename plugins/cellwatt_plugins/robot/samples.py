@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.tables import Table
 from cellwatt_plugins.robot.description import RobotDescription
-
-Float = NDArray[np.float64]
 
 EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
 """Quantities that tell a joint's torque, the best first, and the key of the description that each is multiplied by."""

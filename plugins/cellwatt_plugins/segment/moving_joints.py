@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.segment.settings import SegmentSettings
 
-Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
 
 START_SIGMAS = 8.0

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.smoothing import Smoother
@@ -17,8 +18,6 @@ from cellwatt_plugins.robot import Arm, Body
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.priors import links_prior
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 CARRIED: Final = 4
 """Parameters of what is carried, per kg of the stated payload: its mass and m·c at the last joint's frame."""

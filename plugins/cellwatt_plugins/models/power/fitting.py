@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Rows, mean_temperature, shared_columns
@@ -22,8 +23,6 @@ from cellwatt_plugins.models.power.together import fit_together
 from cellwatt_plugins.models.power.torque import Folds
 from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 DOUBTS: Final = (1.0, 3.0, 10.0)
 """Tolerances by which the links of the URDF may be off, tried on held-out moves."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
 from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shared_columns
 from cellwatt_plugins.models.power.leftover import Leftover
@@ -17,8 +17,6 @@ from cellwatt_plugins.models.power.terms import TORQUE, Motion
 from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import Drives
-
-Float = NDArray[np.float64]
 
 AT_ONCE: Final = 5000
 """Rows whose columns are in memory together."""

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
 from cellwatt_plugins.models.predict import starts_of
 from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 POWER = ("supply.power", "bus.power")
 """Channels that a model of the supply power may be trained on; the first that is there counts."""

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.terms import Motion
 from cellwatt_plugins.robot import RobotDescription
-
-Float = NDArray[np.float64]
 
 JOINT_NUMBERS: Final = ("k_m", "inertia", "viscous", "coulomb", "excess", "stribeck_velocity", "offset")
 """Of each joint: Nm/A, kg m², Nm s/rad, Nm, Nm, rad/s, Nm."""

@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.scg import minimise
-
-Float = NDArray[np.float64]
 
 DECAY: Final = 1e-4
 """Penalty on the weights' squares, beside a mean square error of standardised outputs."""

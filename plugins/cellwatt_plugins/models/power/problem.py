@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, all_terms, possible
 from cellwatt_plugins.models.power.folds import folds_of
@@ -19,8 +20,6 @@ from cellwatt_plugins.models.power.torque import Solution, Sums
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import Drives
-
-Float = NDArray[np.float64]
 
 MOST: Final = 20_000
 """Rows that a fit is made on."""

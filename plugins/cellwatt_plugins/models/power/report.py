@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.report import (
     Axis,
     Block,
@@ -30,8 +30,6 @@ from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
 from cellwatt_plugins.models.power.training import BEST, Trained
 from cellwatt_plugins.models.power.wording import findings, pose_tables, rivals
-
-Float = NDArray[np.float64]
 
 COLOURS: Final = {"NLS": SIMULATION, "SCG": GOOD, BEST: MODEL}
 ROLES: Final = {"NLS": "simulation", "SCG": "good", BEST: "model"}

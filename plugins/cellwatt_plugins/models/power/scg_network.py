@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.progress import steps
 from cellwatt_plugins.models.graph import beside, pick
 from cellwatt_plugins.models.power.moves import Moves
@@ -15,8 +15,6 @@ from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
 from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.shown import Shown
 from cellwatt_plugins.models.power.terms import Motion
-
-Float = NDArray[np.float64]
 
 NEURONS: Final = 8
 ITERATIONS: Final = 400

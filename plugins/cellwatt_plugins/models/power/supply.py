@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from cellwatt.batch import Float
 from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.folds import GAIN, grown
 from cellwatt_plugins.models.power.terms import DRIVE_ALWAYS, LOSSES
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton
 
-Float = NDArray[np.float64]
 Sharing = Literal["bus", "joint"]
 
 ROUNDS: Final = 12

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.problem import Problem
@@ -14,8 +14,6 @@ from cellwatt_plugins.models.power.supply import Sharing, Supply
 from cellwatt_plugins.models.power.torque import Solution
 from cellwatt_plugins.robot.drive import Drives
 from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton
-
-Float = NDArray[np.float64]
 
 ROUNDS: Final = 6
 ROUNDS_BLIND: Final = 24

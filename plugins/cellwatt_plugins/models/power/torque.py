@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.design import Belief, Design
 from cellwatt_plugins.models.power.folds import grown
 from cellwatt_plugins.models.power.terms import ALWAYS
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, variance_of
 
-Float = NDArray[np.float64]
 Sums = tuple[Products, ...]
 """Of each joint's torque with all of its columns, R shared ones and F of its own."""
 

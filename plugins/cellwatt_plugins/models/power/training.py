@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
@@ -26,7 +27,6 @@ from cellwatt_plugins.models.power.tuning import Tuning, tune
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
-Float = NDArray[np.float64]
 Predictions = dict[str, tuple[Float, Float]]
 """Power (N,) W and currents (N, n) A by method."""
 SHARES: Final = (0.05, 0.15, 0.8)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, shared_columns
 from cellwatt_plugins.models.power.moves import Moves
@@ -17,7 +17,6 @@ from cellwatt_plugins.models.power.torque import solve, sums_of
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import SIGN_WIDTH
 
-Float = NDArray[np.float64]
 Spans = tuple[Span, Span]
 """Of velocity and acceleration."""
 

@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot import Body, RobotDescription
 from cellwatt_plugins.robot.body import PER_LINK
-
-Float = NDArray[np.float64]
 
 PER_GRAVITY: Final = 4
 """Parameters of a link that gravity feels: m and m·c (3)."""

@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
-Float = NDArray[np.float64]
 Evaluate = Callable[[Float], tuple[Float, Float]]
 """From parameters (P,) to what they predict (N, n), and its slopes (N, n, P)."""
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.polynomial.legendre import leg2poly
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, gravity_torque
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
@@ -20,8 +20,6 @@ from cellwatt_plugins.models.static.identify import HeldArm, Identified
 from cellwatt_plugins.models.static.paper import Perceptron
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot.drive import copper_gain
-
-Float = NDArray[np.float64]
 
 TOTAL: Final = "torque_sum"
 """Output: absolute sum of the torques, eq. 5."""

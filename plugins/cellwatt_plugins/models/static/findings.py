@@ -7,13 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
 from cellwatt_plugins.models.static.effects import Group
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
-
-Float = NDArray[np.float64]
 
 _CLEAR: Final = 3.0
 """Standard deviations below which nothing is told: of the forty figures looked at, two would pass two by chance."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.batch import Float
 
 STILL: Final = 5e-4
 """rad: an arm whose joints all stay within this of where they stopped is at rest."""

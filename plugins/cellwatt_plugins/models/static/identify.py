@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.scheduler import spread
 from cellwatt_plugins.models.static.basis import Basis, gravity_parameters, joint_limits
 from cellwatt_plugins.models.static.effects import Effects
@@ -15,8 +16,6 @@ from cellwatt_plugins.models.static.evidence import Belief, Posterior, fit
 from cellwatt_plugins.models.static.leftover import Leftover, learned
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 FOLDS: Final = 5
 _NOISE: Final = 0.002  # of the rated torque, before the data

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.scheduler import spread
 
 if TYPE_CHECKING:
     import optuna
 
-Float = NDArray[np.float64]
 
 NEURONS: Final = (8, 1000)
 """The paper's range of hidden neurons."""

@@ -10,14 +10,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
 from cellwatt.files import write_csv, write_file
 from cellwatt_plugins.models.static.plan import Plan, plan_poses
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
-
-Float = NDArray[np.float64]
 
 LONGEST: Final = 900
 """Poses in one job: controllers take 999 steps."""

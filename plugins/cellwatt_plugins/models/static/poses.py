@@ -11,14 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
 from cellwatt_plugins.models.static.held import HeldPose, Recogniser
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.samples import torque_in
-
-Float = NDArray[np.float64]
 
 FEWEST: Final = 12
 """Poses that a training needs."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import (
     Acceptance,
@@ -24,7 +24,6 @@ from cellwatt_plugins.robot.effects.declaration import (
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
-Float = NDArray[np.float64]
 Shape = tuple[float, ...]
 """Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
 UNIT_SPREAD = 0.05

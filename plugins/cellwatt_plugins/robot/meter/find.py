@@ -10,10 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.meter.kinds import Course
 from cellwatt_plugins.robot.meter.model import Meter, Readings
-
-Float = NDArray[np.float64]
 
 WINDOWS: Final = (0.05, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0)
 """Windows that are tried, in intervals from one value to the next."""

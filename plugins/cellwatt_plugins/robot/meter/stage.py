@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from cellwatt.alarms import AlarmBook
+from cellwatt.batch import Float
 from cellwatt.channel import Quality
 from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Frames, Layout
@@ -22,8 +23,6 @@ from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power
 from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
 
 POWER: Final = "supply.power"
 """Name that drivers give the power of a supply."""

@@ -7,10 +7,11 @@ from itertools import product
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.compliance.two_mass import coupled, hanging, swinging, with_gap, with_others
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.regression import Prior

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 MOST_STEP = 0.2
 """Steps of the numerical integration are at most this share of a radian of the natural frequency."""

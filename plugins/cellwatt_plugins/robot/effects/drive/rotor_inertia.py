@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
 

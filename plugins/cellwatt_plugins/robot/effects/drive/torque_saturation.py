@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
 BELOW = (0.0, 1.0, 2.0, 3.0)

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 from cellwatt_plugins.robot.effects.states import States
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 

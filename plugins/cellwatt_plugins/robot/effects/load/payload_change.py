@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.load.payload import HEAVY, REACH, body_parameters
 from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charge
 from cellwatt_plugins.robot.effects.states import States

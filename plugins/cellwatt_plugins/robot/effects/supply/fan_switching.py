@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.load.payload_change import inside
 from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charge
 from cellwatt_plugins.robot.effects.states import States
