@@ -11,11 +11,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.batch import Float, Nanoseconds
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
-from cellwatt_plugins.models.static.held import HeldPose, Recogniser
+from cellwatt_plugins.models.static.held import held, turned
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.samples import torque_in
 
@@ -98,16 +98,28 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
         return Poses(q, torque, spread, table.columns["count"].astype(np.int64), approach, payload)
     if table.clock is None:
         raise RecordingError(f"{path}: expected a column pose, or t (s) with the arm's motion in between")
-    found = Recogniser(q.shape[1]).update(np.rint(table.time * 1e9).astype(np.int64), q, torque)
-    if not found:
+    whole = np.isfinite(np.hstack([q, torque])).all(axis=1)
+    poses = _recognised(np.rint(table.time[whole] * 1e9).astype(np.int64), q[whole], torque[whole])
+    if not len(poses):
         raise RecordingError(f"{path}: no pose was held long enough: all joints at rest for 2.5 s")
-    return of_held(found)
+    return poses
 
 
-def of_held(found: Sequence[HeldPose]) -> Poses:
-    """Recognised poses."""
-    columns: dict[str, Any] = {name: np.array([getattr(pose, name) for pose in found]) for name in COLUMNS[:-1]}
-    return Poses(**columns, payload=_unknown(len(found)))
+def _recognised(time: Nanoseconds, q: Float, torque: Float) -> Poses:
+    """The poses that an arm held in samples of its motion: times (N,) ns, angles and torques (N, n)."""
+    found, before = held(time, q), turned(q)
+    mean = np.array([q[part].mean(axis=0) for part in found]).reshape(-1, q.shape[1])
+    known = np.array([torque[part].mean(axis=0) for part in found])
+    spread = np.array([torque[part].std(axis=0, ddof=1) for part in found])
+    last = [part.stop - 1 for part in found]
+    return Poses(
+        mean,
+        known,
+        spread,
+        np.array([part.stop - part.start for part in found]),
+        mean - before[last],
+        _unknown(len(found)),
+    )
 
 
 def _unknown(count: int) -> Float:

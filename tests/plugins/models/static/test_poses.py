@@ -52,6 +52,7 @@ def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
     poses = read_poses([save(tmp_path, columns)], robot)
     np.testing.assert_allclose(poses.q, goals, atol=1e-9)
     np.testing.assert_allclose(poses.torque, arms.Arm().load(goals), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(poses.count, 101)
     np.testing.assert_array_equal(np.sign(poses.approach[1:]), np.sign(np.diff(goals, axis=0)))
 
 
