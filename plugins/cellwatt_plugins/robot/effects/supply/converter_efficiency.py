@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -29,9 +29,7 @@ class ConverterEfficiency(Effect):
         Confusion("copper_loss", "hold the arm at several loads: at rest only copper heats"),
         Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency leaves it alone"),
     )
-
-    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(ALL,), (MOTORING,), (BOTH_WAYS,)]
+    tried = ((ALL,), (MOTORING,), (BOTH_WAYS,))
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         total = np.sum(drive_power(copper_gain(run.robot), run.torque, run.qd), axis=1, dtype=np.float64)

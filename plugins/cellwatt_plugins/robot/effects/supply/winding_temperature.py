@@ -34,6 +34,7 @@ class WindingTemperature(Effect):
         Confusion("converter_efficiency", "hold a load at rest for minutes: only windings warm up"),
         Confusion("fan_switching", "hold a load at rest for minutes: windings warm steadily"),
     )
+    sentence = "Copper loss grows while the windings warm up: the temperature of the windings is missing."
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
         return any(j.winding_resistance > 0 for j in robot.joints)
@@ -58,9 +59,6 @@ class WindingTemperature(Effect):
         if estimate.shape[0] == 0:
             return {"share": estimate.coefficient(0, "")}
         return {"rise": estimate.coefficient(0, "K/W"), "time_constant": estimate.shaped(0, "s")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return "Copper loss grows while the windings warm up: the temperature of the windings is missing."
 
 
 REFERENCE = 20.0
