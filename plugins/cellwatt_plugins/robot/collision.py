@@ -6,6 +6,7 @@ from typing import Final
 
 import coal
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from cellwatt.batch import Float
@@ -57,10 +58,7 @@ def solid(capsule: Capsule) -> Solid:
     placement = np.eye(4)
     placement[:3, 3] = 0.5 * (start + end)
     if length > 0:
-        along = (end - start) / length
-        across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-        across /= np.linalg.norm(across)
-        placement[:3, :3] = np.column_stack([across, np.cross(along, across), along])
+        placement[:3, :3] = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start).matrix()
     return Solid(capsule.link, placement, coal.Capsule(capsule.radius, length))
 
 

@@ -29,7 +29,7 @@ class _Pose:
 def inverse_dynamics(graph: Graph, chain: Chain, q: str, qd: str | None = None, qdd: str | None = None) -> str:
     """Joint torques (N, n) Nm for tensors ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each; rigid bodies only.
 
-    A velocity or acceleration left out is zero.
+    A velocity or acceleration left out is zero: without both, the torques that hold the arm still.
     """
     count = chain.joints
     pose = _pose(graph, chain, q)
@@ -40,11 +40,6 @@ def inverse_dynamics(graph: Graph, chain: Chain, q: str, qd: str | None = None, 
     wrenches = graph.op("MatMul", total, pose.inertia)
     above = graph.op("MatMul", np.triu(np.ones((count, count))), graph.reshape(wrenches, (-1, count, 16)))
     return graph.sum(graph.op("Mul", graph.reshape(pose.twists, (-1, count, 16)), above))
-
-
-def gravity_torque(graph: Graph, chain: Chain, q: str) -> str:
-    """Torques (N, n) Nm that hold the arm still at ``q`` (N, n) rad."""
-    return inverse_dynamics(graph, chain, q)
 
 
 def _pose(graph: Graph, chain: Chain, q: str) -> _Pose:

@@ -80,10 +80,6 @@ class _Told:
     def mean(self) -> Float:
         return self.model.posterior.mean[self.part]
 
-    @property
-    def deviation(self) -> Float:
-        return self.model.posterior.deviation[self.part]
-
     def figure(self, name: str, weights: Float, unit: str) -> Figure:
         """A linear combination of the group's parameters."""
         covariance = self.model.posterior.covariance[self.part, self.part]

@@ -122,25 +122,18 @@ def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) ->
     plain, with_rest = np.empty((2, 2, len(poses)))
     gained = np.empty(len(poses))
     for part, one in zip(parts, said, strict=True):
-        plain[:, part], with_rest[:, part], gained[part] = one.plain, one.with_rest, one.gained
+        plain[:, part], with_rest[:, part], gained[part] = one
     model = identify(basis, poses.torque, effects)
     if np.mean(gained) > 2.0 * np.std(gained) / np.sqrt(len(gained)):
         return Checked(with_leftover(model, basis, poses.torque), *with_rest)
     return Checked(model, *plain)
 
 
-@dataclass(frozen=True)
-class _Said:
-    """Absolute sums (2, k) Nm of k poses left out, told and blind, by physics and with what is left over; what the
-    latter gained (k,)."""
+def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> tuple[Float, Float, Float]:
+    """Absolute sums (2, k) Nm of k poses, told and blind, by models of all others: physics, and with what is left over.
 
-    plain: Float
-    with_rest: Float
-    gained: Float
-
-
-def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> _Said:
-    """What models of all other poses say of a part."""
+    Last, what the latter gained (k,).
+    """
     poses, basis, effects = known
     rest = np.setdiff1d(np.arange(len(poses)), part)
     model = identify(basis.rows(rest), poses.torque[rest], effects)
@@ -149,7 +142,7 @@ def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> _S
     totals = [np.stack([m.total(seen), m.total(blind)]) for m in (model, fuller)]
     errors = [((poses.torque[part] - m.torque(seen)) / model.posterior.noise) ** 2 for m in (model, fuller)]
     gained = np.nansum(np.where(seen.direction == 0, np.nan, errors[0] - errors[1]), axis=1)
-    return _Said(totals[0], totals[1], gained)
+    return totals[0], totals[1], gained
 
 
 def with_leftover(model: Identified, basis: Basis, torque: Float) -> Identified:

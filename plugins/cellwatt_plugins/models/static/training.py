@@ -140,7 +140,7 @@ class Trained:
 def train(poses: Poses, arm: HeldArm) -> Trained:
     """Trains all methods."""
     basis, effects = arm.basis(poses), arm.effects(poses)
-    with stage("networks as published", 2, share=SHARES[0]):
+    with stage("networks as published", 1, share=SHARES[0]):
         methods, networks = _published(poses, basis, effects)
     with stage("", share=SHARES[1]):
         checked = identify_checked(poses, basis, effects, SEED)
