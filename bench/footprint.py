@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,12 @@ def memory(parts: list[psutil.Process]) -> float:
     return round(sum(p.memory_full_info().pss for p in parts) / 1e6, 1)
 
 
+def own(part: psutil.Process) -> float:
+    """MB that a process has written and shares with none; libraries are shared or not by what else runs on the PC."""
+    rollup = Path(f"/proc/{part.pid}/smaps_rollup").read_text()
+    return int(rollup.partition("Private_Dirty:")[2].split()[0]) / 1e3
+
+
 def idle(seconds: float) -> dict[str, float]:
     """All devices down: nobody listens at any address."""
     with tempfile.TemporaryDirectory() as name:
@@ -94,8 +100,9 @@ def idle(seconds: float) -> dict[str, float]:
             return weigh(process, seconds)
 
 
-async def typical(seconds: float, shown: bool = False) -> dict[str, Any]:
-    """A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, recorded and published.
+@contextlib.asynccontextmanager
+async def typical(shown: bool = False) -> AsyncIterator[subprocess.Popen[bytes]]:
+    """A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, recorded and published; its daemon.
 
     ``shown``: also predicted by a model, and looked at in a browser, which is not counted.
     """
@@ -104,27 +111,29 @@ async def typical(seconds: float, shown: bool = False) -> dict[str, Any]:
         model = shape_file().with_name("power.onnx")
         stages = f"robot: demo\n{stages}  power: {{stage: model, file: {model}, source: arm}}\n"
         stages += f'page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}\n'
-    async with (
-        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm,
-        EmulatorProcess("power_board", "--listen", "pty") as board,
-        EmulatorProcess("scpi_analyzer", "--listen", "127.0.0.1:0") as meter,
-    ):
-        with tempfile.TemporaryDirectory() as name:
-            host, port = arm.address.split(":")
-            sources = f"  arm: {{driver: ur, host: {host}, port: {port}}}\n"
-            sources += f"  board: {{driver: power_board, port: {board.address}}}\n"
-            host, port = meter.address.split(":")
-            sources += f"  meter: {{driver: scpi_analyzer, host: {host}, port: {port}}}\n"
-            async with contextlib.AsyncExitStack() as stack:
-                process = stack.enter_context(daemon(cell(Path(name), sources, stages)))
-                await asyncio.sleep(10)
-                if shown:
-                    page = await (await stack.enter_async_context(chromium())).new_page()
-                    await page.goto(f"http://{address}/")
-                    await asyncio.sleep(10)
-                first = await asyncio.to_thread(weigh, process, seconds / 2)
-                second = await asyncio.to_thread(weigh, process, seconds / 2)
-            return second | {"growth_mb_per_h": round((second["pss_mb"] - first["pss_mb"]) * 7200 / seconds, 1)}
+    async with contextlib.AsyncExitStack() as stack:
+        devices = {"arm": "ur", "board": "power_board", "meter": "scpi_analyzer"}
+        sources = ""
+        for source, driver in devices.items():
+            where = "pty" if source == "board" else "127.0.0.1:0"
+            device = await stack.enter_async_context(EmulatorProcess(driver, "--listen", where))
+            host, _, port = device.address.rpartition(":")
+            sources += f"  {source}: {{driver: {driver}, {f'host: {host}, ' if host else ''}port: {port}}}\n"
+        name = stack.enter_context(tempfile.TemporaryDirectory())
+        process = stack.enter_context(daemon(cell(Path(name), sources, stages)))
+        await asyncio.sleep(10)
+        if shown:
+            page = await (await stack.enter_async_context(chromium())).new_page()
+            await page.goto(f"http://{address}/")
+            await asyncio.sleep(10)
+        yield process
+
+
+async def weigh_typical(seconds: float, shown: bool = False) -> dict[str, Any]:
+    async with typical(shown) as process:
+        first = await asyncio.to_thread(weigh, process, seconds / 2)
+        second = await asyncio.to_thread(weigh, process, seconds / 2)
+    return second | {"growth_mb_per_h": round((second["pss_mb"] - first["pss_mb"]) * 7200 / seconds, 1)}
 
 
 def check() -> float:
@@ -197,8 +206,8 @@ def main() -> None:
     os.environ["PYTHONWARNINGS"] = "ignore"
     figures = {
         "idle": idle(a.seconds),
-        "typical": asyncio.run(typical(2 * a.seconds)),
-        "page_and_model": asyncio.run(typical(2 * a.seconds, shown=True)),
+        "typical": asyncio.run(weigh_typical(2 * a.seconds)),
+        "page_and_model": asyncio.run(weigh_typical(2 * a.seconds, shown=True)),
         "check_20_devices_s": sorted(round(check(), 3) for _ in range(5)),
         "first_frame": [asyncio.run(first_frame()) for _ in range(3)],
         "hung_neighbour": asyncio.run(hung_neighbour(a.seconds)),

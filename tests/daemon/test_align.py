@@ -264,11 +264,28 @@ def test_frames_after_a_jump_of_the_cell_time_by_an_hour_are_left_out_and_counte
     aligner, of = one(POSITION)
     aligner.add(batch(of, [1, 3], [1, 1]))
     frames = aligner.tick(tick(3_600_000))
-    assert sum(len(f) for f in frames) == 3000
-    assert aligner.skipped == 3_600_000 // 20 - 5 - 3000
-    assert max(len(f) for f in frames) <= 512
+    assert sum(len(f) for f in frames) == 1
+    assert aligner.skipped == 3_600_000 // 20 - 5 - 1
     (frames,) = aligner.add(batch(of, [3_600_001], [1.0]))
     assert frames.time[0] == EPOCH + 3_599_920 * MS
+
+
+def test_frames_go_on_with_the_samples_after_half_a_minute_in_which_nothing_came():
+    aligner, of = one(POSITION)
+    play(aligner, [batch(of, [1, 3], [1, 1]), *(tick(t) for t in range(20, 1000, 20))], flush=False)
+    time, _, _, _ = joined(play(aligner, [batch(of, range(30_000, 30_200, 2), np.ones(100))], flush=False))
+    assert time[0] == 30_000
+    assert aligner.skipped == (30_000 - 900) // 20
+
+
+def test_samples_of_the_last_minute_before_a_jump_of_the_cell_time_ends_are_in_frames():
+    aligner, of = one(POSITION)
+    aligner.add(batch(of, [1, 3], [1, 1]))
+    frames = aligner.add(batch(of, range(3_550_000, 3_600_001, 10), np.ones(5001)))
+    time, _, quality, _ = joined(frames)
+    assert time[0] == 3_550_000
+    assert np.all(quality[:-1] != MISSING)
+    assert max(len(f) for f in frames) <= 512
 
 
 def test_what_is_held_in_memory_does_not_grow_with_the_run():

@@ -16,8 +16,10 @@ from cellwatt.frames import FrameChannel, Frames, Layout
 _SECOND = 1_000_000_000
 _BLOCK = 512
 """Most frames in one block."""
-_HOLE = 60 * _SECOND
-"""A jump of the cell's time beyond this leaves the frames in between out; they are counted."""
+_HOLE = 5 * _SECOND
+"""After a jump of the cell's time by more than this, frames go on where samples do; those left out are counted."""
+_BACKLOG = 60 * _SECOND
+"""Longest backlog of samples that is brought into frames after such a jump."""
 
 
 class Aligner:
@@ -65,7 +67,7 @@ class Aligner:
         self.layout = Layout(tuple(channels), rate)
         _check_names(self.layout)
         self.skipped = 0
-        """Frames left out because the cell's time itself jumped by more than a minute."""
+        """Frames left out because the cell's time jumped."""
         self._now = self._given_out = NEVER
         self._next: int | None = None  # number of the next grid point: its time in steps
         self._sequence = 0
@@ -123,16 +125,23 @@ class Aligner:
         """Frames from the next grid point up to number ``newest``."""
         if self._next is None or newest < self._next:
             return []
-        hole = newest - self._next + 1 - _HOLE // self._step
-        if hole > 0:
-            self.skipped += hole
-            self._next += hole
+        if newest - self._next > _HOLE // self._step:
+            self._leave_out(newest)
         blocks = [self._frames(k, min(k + _BLOCK, newest + 1)) for k in range(self._next, newest + 1, _BLOCK)]
         self._next, self._given_out = newest + 1, newest * self._step
         needed = self._following - self._step // 2
         for lane in self._lanes.values():
             lane.track.forget(needed)
         return blocks
+
+    def _leave_out(self, newest: int) -> None:
+        """Go on at the first sample after what was there before the jump, if that leaves a hole."""
+        end, before = newest * self._step, self._following + self._latency
+        times = [lane.track.samples.time for lane in self._lanes.values()]
+        resumed = min(int(time[time > max(before, end - _BACKLOG)].min(initial=end)) for time in times) // self._step
+        if self._next is not None and resumed - self._next > _HOLE // self._step:
+            self.skipped += resumed - self._next
+            self._next = resumed
 
     def _frames(self, first: int, end: int) -> Frames:
         grid = np.arange(first, end, dtype=np.int64) * self._step

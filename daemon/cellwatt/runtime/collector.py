@@ -24,6 +24,9 @@ log = logging.getLogger(__name__)
 
 AFTER: Final = 0.0005
 """s after the moments at which drivers read, for the question whether any of them spoke."""
+RESTS, PERIODS = 70.0, 4.0
+"""s without a sample, and periods of the slowest stream, after which ticks and frames stop until one comes: all of a
+frame is missing by then."""
 Entry = Batch | Tick | Event
 """Items that a collector gives."""
 
@@ -57,7 +60,8 @@ class Collector:
         self._give = give
         self._awaited, self._crowded = awaited, crowded
         self._fresh = False
-        self._began = asyncio.Event()
+        self._speaks = asyncio.Event()
+        """Set from a first sample until all sources have been silent for long."""
 
     def start(self, tasks: Tasks, sequences: Mapping[str, Mapping[str, int]] | None = None) -> None:
         """Begin to read all sources; ``sequences`` says where the numbering of a source's streams goes on."""
@@ -112,14 +116,23 @@ class Collector:
 
     def _take(self, batch: Batch) -> None:
         self._fresh = True
-        self._began.set()
+        self._speaks.set()
         self._give(batch)
 
     async def _ticks(self) -> None:
-        await self._began.wait()
         period = max(1 / self._config.frames.rate, self._config.gather(awaited=False))
+        heard = 0.0
         while True:
+            await self._speaks.wait()
             await asyncio.sleep(next_moment(period, AFTER) - time.monotonic())
-            if not self._fresh:
+            now = time.monotonic()
+            if self._fresh:
+                heard, self._fresh = now, False
+            elif now - heard > self._rests():
+                self._speaks.clear()
+            else:
                 self._give(Tick(self.clock.now()))
-            self._fresh = False
+
+    def _rests(self) -> float:
+        streams = [stream for source in self.sources.values() for stream in source.driver.streams]
+        return max([RESTS, *(PERIODS / stream.rate for stream in streams if stream.rate)])

@@ -1,13 +1,19 @@
-"""What is done before devices are read."""
+"""What is done before devices are read, and while none of them speaks."""
 
 from __future__ import annotations
 
+import asyncio
 import sys
+import time
 
 import pytest
 
-from cellwatt.runtime.collector import load_libraries
-from tests.daemon.runtime.fakes import FakeDriver, config_of, sources
+from cellwatt.batch import Batch, Tick
+from cellwatt.clock.cell import CellClock
+from cellwatt.runtime import collector
+from cellwatt.runtime.collector import Collector, Entry, load_libraries
+from cellwatt.runtime.tasks import Tasks
+from tests.daemon.runtime.fakes import DEVICES, FakeDriver, answer, config_of, give, sources, until
 
 
 def test_libraries_of_drivers_are_loaded_and_missing_ones_left_to_the_driver(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -15,3 +21,25 @@ def test_libraries_of_drivers_are_loaded_and_missing_ones_left_to_the_driver(mon
     monkeypatch.delitem(sys.modules, "wave", raising=False)
     load_libraries(config_of(sources=sources("arm")))
     assert "wave" in sys.modules
+
+
+async def test_ticks_end_where_no_source_speaks_for_long_and_go_on_with_the_next_sample(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(collector, "RESTS", 0.3)
+    came: list[tuple[float, Entry]] = []
+    cell = Collector(
+        config_of(sources=sources("arm")), CellClock(), lambda entry: came.append((time.monotonic(), entry))
+    )
+    device = DEVICES["arm"]
+    async with asyncio.TaskGroup() as group:
+        tasks = Tasks(group)
+        cell.start(tasks)
+        for _ in range(2):
+            device.tell(answer, give(1))
+            await device.done()
+            before = sum(isinstance(entry, Tick) for _, entry in came)
+            await until(lambda: sum(isinstance(entry, Tick) for _, entry in came) > before)
+            await until(lambda: time.monotonic() - came[-1][0] > 0.6)
+        await cell.close(tasks)
+    assert sum(isinstance(entry, Batch) for _, entry in came) == 2

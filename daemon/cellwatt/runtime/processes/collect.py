@@ -12,7 +12,7 @@ from cellwatt.ring import ItemWriter, Mark, Status
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.processes.rights import claim, settle_memory
-from cellwatt.runtime.processes.shared import TELL, Apply, Assignment, Ready, Stop, figures
+from cellwatt.runtime.processes.shared import TELL, Apply, Assignment, Looks, Ready, Stop, figures
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.ticker import Ticker
 
@@ -40,7 +40,7 @@ class _Collecting:
         )
         self._rights = claim()
         self._lag = 0.0
-        self._refused = 0
+        self._given = self._refused = 0
         self._stopping = asyncio.Event()
         self._applying: asyncio.Queue[Apply] = asyncio.Queue()
 
@@ -86,6 +86,7 @@ class _Collecting:
             self._collector.change(self._tasks, message.config, change.sources)
 
     def _give(self, entry: Entry) -> None:
+        self._given += 1
         try:
             self._ring.put(entry)
         except ValueError:
@@ -95,10 +96,12 @@ class _Collecting:
                 log.exception("an item cannot be passed on")
 
     async def _heart(self) -> None:
-        collected = time.monotonic()
+        collected, looks = time.monotonic(), Looks()
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = tick.lateness
+                if not looks.due(self._given):
+                    continue
                 self._collector.keep_time()
                 self._say()
                 if time.monotonic() - collected > COLLECT:

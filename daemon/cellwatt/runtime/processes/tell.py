@@ -22,7 +22,18 @@ from cellwatt.runtime.chain import BEGINS_ANEW
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
-from cellwatt.runtime.processes.shared import TELL, TELLS, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
+from cellwatt.runtime.processes.shared import (
+    TELL,
+    TELLS,
+    TOLD,
+    Alive,
+    Apply,
+    Assignment,
+    InForce,
+    Looks,
+    Ready,
+    figures,
+)
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
@@ -273,9 +284,12 @@ class _Telling:
                 self._alive = now, line
 
     async def _heart(self) -> None:
+        looks = Looks()
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = tick.lateness
+                if not looks.due(sum(way.reader.count for way in self._ways)):
+                    continue
                 self._assignment.shared.clock.discipline()
                 self._turn()
                 self._settle()
