@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json
 
 from cellwatt.config.wording import explain_value
-from cellwatt.errors import ConfigError, ModelError
+from cellwatt.errors import ConfigError, ModelError, why
 from cellwatt.files import check_file
 
 T = TypeVar("T")
@@ -102,7 +102,7 @@ class OnnxFile:
         try:
             yield
         except OSError as error:
-            raise self.refused(f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
+            raise self.refused(f"it cannot be read: {why(error).lower()}") from error
         except Exception as error:  # onnxruntime's errors share no other root
             raise self.refused(f"{what}: {_reason(error)}") from error
 

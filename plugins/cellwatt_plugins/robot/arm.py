@@ -80,22 +80,14 @@ class Arm:
     @property
     def limits(self) -> Float:
         """Lowest and highest position (n, 2) rad of each joint: the description's, else the URDF's."""
-        pairs = zip(self.description.joints, self.body.limits.tolist(), strict=True)
-        return np.array(
-            [
-                (
-                    low if joint.lower_limit is None else joint.lower_limit,
-                    high if joint.upper_limit is None else joint.upper_limit,
-                )
-                for joint, (low, high) in pairs
-            ]
-        )
+        stated = self.description.limits
+        return np.where(np.isnan(stated), self.body.limits, stated)
 
     @property
     def velocity_limits(self) -> Float:
         """Greatest velocity (n,) rad/s of each joint: the description's, else the URDF's; 0 where none is known."""
-        stated = [joint.velocity_limit for joint in self.description.joints]
-        found = [a if b is None else b for a, b in zip(self.body.velocity_limits, stated, strict=True)]
+        stated = self.column("velocity_limit")
+        found = np.where(np.isnan(stated), self.body.velocity_limits, stated)
         return np.where(np.isfinite(found), found, 0.0)
 
     def finite_limits(self) -> Float:

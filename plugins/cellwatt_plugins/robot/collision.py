@@ -35,11 +35,8 @@ class Checker:
         pairs = [pair for pair, gap in zip(apart, middle, strict=True) if gap > CLEARANCE]
         # The base and what turns on it stand on the floor.
         above = [(i, len(every)) for i, capsule in enumerate(every) if capsule.link > 1]
-        self._distances = arm.body.distances(solids, [*pairs, *above])
-
-    def gaps(self, q: Float) -> Float:
-        """Clearance (N, k) m of each pair, then of each rod above the floor, in poses ``q`` (N, n) rad."""
-        return self._distances(q)
+        self.gaps = arm.body.distances(solids, [*pairs, *above])
+        """Clearance (N, k) m of each pair, then of each rod above the floor, in poses (N, n) rad."""
 
     def safe(self, q: Float) -> NDArray[np.bool_]:
         """(N,) true where all gaps are ``CLEARANCE`` or more in poses ``q`` (N, n) rad."""

@@ -129,11 +129,9 @@ class Belief:
             own_spread[design.names.index(name)] = SHARES[name]
         stated = {"rotor": "rotor_inertia", "coulomb": "coulomb_friction", "viscous": "viscous_friction"}
         for name, key in stated.items():
-            if name in design.names:
-                own[design.names.index(name)] = arm.column(key)
-        if "rotor" in design.names:
-            row, known = design.names.index("rotor"), arm.column("rotor_inertia")
-            own_spread[row] = np.where(known > 0, arm.description.tolerances.rotor_inertia * known, own_spread[row])
+            own[design.names.index(name)] = arm.column(key)
+        row, known = design.names.index("rotor"), arm.column("rotor_inertia")
+        own_spread[row] = np.where(known > 0, arm.description.tolerances.rotor_inertia * known, own_spread[row])
         return cls(shared, own, own_spread)
 
 

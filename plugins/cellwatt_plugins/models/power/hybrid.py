@@ -64,7 +64,8 @@ class Hybrid:
         """The motion and the torque (N, n) in a model file whose rows hold ``columns`` values."""
         joints = chain.joints
         q, qd, qdd = self.smoother.trace(graph, joints, columns)
-        load = Tensor(graph, inverse_dynamics(graph, self._arm(chain), q.name, qd.name, qdd.name))
+        own = chain.with_inertial(self.inertial[: PER_LINK * joints])
+        load = Tensor(graph, inverse_dynamics(graph, own, q.name, qd.name, qdd.name))
         if self.carries(joints):
             unit = inverse_dynamics(graph, self._carried(chain), q.name, qd.name, qdd.name)
             load = load + Tensor(graph, unit) * self.smoother.trace_as_is(graph, 2 * joints, 1)
@@ -106,9 +107,6 @@ class Hybrid:
     def carries(self, joints: int) -> bool:
         """True if a payload is an input."""
         return len(self.inertial) > PER_LINK * joints
-
-    def _arm(self, chain: Chain) -> Chain:
-        return chain.with_inertial(self.inertial[: PER_LINK * chain.joints])
 
     def _carried(self, chain: Chain) -> Chain:
         carried = np.zeros(PER_LINK * chain.joints)
