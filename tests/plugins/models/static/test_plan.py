@@ -11,7 +11,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
+from cellwatt_drivers.yaskawa.polls import motor_angles
 from cellwatt_plugins.models.static.command import plan_poses as command
 from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, within
 from cellwatt_plugins.models.static.planning import LONGEST, jobs
@@ -80,8 +80,8 @@ def test_the_job_goes_to_each_pose_once_and_waits():
     assert name == "HELD.JBI"
     assert text.startswith("/JOB\r\n//NAME HELD\r\n//POS\r\n///NPOS 10,0,0,0,0,0\r\n")
     places, steps = read_job(text)
-    driver = MotorAngles.of(per_degree, coupling, zero)
-    np.testing.assert_allclose([driver.angles(place) for place in places], q, atol=3e-5)
+    driver = motor_angles(per_degree, coupling, zero)
+    np.testing.assert_allclose([driver(place) for place in places], q, atol=3e-5)
     assert steps == [s for i in range(10) for s in (f"MOVJ C{i:05d} VJ=25.00 PL=0", "TIMER T=3.00")]
 
 
