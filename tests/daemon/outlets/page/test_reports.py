@@ -151,7 +151,7 @@ def explained(folder: Path, findings: Findings | None = FINDINGS, day: int = 5) 
     """What ``cellwatt explain`` writes."""
     folder.mkdir(parents=True, exist_ok=True)
     origin = report.Provenance({}, "", {}, datetime(2026, 3, day, tzinfo=UTC))
-    explain_page.report(findings or FINDINGS, [], "mh12", None, origin).write(folder / "report.html")
+    explain_page.report(findings or FINDINGS, [], "mh12", {}, origin).write(folder / "report.html")
     if findings is not None:
         (folder / "findings.json").write_text(json.dumps(findings.as_json(), indent=1))
     return folder / "report.html"
