@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from cellwatt import report
 from cellwatt.outlets.page.reports import EXPLAINED, list_reports, newest_mismatch, report_file
+from cellwatt_plugins.mismatch.report import figures
 from cellwatt_plugins.mismatch.report import page as explain_page
 from cellwatt_plugins.mismatch.verdict.findings import (
     ChannelFit,
@@ -23,6 +25,14 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     UnexplainedChannel,
     Where,
 )
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _without_curves() -> Iterator[None]:
+    """No recording stands behind these pages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "sections", lambda *_: [])
+        yield
 
 
 def write(path: Path, kind: str = "energy", finding: str = "All is well.", day: int = 1, tone: Any = "good") -> Path:
