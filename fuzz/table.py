@@ -17,7 +17,7 @@ class Entry:
     foreign: tuple[str, ...] = ()
 
 
-TABLE: Mapping[str, Entry] = {
+DRIVERS: Mapping[str, Entry] = {
     "yaskawa": Entry("High-Speed Ethernet Server: frames and what they carry"),
     "ur": Entry("RTDE: a stream of frames up to samples and events"),
     "egm": Entry("ABB EGM datagrams up to samples"),
@@ -30,6 +30,11 @@ TABLE: Mapping[str, Entry] = {
     "meter_map": Entry("a Modbus meter's map, YAML", ("yaml",)),
     "can": Entry("CAN frames up to samples, slcan lines, error frames", ("can",)),
     "sensor_map": Entry("a CAN sensor's map, YAML, and its DBC file", ("yaml", "cantools", "textparser")),
+    "opc_ua": Entry("what an OPC UA server tells the driver; what a client hands to the method that acknowledges"),
+}
+"""Those of ``fuzz.drivers``."""
+TABLE: Mapping[str, Entry] = {
+    **DRIVERS,
     "recording": Entry("an MCAP file: summary, chunks, recovery", ("mcap",)),
     "rows": Entry("the records of a chunk: samples, frames, JSON"),
     "ring": Entry("the ring's items"),
@@ -48,13 +53,13 @@ TABLE: Mapping[str, Entry] = {
     "page": Entry("requests to the page: host, cookie, token against forgery, query, body"),
     "wire": Entry("messages between the daemon and the processes that serve for outlets, both ways"),
     "mqtt": Entry("what a broker hands over: Sparkplug's commands and host state, kept alarms"),
-    "opc_ua": Entry("what an OPC UA server tells the driver; what a client hands to the method that acknowledges"),
     "influx": Entry("InfluxDB's answers: status, Retry-After, body"),
 }
 
 
 def load(name: str) -> Target:
     """A target by its name; imports what it reads with."""
-    target = importlib.import_module(f"fuzz.{name}").TARGET
+    room = "fuzz.drivers" if name in DRIVERS else "fuzz"
+    target = importlib.import_module(f"{room}.{name}").TARGET
     assert isinstance(target, Target)
     return target

@@ -15,7 +15,6 @@ from cellwatt.demo.summary import summary
 from cellwatt.registry import available
 
 pytestmark = pytest.mark.system
-POWER = {"frames": 9}
 
 
 @pytest.mark.slow
@@ -33,11 +32,7 @@ async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
     # Streams lose nothing however busy the machine is; polls that fall due while it stands still are missed, and told.
     assert result["sources"]["arm"]["lost"] == result["sources"]["board"]["lost"] == 0
     assert not [p for p in result["problems"] if "subscriber" in p], result["problems"]
-    # The mean of a cycle swings by some 60 W; the board's own noise over a frame is below 1 W.
-    power = result["power"]
-    assert power["frames"] > 50  # on a busy machine frames have gaps, and gaps have no prediction
-    assert power["rms_w"] < 0.05 * power["measured_mean_w"]
-    assert power["rms_after_the_spring_w"] > 1.5 * power["rms_w"]
+    assert result["predictions"] > 10
     # The emulated analyzer gives means over 100 ms; where polls of the arm are missed, motion with holes tells less.
     assert result["meter"] is not None or result["sources"]["positioner"]["lost"]
     if result["meter"] is not None:
@@ -88,7 +83,7 @@ def status(**changed: object) -> dict[str, object]:
 
 
 def seen(**changed: object) -> Seen:
-    told = Seen(status=status(**changed))
+    told = Seen(status=status(**changed), predictions=9)
     for name in ("arm", "board", "positioner", "mains"):
         told.add({"kind": "raw", "topic": f"raw/{name}/s", "sequence": 0, "content": {"count": 100}})
     told.add({"kind": "interval", "content": {"closed": True, "moving": [3], "start": 10e9, "end": 10.7e9}})
@@ -116,12 +111,12 @@ def test_summary_sees_what_is_wrong(
 ) -> None:
     told = seen(**changed)
     told.add(alarm(joint, at))
-    assert problem in "; ".join(summary(told, {}, 10.0, exit_code, POWER)["problems"])
+    assert problem in "; ".join(summary(told, {}, 10.0, exit_code)["problems"])
 
 
 def test_summary_misses_samples_and_alarms_that_did_not_come() -> None:
     told = seen()
     told.samples["raw/arm/s"] -= 1
-    problems = "; ".join(summary(told, {}, 10.0, 0, POWER)["problems"])
+    problems = "; ".join(summary(told, {}, 10.0, 0)["problems"])
     assert "99 at the subscriber" in problems
     assert "no alarm" in problems

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.table import Table
 
 from cellwatt.commands import EXIT_FAILED, Commands
+from cellwatt.commands.doctor import rates
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.errors import CellwattError, why
 from cellwatt.live.bulletin import Bulletin
+from cellwatt.progress.terminal import show_table
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
@@ -70,7 +70,10 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
         except OSError as error:
             raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
         show = _quiet if as_json else _lines
-        summary = show(cell, folder, seconds)
+        run = show(folder, seconds)
+        if cell != "small":  # that one begins with the address of its page
+            run.say(STARTING)
+        summary = asyncio.run(_run(cell, run))
     if as_json:
         click.echo(json.dumps(summary))
     else:
@@ -81,12 +84,11 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
         sys.exit(EXIT_FAILED)
 
 
-def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    run = Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True))
-    return asyncio.run(_run(cell, run))
+def _quiet(folder: Path, seconds: float) -> Demonstration:
+    return Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True))
 
 
-def _lines(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
+def _lines(folder: Path, seconds: float) -> Demonstration:
     """Print a line for each step, task, alarm and change of a source, and every 10 s how the cell stands."""
     bulletin = Bulletin()
 
@@ -104,9 +106,7 @@ def _lines(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
             run.stop("nobody reads its output any more")
 
     run = Demonstration(folder, seconds, show, say)
-    if cell != "small":  # that one begins with the address of its page
-        say(STARTING)
-    return asyncio.run(_run(cell, run))
+    return run
 
 
 async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:
@@ -116,42 +116,30 @@ async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:
 
 
 def _show(summary: Mapping[str, Any]) -> None:
-    console = Console()
-    console.print(_sources(summary["sources"]))
+    header = ("source", "stream", "nominal", "measured", "jitter p99", "samples", "at the subscriber", "lost")
+    show_table(
+        header,
+        [
+            (name, stream, *rates(s), str(s["samples"]), str(s["delivered"]), str(source["lost"]))
+            for name, source in summary["sources"].items()
+            for stream, s in source["streams"].items()
+        ],
+    )
     if "fault" in summary:
-        console.print(f"{summary['frames']} frames, {summary['intervals']} intervals, {summary['tasks']} tasks")
+        click.echo(f"{summary['frames']} frames, {summary['intervals']} intervals, {summary['tasks']} tasks")
         fault = summary["fault"]
         if fault and fault["statement"]:
-            console.print(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", style="bold")
-        if power := summary["power"]:
-            after = power["rms_after_the_spring_w"]
-            spring = "" if after is None else f"; with the spring {after} W"
-            mean, off = power["measured_mean_w"], power["rms_w"]
-            console.print(f"power of the arm: {mean} W in the mean, measured − predicted: {off} W rms{spring}")
+            click.secho(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", bold=True)
         if summary["meter"]:
-            console.print(summary["meter"]["statement"])
+            click.echo(summary["meter"]["statement"])
     for name, reason in summary.get("left_out", {}).items():
-        console.print(f"{name} is left out: {reason}", style="bold yellow")
+        click.secho(f"{name} is left out: {reason}", fg="yellow")
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
             told = f"{name}: {source['host_stalled']} samples fell due while this PC stood still or was taken by others"
-            console.print(told, style="bold yellow")
+            click.secho(told, fg="yellow")
     for problem in summary["problems"]:
-        console.print(problem, style="bold red")
+        click.secho(problem, fg="red")
     if summary["ok"]:
         named = ", and the alarm named the right joint in time" if "fault" in summary else ""
-        console.print(f"nothing was lost{named}", style="bold green")
-
-
-def _sources(sources: Mapping[str, Any]) -> Table:
-    table = Table(title="summary", box=None, header_style="bold", title_justify="left")
-    for name in ("source", "stream", "nominal", "measured", "jitter p99", "samples", "at the subscriber", "lost"):
-        table.add_column(name, justify="left" if name in {"source", "stream"} else "right")
-    for name, source in sources.items():
-        for stream, s in source["streams"].items():
-            nominal = f"{s['nominal_hz']:g} Hz" if s["nominal_hz"] else "on change"
-            measured = "–" if s["rate_hz"] is None else f"{s['rate_hz']:.2f} Hz"
-            jitter = "–" if s["jitter_p99_ms"] is None else f"{s['jitter_p99_ms']:.2f} ms"
-            cells = (nominal, measured, jitter, str(s["samples"]), str(s["delivered"]), str(source["lost"]))
-            table.add_row(name, stream, *cells)
-    return table
+        click.secho(f"nothing was lost{named}", fg="green")

@@ -13,7 +13,6 @@ import yaml
 
 from cellwatt.config import load
 from cellwatt.config.places import KeyPath
-from cellwatt.demo.power import model_file
 from cellwatt.errors import ConfigError
 from cellwatt.runtime.assemble import prepare
 
@@ -21,30 +20,16 @@ SOMEWHERE = "127.0.0.1:9"
 """Stands for an endpoint while none is chosen yet."""
 
 SMALL = ("arm", "board", "positioner", "mains")
-"""The sources of ``demo.yaml``; the positioner and the mains are those of a second arm, …"""
+"""Of ``demo.yaml``; the positioner and the mains are those of a second arm, …"""
 SPEEDS = {"positioner": 0.8, "mains": 0.8}
 """… which moves at another speed."""
 
 
-PULSES = {"pulses_per_degree": [1341.4, 1341.4, 1341.4, 1000, 1000, 622], "rated_torque": [120, 120, 60, 15, 15, 10]}
-
-
 def every_driver() -> dict[str, dict[str, Any]]:
     """Settings of one source per driver, named like the driver, at their usual rates, for emulated devices."""
-    packets = _free_udp_port()
-    settings: dict[str, dict[str, Any]] = {
-        "ur": {"host": "127.0.0.1"},
-        "yaskawa": {"host": "127.0.0.1", **PULSES},
-        "abb": {"host": "127.0.0.1", "egm_port": packets, "bind": "127.0.0.1", "tls": False},
-        "franka": {"host": "127.0.0.1"},
-        "kinova": {"host": "127.0.0.1"},
-        "power_board": {"port": "/dev/ttyUSB0"},
-        "scpi_analyzer": {"host": "127.0.0.1"},
-        "modbus_meter": {"host": "127.0.0.1", "meter": "eastron_sdm630", "rate": "5 Hz"},
-        "opc_ua": {"host": "127.0.0.1", "model": "opc_40010"},
-        "can_sensor": {"interface": "slcan", "channel": "/dev/ttyACM0", "sensor": "ivt_s"},
-    }
-    return {name: {"driver": name, **given} for name, given in settings.items()}
+    sources: dict[str, dict[str, Any]] = yaml.safe_load(packaged("all-drivers.yaml").read_text())["sources"]
+    sources["abb"]["egm_port"] = _free_udp_port()
+    return sources | {"franka": {"driver": "franka", "host": "127.0.0.1"}}
 
 
 def usable(sources: Mapping[str, dict[str, Any]], folder: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
@@ -74,15 +59,20 @@ def write(folder: Path, sources: Mapping[str, Mapping[str, Any]], endpoint: str)
     return file
 
 
-def packaged() -> Path:
-    """``demo.yaml``: packaged, or in examples/ of a checkout."""
-    found = Path(str(files("cellwatt"))) / "examples" / "demo.yaml"
-    return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / "demo.yaml"
+def packaged(name: str = "demo.yaml") -> Path:
+    """An example: packaged, or in examples/ of a checkout."""
+    found = Path(str(files("cellwatt"))) / "examples" / name
+    return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / name
 
 
 def shape_file() -> Path:
     """URDF of the emulated arm."""
     return Path(__file__).with_name("arm.urdf")
+
+
+def model_file() -> Path:
+    """Path of the trained model of its power, which ``bench/models/demo.py`` makes."""
+    return Path(__file__).with_name("power.onnx")
 
 
 def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPath, Any]) -> dict[str, str]:

@@ -14,7 +14,6 @@ from typing import Any
 
 from cellwatt.config import load
 from cellwatt.demo import cells, fault, processes, simulation
-from cellwatt.demo.power import power_of
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import delivery_problems, sources_of, summary, summary_of_every_driver
 from cellwatt.emulation import EmulatorProcess
@@ -70,7 +69,7 @@ class Demonstration:
 
             code = await self._follow(processes.daemon(file, self.folder, told), endpoint, play)
             kept = await _kept(emulators)
-        return self._with_end(summary(self.seen, kept, hooked, code, power_of(self.folder, self.epoch, hooked)))
+        return self._with_end(summary(self.seen, kept, hooked, code))
 
     async def every_driver(self) -> dict[str, Any]:
         """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.

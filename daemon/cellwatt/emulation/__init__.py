@@ -5,7 +5,7 @@ from cellwatt.emulation.datagrams import Datagrams
 from cellwatt.emulation.emulator import Emulator
 from cellwatt.emulation.faults import FAULT_KINDS, Fault, Injector
 from cellwatt.emulation.options import Options
-from cellwatt.emulation.port import Port, TcpPort
+from cellwatt.emulation.port import Port, PortEmulator, TcpPort
 from cellwatt.emulation.process import EmulatorProcess
 from cellwatt.emulation.signals import RecordedSignals, Signals, load_signals
 
@@ -19,6 +19,7 @@ __all__ = [
     "Injector",
     "Options",
     "Port",
+    "PortEmulator",
     "RecordedSignals",
     "Signals",
     "TcpPort",

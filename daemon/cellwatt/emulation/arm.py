@@ -11,9 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.batch import Float
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cellwatt.emulation.signals import Float
+from cellwatt.batch import Float
 
 T = TypeVar("T")
 

@@ -89,27 +89,16 @@ class Datagrams:
 
     def put(self, frame: bytes, to: Address | None = None, after: float = 0.0) -> None:
         """Send one in ``after`` s, as the faults have it."""
-        now, strikes = time.monotonic(), self._injector.strikes
+        now = time.monotonic()
         to = to or self.to
         if stall := self._injector.once("stall"):
             self._stalled_until = now + stall.seconds
             asyncio.get_running_loop().call_later(stall.seconds, self._leave, [])
-        if strikes("loss", now):
-            return
-        if strikes("half_frame", now):
-            self._send([frame[: 1 + self._injector.below(self._cut(frame) - 1)]], to, after, whole=0)
-            return
-        if strikes("reorder", now):
+        if self._injector.strikes("reorder", now):
             self._held.append((frame, to))
             return
-        if late := strikes("delay", now):
-            after += late.seconds
-        frames = [frame]
-        if strikes("garbage", now):
-            frames.insert(0, self._garbage(self._injector.random_bytes(1, 200)))
-        if strikes("duplicate", now):
-            frames.append(frame)
-        self._send(frames, to, after, whole=1)
+        pieces, whole, late = self._injector.left_of(frame, self._cut, self._garbage)
+        self._send(pieces, to, after + late, int(whole))
 
     def _send(self, frames: list[bytes], to: Address | None, after: float, whole: int) -> None:
         if after > 0:

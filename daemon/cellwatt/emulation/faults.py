@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import random
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -33,8 +35,8 @@ class Fault:
 class Injector:
     """Decides frame by frame which faults strike, and counts each that did.
 
-    ``counts`` is the truth that tests compare a driver's counters with. ``time`` arguments are s on any
-    one monotonic clock.
+    ``counts`` is the truth that tests compare a driver's counters with. ``now`` is s of the
+    monotonic clock.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -43,29 +45,47 @@ class Injector:
         self._once: list[Fault] = []
         self.counts: Counter[str] = Counter()
 
-    def inject(self, fault: Fault, time: float) -> None:
+    def inject(self, fault: Fault, now: float) -> None:
         """Begin a fault (``probability`` 0 ends that kind)."""
         if fault.kind in ONE_SHOT:
             self._once.append(fault)
         elif fault.probability <= 0:
             self._active.pop(fault.kind, None)
         else:
-            end = time + fault.duration if fault.duration else float("inf")
+            end = now + fault.duration if fault.duration else float("inf")
             self._active[fault.kind] = (fault, end)
 
-    def strikes(self, kind: FaultKind, time: float) -> Fault | None:
+    def strikes(self, kind: FaultKind, now: float) -> Fault | None:
         """The fault of this kind that hits the frame sent now, or ``None``; counted when it hits."""
         entry = self._active.get(kind)
         if entry is None:
             return None
         fault, end = entry
-        if time >= end:
+        if now >= end:
             del self._active[kind]
             return None
         if self._random.random() >= fault.probability:
             return None
         self.counts[kind] += 1
         return fault
+
+    def left_of(
+        self, frame: bytes, cut: Callable[[bytes], int] = len, garbage: Callable[[bytes], bytes] = bytes
+    ) -> tuple[list[bytes], bool, float]:
+        """What ``loss``, ``half_frame``, ``delay``, ``garbage`` and ``duplicate`` leave of a frame that is sent now.
+
+        Its pieces in order, whether it is whole, and by how many s it is late. A half frame is shorter than ``cut``
+        says (than the whole); ``garbage`` makes random bytes, which go ahead, fit for the wire.
+        """
+        now = time.monotonic()
+        if self.strikes("loss", now):
+            return [], False, 0.0
+        if self.strikes("half_frame", now):
+            return [frame[: 1 + self.below(cut(frame) - 1)]], False, 0.0
+        late = self.strikes("delay", now)
+        ahead = [garbage(self.random_bytes(1, 40))] if self.strikes("garbage", now) else []
+        again = [frame] if self.strikes("duplicate", now) else []
+        return [*ahead, frame, *again], True, late.seconds if late else 0.0
 
     def once(self, kind: FaultKind) -> Fault | None:
         """The next one-shot fault of this kind waiting to happen, or ``None``; counted when taken."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import ssl
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AsyncExitStack
@@ -55,18 +54,27 @@ class Port(ABC):
         as the function of that name makes them fit for the wire.
         """
         self._tally["made"] += 1
-        now, strikes = time.monotonic(), self._injector.strikes
-        if strikes("loss", now):
-            return
-        if strikes("half_frame", now):
-            write(frame[: 1 + self._injector.below(len(frame) - 2)])
-            return
-        if late := strikes("delay", now):
-            await asyncio.sleep(late.seconds)
-        if strikes("garbage", now):
-            write(garbage(self._injector.random_bytes(1, 32)))
-        write(frame)
-        self._tally["sent"] += 1
+        pieces, whole, late = self._injector.left_of(frame, _before_its_end, garbage)
+        if late:
+            await asyncio.sleep(late)
+        for piece in pieces:
+            write(piece)
+        self._tally["sent"] += whole
+
+
+def _before_its_end(frame: bytes) -> int:
+    return len(frame) - 1
+
+
+class PortEmulator(Emulator):
+    """An emulator that answers at one ``port``, which ``set_up`` makes, and has nothing else to do."""
+
+    faults = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
+    port: Port
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        await self.port.serve(ready)
 
 
 def host_and_port(address: str) -> tuple[str, int]:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.tables import read_table
-
-Float = NDArray[np.float64]
 
 
 class Signals(Protocol):
@@ -25,6 +23,12 @@ class Signals(Protocol):
     def disturb(self, change: Mapping[str, float | str]) -> None:
         """Change the emulated world (e.g. ``{"spring": 3, …}``); raises ``ValueError`` on what it does not know."""
         ...
+
+
+def table_of(values: Mapping[str, Float], names: Sequence[str], n: int) -> Float:
+    """The channels ``names`` of n moments as columns (n, names); 0 for those that are lacking."""
+    zero = np.zeros(n)
+    return np.stack([values.get(name, zero) for name in names], axis=1)
 
 
 @dataclass(frozen=True)

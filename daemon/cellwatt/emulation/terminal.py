@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cellwatt.emulation.emulator import Emulator
-from cellwatt.emulation.port import Port
+from cellwatt.emulation.port import Port, TcpPort
 
 
 @contextmanager
@@ -105,6 +105,11 @@ class PtyPort(Port):
             finally:
                 await _ended(talking)
             await _lose_bytes(reader, seconds)
+
+
+def port_of(emulator: Emulator, talk: Callable[[asyncio.StreamReader, Writer], Awaitable[None]]) -> Port:
+    """A serial line or a TCP port, as the emulator's address says."""
+    return PtyPort(emulator, talk) if emulator.on_terminal else TcpPort(emulator, talk)
 
 
 async def _ended(task: asyncio.Future[None]) -> None:

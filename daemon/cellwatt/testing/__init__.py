@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from cellwatt.testing.device import EmulatedDevice
@@ -29,14 +30,11 @@ __all__ = [
 ]
 
 
+_SUITES = {"DriverConformance": "cellwatt.testing.suite", "OutletConformance": "cellwatt.testing.outlet_suite"}
+
+
 def __getattr__(name: str) -> Any:
     """Load pytest only with a suite."""
-    if name == "OutletConformance":
-        from cellwatt.testing.outlet_suite import OutletConformance
-
-        return OutletConformance
-    if name == "DriverConformance":
-        from cellwatt.testing.suite import DriverConformance
-
-        return DriverConformance
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _SUITES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_SUITES[name]), name)

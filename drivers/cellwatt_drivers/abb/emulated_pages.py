@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from cellwatt_drivers.abb import rws
-from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Meter
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, EnergyMeter
 from cellwatt_drivers.abb.rws import Entry, RobotWare
 
 REALM = "validusers@robapi.abb"
@@ -29,7 +29,7 @@ class Pages:
     def __init__(
         self,
         robot: EmulatedRobot,
-        meter: Meter | None,
+        meter: EnergyMeter | None,
         robotware: RobotWare,
         user: str,
         password: str,
@@ -118,7 +118,7 @@ class Pages:
             ),
         )
 
-    def _energy(self, meter: Meter) -> tuple[Entry, ...]:
+    def _energy(self, meter: EnergyMeter) -> tuple[Entry, ...]:
         meter.advance(self._now())
         state: dict[str, str | float] = {
             "state": "0" if meter.count else "-1",

@@ -78,7 +78,7 @@ def _force6(wrench: list[float]) -> bytes:
     return b"\x4a" + bytes([len(inside)]) + inside
 
 
-class Meter:
+class EnergyMeter:
     """A controller's energy measurement over intervals of ``length`` s since the epoch, J."""
 
     def __init__(self, signals: Signals, axes: int, length: float = 1.0) -> None:

@@ -13,7 +13,7 @@ from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.port import host_and_port
 from cellwatt_drivers.abb import emulated_pages
 from cellwatt_drivers.abb.emulated_pages import Pages
-from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Meter, Stamp
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, EnergyMeter, Stamp
 from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import CYCLE, PORT
 
@@ -80,7 +80,7 @@ class AbbEmulator(Emulator):
         certificate = options.text("certificate")
         measures = options.flag("energy", True)
         self.robot = EmulatedRobot(self.signals, robotware, axes, 1 / self._rate)
-        meter = Meter(self.signals, axes) if measures else None
+        meter = EnergyMeter(self.signals, axes) if measures else None
         self.pages = Pages(self.robot, meter, robotware, user, password, lambda: self.elapsed)
         self._number = 0
         self._shift = 0.0

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from cellwatt.account import Losses
-from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.clock import unwrapped
 from cellwatt.driver import Inlet
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb.wire import Columns, Packet, decode
+from cellwatt_drivers.shared.rows import Row, Rows
 
 _RECENT = 1000
 """A packet at most this far behind the newest came late or twice; further behind, numbering has begun anew."""
@@ -46,6 +44,7 @@ class Intake:
         self._clocked = False
         self._sent: int | None = None
         self._losses = Losses(inlet.account)
+        self._rows = Rows()
 
     def opened(self) -> None:
         """Losses before the next packet are those of an outage."""
@@ -54,22 +53,22 @@ class Intake:
     def take(self, datagrams: list[bytes], waited: int = 0) -> None:
         """Decode and hand over what came ``waited`` ns ago; what is not EGM is counted as ``malformed``."""
         arrival = self._inlet.now() - waited
-        times: list[int] = []
-        rows: list[list[float]] = []
         for datagram in datagrams:
             try:
                 packet = decode(datagram)
             except ProtocolError:
                 self._inlet.account.anomaly("malformed")
                 continue
-            time = self._continue(packet, arrival, times, rows)
-            if time is not None:
-                times.append(time)
-                rows.append(self._columns.row(packet.message))
-        self._flush(times, rows, arrival)
+            self._continue(packet, arrival)
+        self._hand_over(arrival)
 
-    def _continue(self, packet: Packet, arrival: int, times: list[int], rows: list[list[float]]) -> int | None:
-        """The packet's time, ns, or ``None`` where it is to be left out; counts what is missing before it."""
+    def _hand_over(self, arrival: int) -> None:
+        if self._rows:
+            self._delivers()
+        self._rows.hand_over(self._inlet, self.stream, arrival)
+
+    def _continue(self, packet: Packet, arrival: int) -> None:
+        """Take a packet unless it is to be left out; counts what is missing before it."""
         clocked = packet.clock is not None
         time = packet.clock if packet.clock is not None else self._unwrapped(packet.sent)
         account = self._inlet.account
@@ -79,20 +78,19 @@ class Intake:
             ahead = packet.sequence - self._number
             if -_RECENT < ahead <= 0 and time <= self._time:
                 self._repeated(packet, ahead)
-                return None
+                return
             if ahead <= 0 or ahead > _LONGEST_GAP or ahead * _FASTEST > time - self._time + _STEP:
                 account.anomaly("sessions")
             else:
                 missing = ahead - 1
             fault = self._broken(clocked, time, 1 + missing, arrival)
         if fault is not None:
-            self._flush(times, rows, arrival)
+            self._hand_over(arrival)
             self._inlet.clock_reset(self.stream, fault)
         self._losses.before_next(missing)
-        account.expect()
         self._number, self._time, self._arrival, self._clocked = packet.sequence, time, arrival, clocked
         self._newest = packet
-        return time
+        self._rows.append(Row(time, self._columns.row(packet.message)))
 
     def _repeated(self, packet: Packet, ahead: int) -> None:
         """Count a packet whose number has been taken, or passed by."""
@@ -115,12 +113,3 @@ class Intake:
         """Return the header's time, ns, continued over its wrap at 2³² ms."""
         self._sent = sent if self._sent is None else unwrapped(sent, _WRAP, self._sent)
         return self._sent * 1_000_000
-
-    def _flush(self, times: list[int], rows: list[list[float]], arrival: int) -> None:
-        if not rows:
-            return
-        values = np.array(rows)
-        self._delivers()
-        self._inlet.emit(Reading(self.stream, values, arrival, np.array(times, dtype=np.int64)))
-        times.clear()
-        rows.clear()

@@ -6,7 +6,7 @@ Source: Robot Web Services, 3HAC050973: a page is XHTML whose ``<li class=…>``
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 from xml.etree import ElementTree
@@ -59,18 +59,14 @@ def items(page: bytes) -> list[Item]:
         root = ElementTree.fromstring(page)
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last: an encoding that there is not
         raise ProtocolError(f"a page of Robot Web Services is no XHTML: {error}") from error
-    return list(_walk(root))
-
-
-def _walk(root: ElementTree.Element) -> Iterator[Item]:
-    for element in root.iter():
-        if _name(element) == "li":
-            spans = {s.get("class", ""): (s.text or "").strip().strip('"') for s in element if _name(s) == "span"}
-            yield Item(element.get("class", ""), element.get("title", ""), spans)
-
-
-def _name(element: ElementTree.Element) -> str:
-    return str(element.tag).rpartition("}")[2]
+    return [
+        Item(
+            element.get("class", ""),
+            element.get("title", ""),
+            {s.get("class", ""): (s.text or "").strip().strip('"') for s in element.findall("{*}span")},
+        )
+        for element in root.findall(".//{*}li")
+    ]
 
 
 def value(page: bytes, name: str) -> str:

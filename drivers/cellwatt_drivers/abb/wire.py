@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -59,18 +59,26 @@ def decode(datagram: bytes) -> Packet:
     return Packet(header.seqno, header.tm, clock, message)
 
 
+_Kinds = tuple[External, ...]
+_Read = Callable[[Any, _Kinds, _Kinds], Sequence[float]]
+"""Values of a group in a message, of the robot's joints and of external axes of these kinds."""
+
+
 @dataclass(frozen=True, slots=True)
 class Columns:
     """The channels of some groups, and how each group gets its values from a message; NaN for what is not there."""
 
     channels: tuple[Channel, ...]
-    readers: tuple[Callable[[Any], Sequence[float]], ...]
+    arm: _Kinds
+    external: _Kinds
+    readers: tuple[tuple[_Read, int], ...]
+    """With the number of values that count."""
 
     def row(self, message: Any) -> list[float]:
         """Values in the order of ``channels``."""
         found: list[float] = []
-        for read in self.readers:
-            found.extend(read(message))
+        for read, count in self.readers:
+            found.extend(read(message, self.arm, self.external)[:count])
         return found
 
 
@@ -86,18 +94,38 @@ def columns(
     ``linear``: the numbers of joints that go along a line.
     """
     arm: _Kinds = tuple("linear" if i in linear else "rotary" for i in range(1, axes + 1))
-    makers = _GROUPS if robotware > 6 else _GROUPS | {"state": _state(_STATES[:-1])}
-    channels: list[Channel] = []
-    readers: list[Callable[[Any], Sequence[float]]] = []
-    for group in groups:
-        made, read = makers[group](arm, tuple(external))
-        channels += made
-        readers.append(read)
-    return Columns(tuple(channels), tuple(readers))
+    states = _STATES if robotware > 6 else _STATES[:-1]
+    made: Mapping[str, tuple[Sequence[Channel], _Read]] = {
+        "joints": (_axes("position", arm, external), lambda message, *kinds: _angles(message.feedBack, *kinds)),
+        "planned": (_axes("target_position", arm, external), lambda message, *kinds: _angles(message.planned, *kinds)),
+        "tool": (_TOOL, _tool),
+        "state": ([Channel(f"robot.{name}", "1", "discrete") for name in states], _state),
+        "force": (_FORCE, lambda message, *_: _fit(force(message), [1.0] * 6)),
+        "torque": (
+            [Channel(f"joint_{i}.target_torque", _EFFORT[kind]) for i, kind in enumerate(arm, 1)],
+            lambda message, arm, _: _fit(message.torqueRef.joints, [1.0] * len(arm)),
+        ),
+        "collision": ([Channel("robot.collision", "1", "discrete")], _collision),
+    }
+    chosen = [made[group] for group in groups]
+    channels = tuple(channel for group, _ in chosen for channel in group)
+    return Columns(channels, arm, tuple(external), tuple((read, len(group)) for group, read in chosen))
 
 
-_Made = tuple[list[Channel], Callable[[Any], Sequence[float]]]
-_Kinds = tuple[External, ...]
+_STATES = ("motors_on", "program_running", "egm_state", "move_index")
+# A quaternion and its negative are one orientation: a value between two samples would be wrong at a change.
+_TOOL = (
+    *(Channel(f"tool.{axis}", "m") for axis in "xyz"),
+    *(Channel(f"tool.q{axis}", "1", align="hold") for axis in "wxyz"),
+)
+_FORCE = tuple(
+    Channel(f"tool.{what}_{axis}", unit) for what, unit in (("force", "N"), ("torque", "Nm")) for axis in "xyz"
+)
+
+
+def _axes(quantity: str, arm: _Kinds, external: Sequence[External]) -> list[Channel]:
+    channels = [Channel(f"joint_{i}.{quantity}", _POSITION[kind]) for i, kind in enumerate(arm, 1)]
+    return channels + [Channel(f"external_{i}.{quantity}", _POSITION[kind]) for i, kind in enumerate(external, 1)]
 
 
 def _fit(values: Sequence[float], factors: Sequence[float]) -> list[float]:
@@ -106,64 +134,30 @@ def _fit(values: Sequence[float], factors: Sequence[float]) -> list[float]:
     return found + [_NAN] * (len(factors) - len(found))
 
 
-def _motion(part: Literal["feedBack", "planned"], quantity: str) -> Callable[[_Kinds, _Kinds], _Made]:
-    def make(arm: _Kinds, external: _Kinds) -> _Made:
-        # A linear joint's way in m is sent as if it were an angle in rad: in degrees.
-        joints = [_RAD] * len(arm)
-        others = [_FACTOR[kind] for kind in external]
-        channels = [Channel(f"joint_{i}.{quantity}", _POSITION[kind]) for i, kind in enumerate(arm, 1)]
-        channels += [Channel(f"external_{i}.{quantity}", _POSITION[kind]) for i, kind in enumerate(external, 1)]
-
-        def read(message: Any) -> Sequence[float]:
-            motion = getattr(message, part)
-            found = _fit(motion.joints.joints, joints)
-            return found + _fit(motion.externalJoints.joints, others) if others else found
-
-        return channels, read
-
-    return make
+def _angles(motion: Any, arm: _Kinds, external: _Kinds) -> list[float]:
+    # A linear joint's way in m is sent as if it were an angle in rad: in degrees.
+    found = _fit(motion.joints.joints, [_RAD] * len(arm))
+    return found + _fit(motion.externalJoints.joints, [_FACTOR[kind] for kind in external]) if external else found
 
 
-def _tool(arm: _Kinds, external: _Kinds) -> _Made:
-    channels = [Channel(f"tool.{axis}", "m") for axis in "xyz"]
-    # A quaternion and its negative are one orientation: a value between two samples would be wrong at a change.
-    channels += [Channel(f"tool.q{axis}", "1", align="hold") for axis in "wxyz"]
-
-    def read(message: Any) -> Sequence[float]:
-        pose = message.feedBack.cartesian
-        at, turn = pose.pos, pose.orient
-        place = [at.x * 1e-3, at.y * 1e-3, at.z * 1e-3] if pose.HasField("pos") else [_NAN] * 3
-        return place + ([turn.u0, turn.u1, turn.u2, turn.u3] if pose.HasField("orient") else [_NAN] * 4)
-
-    return channels, read
+def _tool(message: Any, arm: _Kinds, external: _Kinds) -> list[float]:
+    pose = message.feedBack.cartesian
+    at, turn = pose.pos, pose.orient
+    place = [at.x * 1e-3, at.y * 1e-3, at.z * 1e-3] if pose.HasField("pos") else [_NAN] * 3
+    return place + ([turn.u0, turn.u1, turn.u2, turn.u3] if pose.HasField("orient") else [_NAN] * 4)
 
 
-_STATES = ("motors_on", "program_running", "egm_state", "move_index")
+def _state(message: Any, arm: _Kinds, external: _Kinds) -> list[float]:
+    return [
+        _ON_OFF.get(message.motorState.state, _NAN),
+        _RUNNING.get(message.rapidExecState.state, _NAN),
+        float(message.mciState.state) if message.HasField("mciState") else _NAN,
+        float(message.moveIndex) if message.HasField("moveIndex") else _NAN,
+    ]
 
 
-def _state(names: Sequence[str]) -> Callable[[_Kinds, _Kinds], _Made]:
-    def make(arm: _Kinds, external: _Kinds) -> _Made:
-        def read(message: Any) -> Sequence[float]:
-            return (
-                _ON_OFF.get(message.motorState.state, _NAN),
-                _RUNNING.get(message.rapidExecState.state, _NAN),
-                float(message.mciState.state) if message.HasField("mciState") else _NAN,
-                float(message.moveIndex) if message.HasField("moveIndex") else _NAN,
-            )[: len(names)]
-
-        return [Channel(f"robot.{name}", "1", "discrete") for name in names], read
-
-    return make
-
-
-def _force(arm: _Kinds, external: _Kinds) -> _Made:
-    channels = [Channel(f"tool.force_{axis}", "N") for axis in "xyz"]
-    channels += [Channel(f"tool.torque_{axis}", "Nm") for axis in "xyz"]
-
-    def read(message: Any) -> Sequence[float]:
-        return _fit(force(message), [1.0] * 6)
-
-    return channels, read
+def _collision(message: Any, arm: _Kinds, external: _Kinds) -> list[float]:
+    return [float(message.CollisionInfo.collsionTriggered) if message.HasField("CollisionInfo") else _NAN]
 
 
 def force(message: Any) -> Sequence[float]:
@@ -184,27 +178,3 @@ def force(message: Any) -> Sequence[float]:
     except DecodeError:  # unknown fields are whatever was sent: here, half a number
         return ()
     return list(older.force)
-
-
-def _torque(arm: _Kinds, external: _Kinds) -> _Made:
-    channels = [Channel(f"joint_{i}.target_torque", _EFFORT[kind]) for i, kind in enumerate(arm, 1)]
-    return channels, lambda message: _fit(message.torqueRef.joints, [1.0] * len(arm))
-
-
-def _collision(arm: _Kinds, external: _Kinds) -> _Made:
-    def read(message: Any) -> Sequence[float]:
-        known = message.HasField("CollisionInfo")
-        return (float(message.CollisionInfo.collsionTriggered) if known else _NAN,)
-
-    return [Channel("robot.collision", "1", "discrete")], read
-
-
-_GROUPS: dict[str, Callable[[_Kinds, _Kinds], _Made]] = {
-    "joints": _motion("feedBack", "position"),
-    "planned": _motion("planned", "target_position"),
-    "tool": _tool,
-    "state": _state(_STATES),
-    "force": _force,
-    "torque": _torque,
-    "collision": _collision,
-}

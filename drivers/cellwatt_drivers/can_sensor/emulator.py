@@ -6,9 +6,7 @@ import asyncio
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 from cellwatt.driver import SourceSettings
@@ -19,60 +17,6 @@ from cellwatt.ticker import Ticker
 from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
 
 CHUNK = 4096
-
-
-class Adapter:
-    """The adapter's side: obeys O, L, C and S, and sends frames while it is open.
-
-    ``heard`` are the commands that came; ``port`` is where a client finds it.
-    """
-
-    def __init__(self, master: int, port: str) -> None:
-        self.port = port
-        self.heard: list[str] = []
-        self.is_open = False
-        self._master = master
-        self._partial = b""
-
-    def read(self) -> None:
-        """Called by the loop when the client wrote."""
-        try:
-            data = os.read(self._master, CHUNK)
-        except BlockingIOError:
-            return
-        *commands, self._partial = (self._partial + data).split(b"\r")
-        for command in commands:
-            text = command.decode("ascii", "replace")
-            self.heard.append(text)
-            if text[:1] in {"O", "L"}:
-                self.is_open = True
-            elif text[:1] == "C":
-                self.is_open = False
-            self.write(b"\r")
-
-    def send(self, identifier: int, data: bytes) -> bool:
-        """Send a standard frame to the client; true if it was taken."""
-        return self.is_open and self.write(f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode())
-
-    def write(self, data: bytes) -> bool:
-        """Send bytes to the client; false if it does not read."""
-        try:
-            return os.write(self._master, data) == len(data)
-        except BlockingIOError:
-            return False
-
-
-@contextmanager
-def virtual_adapter(link: Path | None = None) -> Iterator[Adapter]:
-    """An adapter at a port of its own, or at ``link``; must be entered on a running loop."""
-    loop = asyncio.get_running_loop()
-    with raw_terminal(link) as (near, far):
-        adapter = Adapter(near, far)
-        loop.add_reader(near, adapter.read)
-        try:
-            yield adapter
-        finally:
-            loop.remove_reader(near)
 
 
 _QUANTITY = {
@@ -135,23 +79,54 @@ class CanSensorEmulator(Emulator):
         self._energy = 0.0
         self._off = 0.0
         self._blocked = 0.0
+        self._open = False
+        self._partial = b""
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        with virtual_adapter(self.link) as self.adapter:
-            ready(self.adapter.port)
-            due = dict.fromkeys(self._cycles, 0.0)
-            start = time.monotonic()
-            async with Ticker(1 / min(self._cycles.values())) as ticker:
-                async for _ in ticker:
-                    now = time.monotonic()
-                    self._break_off(now)
-                    if now < self._blocked:
-                        continue
-                    for name, cycle in self._cycles.items():
-                        while due[name] <= now - start:
-                            due[name] += cycle
-                            self._result(name, now)
+        with raw_terminal(self.link) as (self._line, place):
+            loop = asyncio.get_running_loop()
+            loop.add_reader(self._line, self._obey)
+            try:
+                ready(place)
+                await self._measure()
+            finally:
+                loop.remove_reader(self._line)
+
+    def _obey(self) -> None:
+        """Obey O, L, C and S, as an adapter does that sends frames while it is open."""
+        try:
+            *commands, self._partial = (self._partial + os.read(self._line, CHUNK)).split(b"\r")
+        except BlockingIOError:
+            return
+        for command in commands:
+            self._open = command[:1] != b"C" and (self._open or command[:1] in (b"O", b"L"))
+            self.write(b"\r")
+
+    def write(self, data: bytes) -> bool:
+        """Send bytes to the client; false if it does not read."""
+        try:
+            return os.write(self._line, data) == len(data)
+        except BlockingIOError:
+            return False
+
+    def _send(self, identifier: int, data: bytes) -> bool:
+        """Send a standard frame to the client; true if it was taken."""
+        return self._open and self.write(f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode())
+
+    async def _measure(self) -> None:
+        due = dict.fromkeys(self._cycles, 0.0)
+        start = time.monotonic()
+        async with Ticker(1 / min(self._cycles.values())) as ticker:
+            async for _ in ticker:
+                now = time.monotonic()
+                self._break_off(now)
+                if now < self._blocked:
+                    continue
+                for name, cycle in self._cycles.items():
+                    while due[name] <= now - start:
+                        due[name] += cycle
+                        self._result(name, now)
 
     def _break_off(self, now: float) -> None:
         """Begin what makes the bus silent."""
@@ -171,8 +146,8 @@ class CanSensorEmulator(Emulator):
         if strikes("loss", now):
             return
         if strikes("garbage", now):
-            self.adapter.write(self.injector.random_bytes(1, 8).replace(b"\r", b"?") + b"\r")
-        identifier, send = decoding.message.frame_id, self.adapter.send
+            self.write(self.injector.random_bytes(1, 8).replace(b"\r", b"?") + b"\r")
+        identifier, send = decoding.message.frame_id, self._send
         if strikes("half_frame", now):
             send(identifier, data[:3])
             return

@@ -7,13 +7,11 @@ import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cellwatt.account import Losses
-from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Inlet
 from cellwatt_drivers.can_sensor.sensor_map import Decoding
+from cellwatt_drivers.shared.rows import Row, Rows
 
 if TYPE_CHECKING:
     from can import Message
@@ -108,9 +106,7 @@ class Intake:
         self._losses = Losses(inlet.account, "disconnected")
         self._bracketed = 0
         self._flags: frozenset[str] = frozenset()
-        self._times: list[int] = []
-        self._rows: list[list[float]] = []
-        self._qualities: list[int] = []
+        self._rows = Rows()
 
     @property
     def identifier(self) -> tuple[int, bool]:
@@ -156,9 +152,7 @@ class Intake:
         quality = max((_QUALITY[self._decoding.wanted.flags[f]] for f in flags), default=Quality.GOOD)
         wanted = zip(self._decoding.wanted.signals, self._decoding.factors, strict=True)
         row = [signals.get(s, math.nan) * f for s, f in wanted]
-        self._times.append(self.last)
-        self._rows.append([math.nan] * len(row) if quality is Quality.MISSING else row)
-        self._qualities.append(quality)
+        self._rows.append(Row(self.last, [math.nan] * len(row) if quality is Quality.MISSING else row, quality))
 
     def _tell(self, flags: frozenset[str]) -> None:
         for flag in flags:
@@ -170,20 +164,9 @@ class Intake:
 
     def flush(self, arrival: int) -> None:
         """Hand over the samples since the last time, all read by the cell's time ``arrival``, ns."""
-        if not self._rows:
-            return
-        self._bracket()
-        self._inlet.account.expect(len(self._rows))
-        self._inlet.emit(
-            Reading(
-                self.stream,
-                np.array(self._rows),
-                arrival,
-                device_time=np.array(self._times, dtype=np.int64),
-                quality=np.array(self._qualities, dtype=np.uint8),
-            )
-        )
-        self._times, self._rows, self._qualities = [], [], []
+        if self._rows:
+            self._bracket()
+        self._rows.hand_over(self._inlet, self.stream, arrival)
 
     def _bracket(self) -> None:
         """Frames are stamped by this PC's own clock: what it says now is made no earlier than now."""

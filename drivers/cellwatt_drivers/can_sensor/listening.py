@@ -37,33 +37,19 @@ class BusPlace:
         return f"{self.interface} {self.channel}"
 
 
-class Listening:
-    """An open bus. ``latest`` is when the newest frame came, s of the loop's clock."""
+class Listening(Mailbox["Message"]):
+    """Frames of an open bus. ``latest`` is when the newest came, s of the loop's clock."""
 
     def __init__(self, place: BusPlace, bus: BusABC) -> None:
+        super().__init__(MOST_WAITING)
         self.place = place
         self.latest = 0.0
         self._bus = bus
-        self._frames: Mailbox[Message] = Mailbox(MOST_WAITING)
         self._loop = asyncio.get_running_loop()
 
     async def frames(self, seconds: float) -> list[Message]:
         """Return frames in order; after at most ``seconds``, then perhaps none. Raises ``ConnectError``."""
-        return await self._frames.given(seconds, _MOST_AT_ONCE, BLOCK)
-
-    def take(self, message: Message) -> None:
-        """A frame came."""
-        self._frames.take(message)
-        self.latest = self._loop.time()
-
-    def fail(self, error: Exception) -> None:
-        """The bus is gone."""
-        self._frames.fail(ConnectError(f"{self.place}: {error}"))
-
-    @property
-    def dropped(self) -> int:
-        """Frames given up because nobody took them."""
-        return self._frames.dropped
+        return await self.given(seconds, _MOST_AT_ONCE, BLOCK)
 
     @property
     def malformed(self) -> int:
@@ -78,9 +64,10 @@ class Listening:
                 if message is None:
                     return
                 self.take(message)
+                self.latest = self._loop.time()
         except Exception as error:  # python-can, pyserial and the system each have their own
             self._loop.remove_reader(self._bus.fileno())
-            self.fail(error)
+            self.fail(ConnectError(f"{self.place}: {error}"))
 
 
 @asynccontextmanager

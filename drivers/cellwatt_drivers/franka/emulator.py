@@ -16,11 +16,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.driver import SourceSettings
 from cellwatt.emulation import Datagrams, Emulator, Options, Signals, TcpPort
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FAULT_KINDS
-from cellwatt.emulation.signals import Float
+from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.franka import fci
 
 _RATE = 1000.0
@@ -182,15 +183,11 @@ class EmulatedRobot:
     def _compute(self, t: Float) -> NDArray[np.void]:
         values = self._signals.at(t)
         states = np.zeros(len(t), fci.STATE)
-        for joint in range(7):
-            for field, quantity in _JOINTS.items():
-                name = f"joint_{joint + 1}.{quantity}"
-                if name in values:
-                    states[field][:, joint] = values[name]
+        for field, quantity in _JOINTS.items():
+            states[field] = table_of(values, [f"joint_{joint}.{quantity}" for joint in range(1, 8)], len(t))
         for field in ("O_T_EE", "O_T_EE_d", "O_T_EE_c"):
             states[field] = _UPRIGHT
-            for place, axis in enumerate("xyz"):
-                states[field][:, 12 + place] = values.get(f"tool.{axis}", 0.0)
+            states[field][:, 12:15] = table_of(values, [f"tool.{axis}" for axis in "xyz"], len(t))
         for field in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE"):
             states[field] = np.eye(4).ravel()
         states["m_ee"] = 0.73

@@ -1,27 +1,36 @@
-"""pylibfranka as the client, in a process of its own."""
+"""pylibfranka as the client, in a process of its own: its reads hold the GIL and may block for ever."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
+import signal
+import sys
+from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator
 
 import numpy as np
 
 from cellwatt.batch import Float
+from cellwatt.child import ends_with_parent
 from cellwatt.errors import ConnectError, DeviceError, SourceError, WrongDeviceError
 from cellwatt_drivers.franka import receive
 from cellwatt_drivers.franka.fields import Selection
-from cellwatt_drivers.shared import child
-from cellwatt_drivers.shared.child import Child
+
+_CHUNK = 1 << 16
+_START_TIME = 10.0
+"""s, at the least, that the library has from its start to its first state."""
 
 
 class Reader:
     """The library's process with one robot's states; see ``reading``."""
 
-    def __init__(self, process: Child, host: str, selection: Selection) -> None:
-        self._child = process
+    def __init__(self, process: Process, host: str, selection: Selection, timeout: float) -> None:
+        self._process = process
         self._host = host
+        self._timeout = timeout
+        self._patience = max(timeout, _START_TIME)
         self._columns = np.concatenate([[0, 1], 2 + selection.columns])
         self._width = 2 + selection.width
         self._rest = b""
@@ -30,27 +39,44 @@ class Reader:
     def real_time(self) -> bool:
         """True if the system gave it real-time priority: without it, a busy PC loses states."""
         try:
-            return os.sched_getscheduler(self._child.pid) == os.SCHED_FIFO
+            return os.sched_getscheduler(self._process.pid) == os.SCHED_FIFO
         except OSError:  # it just ended, or nobody may ask
             return False
 
     async def block(self) -> Float:
         """Return the states (n, 2 + channels) that came; first the robot's time, then how long the reader was kept, ms.
 
-        Raises ``SourceError``.
+        Raises ``ConnectError`` after ``timeout`` s without any, and at the process's end what its last words mean.
         """
         size = 8 * self._width
         while len(self._rest) < size:
-            self._rest += await self._child.chunk(self._failure)
+            self._rest += await self._chunk()
         whole = len(self._rest) // size * size
         rows = np.frombuffer(self._rest[:whole], dtype="<f8").reshape(-1, self._width)
         self._rest = self._rest[whole:]
         return rows[:, self._columns]
 
+    async def _chunk(self) -> bytes:
+        process, patience = self._process, self._patience
+        assert process.stdout is not None and process.stderr is not None
+        try:
+            async with asyncio.timeout(patience):
+                chunk = await process.stdout.read(_CHUNK)
+        except TimeoutError:
+            raise ConnectError(
+                f"{self._host}: no data for {patience:g} s; check the address, and that FCI is on"
+            ) from None
+        if not chunk:
+            said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
+            await process.wait()
+            raise self._failure(said[-1] if said else "the library ended")
+        self._patience = self._timeout
+        return chunk
+
     def _failure(self, said: str) -> SourceError:
         """Return the error that the library's last words mean."""
         host = self._host
-        kind, _, text = (said or "the library ended").partition(": ")
+        kind, _, text = said.partition(": ")
         if "version" in text.lower() and "incompatible" in text.lower():
             return WrongDeviceError(
                 f"{host}: {text}; install the pylibfranka that fits the robot's system image (Franka's compatibility "
@@ -64,7 +90,20 @@ class Reader:
 @contextlib.asynccontextmanager
 async def reading(host: str, every: int, selection: Selection, timeout: float) -> AsyncIterator[Reader]:
     """Run the library; of all states those count whose time in ms is a whole multiple of ``every``."""
-    arguments = (host, str(every), *selection.attributes)
-    hint = "; check the address, and that FCI is on"
-    async with child.reading(receive, *arguments, where=host, timeout=timeout, hint=hint) as process:
-        yield Reader(process, host, selection)
+    arguments = (receive.__file__, host, str(every), *selection.attributes)
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-P",  # no module of this folder hides one of the library's
+        *arguments,
+        stdout=PIPE,
+        stderr=PIPE,
+        limit=_CHUNK,
+        preexec_fn=ends_with_parent(signal.SIGKILL),
+    )
+    try:
+        yield Reader(process, host, selection, timeout)
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+        await process.wait()

@@ -1,4 +1,4 @@
-"""pylibfranka in a process of its own: ``python receive.py HOST EVERY ATTRIBUTE …`` (see ``shared.child``).
+"""pylibfranka in a process of its own: ``python receive.py HOST EVERY ATTRIBUTE …`` (see ``library``).
 
 Its reads block and hold the GIL, so it cannot live in the daemon. Writes each state whose time in ms is a whole
 multiple of EVERY to standard output as float64: that time, for how many ms this process was kept from running since
@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from cellwatt.processor import RunDelay
-from cellwatt_drivers.shared.child import take_stdout, write_all
 
 _SHORTEST = 0.004
 """s between two writes: the daemon is woken for a handful of states, not for each."""
@@ -32,7 +31,8 @@ def main(host: str, every: int, attributes: Sequence[str]) -> None:
     """Pass on the robot's states until the connection is gone."""
     import pylibfranka
 
-    pipe = take_stdout()
+    pipe = os.dup(1)  # what the library prints goes to standard error
+    os.dup2(2, 1)
     with contextlib.suppress(OSError):  # beyond what the system allows; then it stays as it is
         fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE)
     gc.disable()  # states make no cycles, and a collection may last longer than a state
@@ -58,8 +58,8 @@ def main(host: str, every: int, attributes: Sequence[str]) -> None:
             written = now
             if not missed:
                 kept.look()
-            write_all(pipe, waiting)
-            waiting = b""
+            while waiting:
+                waiting = waiting[os.write(pipe, waiting) :]
 
 
 def _pack(stamp: int, held: float, state: Any, attributes: Sequence[str]) -> bytes:

@@ -7,6 +7,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from pydantic import Field, field_validator
 
+from cellwatt.batch import Float
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import SourceError
@@ -14,9 +15,9 @@ from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt_drivers.kinova import registers
-from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
+from cellwatt_drivers.kinova.registers import Block, Read, Turns
 from cellwatt_drivers.shared.choice import Chosen
-from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, tcp_client
 from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
 from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.shared.states import State, StateWatch
@@ -69,7 +70,9 @@ class KinovaDriver(Driver[KinovaSettings]):
     def __init__(self, name: str, settings: KinovaSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
         require(name, "driver kinova", {"pymodbus": "the package pymodbus"}, "pip install 'cellwatt[modbus]'")
-        self._reads = _reads(settings)
+        self._reads: tuple[Read, ...] = (registers.arm(settings.rate),) if "arm" in settings.read else ()
+        if "joints" in settings.read:
+            self._reads += (registers.joints(settings.rate, settings.axes, "tool" in settings.read),)
         self._slots = Slots(settings.rate, self._miss_slots)
         self._turns = Turns()
         self._last: dict[str, list[int]] = {}
@@ -151,12 +154,8 @@ class KinovaDriver(Driver[KinovaSettings]):
 @asynccontextmanager
 async def open_modbus(host: str, port: int, timeout: float) -> AsyncIterator[Modbus]:
     """Open a connection. Raises ``ConnectError`` that says what to check."""
-    from pymodbus.client import AsyncModbusTcpClient
-
     numbering = Numbering()
-    client = AsyncModbusTcpClient(
-        host, port=port, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=numbering.trace
-    )
+    client = tcp_client(host, port, timeout, numbering)
     place = f"TCP {host}:{port}"
     advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
     await connect(client, timeout, lambda: f"nobody answers at {place}; {advice}")
@@ -164,12 +163,3 @@ async def open_modbus(host: str, port: int, timeout: float) -> AsyncIterator[Mod
         yield Modbus(client, place, numbering)
     finally:
         client.close()
-
-
-def _reads(settings: KinovaSettings) -> tuple[Read, ...]:
-    found = []
-    if "arm" in settings.read:
-        found.append(registers.arm(settings.rate))
-    if "joints" in settings.read:
-        found.append(registers.joints(settings.rate, settings.axes, "tool" in settings.read))
-    return tuple(found)

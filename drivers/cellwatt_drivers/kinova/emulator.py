@@ -5,28 +5,28 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import ClassVar
 
-from cellwatt.emulation import Emulator, Options, Signals
+import numpy as np
+
+from cellwatt.batch import Float
+from cellwatt.emulation import Options, PortEmulator, Signals
 from cellwatt.emulation.blocks import Blocks
-from cellwatt.emulation.faults import FaultKind
-from cellwatt.emulation.signals import Float
+from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import ARM, JOINTS_AND_TOOL, MOST_JOINTS, encode
 from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
-from cellwatt_drivers.shared.modbus_server import ModbusServer, refusal
+from cellwatt_drivers.shared.modbus_server import modbus_port, refusal
 
 _READ_INPUT = 4
 _MOST = 125
 _CYCLE = 0.001  # s; an answer holds what the arm knew at its last cycle
 _BLOCK = 100  # cycles computed at once
 _DEG = math.degrees(1.0)
-_TOOL = registers.joints(1.0, MOST_JOINTS, True).stream.channels[5 * MOST_JOINTS :]
 
 
-class KinovaEmulator(Emulator):
+class KinovaEmulator(PortEmulator):
     """A Gen3 with 7 joints: registers 0 to 13 and 34 to 139 as its published map says; any other read is an error.
 
     Listens on 127.0.0.1:5020 unless told otherwise. Options: ``wrap`` (1: positions are 0 … 360 degrees, as real arms
@@ -41,9 +41,7 @@ class KinovaEmulator(Emulator):
 
     title: ClassVar[str] = "Kinova Gen3 (Modbus TCP)"
     usual_address: ClassVar[str] = "127.0.0.1:5020"
-    usual_port = registers.PORT
     changes = MappingProxyType({"state": "number", "fault_flags": "number", "warning_flags": "number"})
-    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
@@ -51,15 +49,11 @@ class KinovaEmulator(Emulator):
         self.arm = EmulatedArm(self.signals, wrap)
         self.asked: Counter[tuple[int, int]] = Counter()
         self.tally.update(refused=0, written=0)
-        self._server = ModbusServer(self, lambda _, function, body: self._answer(function, body))
+        self.port = modbus_port(self, lambda _, function, body: self._answer(function, body))
 
     def change(self, kind: str, value: float | str) -> None:
         """Set state or flags."""
         setattr(self.arm, kind, int(value))
-
-    async def serve(self, ready: Callable[[str], None]) -> None:
-        """See ``Emulator.serve``."""
-        await self._server.serve(ready)
 
     def _answer(self, function: int, body: bytes) -> bytes:
         if function != _READ_INPUT or len(body) != 4:
@@ -80,36 +74,32 @@ class KinovaEmulator(Emulator):
         return refusal(function, code)
 
 
+_MOTION = registers.joints(1.0, MOST_JOINTS, True).stream.channels
+_SCALES = np.array([_DEG if channel.unit.startswith("rad") else 1.0 for channel in _MOTION])
+
+
 class EmulatedArm:
     """Signals as the registers of an arm; what the signals lack is 0."""
 
     def __init__(self, signals: Signals, wrap: bool) -> None:
         self.state, self.fault_flags, self.warning_flags = 7, 0, 0
+        self._signals = signals
         self._wrap = wrap
-        self._blocks = Blocks(signals.at, _CYCLE, _BLOCK)
-        self._values: Mapping[str, Float] = {}
-        self._row = 0
+        self._blocks = Blocks(self._compute, _CYCLE, _BLOCK)
 
     def block(self, first: int, t: float) -> list[int]:
         """Return the registers of the block that begins at ``first``, at t s."""
-        self._values, self._row = self._blocks.at(math.floor(t / _CYCLE))
-        return self._arm() if first == ARM[0] else self._motion()
-
-    def _get(self, name: str) -> float:
-        return float(self._values[name][self._row]) if name in self._values else 0.0
-
-    def _arm(self) -> list[int]:
+        (supply, motion), row = self._blocks.at(math.floor(t / _CYCLE))
+        if first != ARM[0]:
+            return encode(motion[row])
         words = [1 << self.state, 0]
         for flags in (self.fault_flags, self.warning_flags):
             words += [flags & 0xFFFF, flags >> 16]
-        return words + encode([self._get("bus.current"), self._get("bus.voltage"), 45.0, 38.0])
+        return words + encode([*supply[row], 45.0, 38.0])
 
-    def _motion(self) -> list[int]:
-        names = range(1, MOST_JOINTS + 1)
-        position = [self._get(f"joint_{i}.position") * _DEG for i in names]
-        values = [x % 360.0 for x in position] if self._wrap else position
-        values += [self._get(f"joint_{i}.velocity") * _DEG for i in names]
-        for quantity in ("torque", "current", "temperature"):
-            values += [self._get(f"joint_{i}.{quantity}") for i in names]
-        values += [self._get(channel.name) * (_DEG if channel.unit.startswith("rad") else 1.0) for channel in _TOOL]
-        return encode(values)
+    def _compute(self, t: Float) -> tuple[Float, Float]:
+        values = self._signals.at(t)
+        motion = table_of(values, [channel.name for channel in _MOTION], len(t)) * _SCALES
+        if self._wrap:
+            motion[:, :MOST_JOINTS] %= 360.0
+        return table_of(values, ("bus.current", "bus.voltage"), len(t)), motion

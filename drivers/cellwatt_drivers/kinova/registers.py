@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.channel import Channel, Stream
 
 PORT = 502
 MOST_JOINTS = 7
 Block = Literal["arm", "joints", "tool"]
-Float = NDArray[np.float64]
 
 ARM = (0, 14)
 """First register and number of the arm's block."""
@@ -99,7 +98,7 @@ def _floats(registers: Sequence[int]) -> Float:
     return np.array(registers, dtype="<u2").view("<f4").astype(np.float64)
 
 
-def encode(values: Sequence[float]) -> list[int]:
+def encode(values: Sequence[float] | Float) -> list[int]:
     """Values as the registers that hold them."""
     words: list[int] = np.array(values, dtype="<f4").view("<u2").tolist()
     return words

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError
-from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, tcp_client
 from cellwatt_drivers.shared.polling import NoAnswerError
 
 if TYPE_CHECKING:
-    from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
-
     from cellwatt_drivers.shared.modbus import Client
 
 Framing = Literal["tcp", "rtu"]
@@ -99,35 +97,21 @@ async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
 
 async def _connect(place: Place, timeout: float) -> Bus:
     numbering = Numbering()
-    client = _tcp(place, timeout, numbering) if isinstance(place, TcpPlace) else _serial(place, timeout)
+    numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
+    client = _client(place, timeout, numbering if numbered else None)
     try:
         await connect(client, timeout, lambda: _unreachable(place, timeout))
     except ConnectError:
         raise
     except (OSError, ValueError, termios.error) as error:
         raise ConnectError(f"{place} cannot be opened: {error}") from error
-    numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
     # Answers on RTU carry no number: a late one must not be taken for that of the next request.
     return Bus(client, place, numbering, 0.0 if numbered else timeout)
 
 
-def _tcp(place: TcpPlace, timeout: float, numbering: Numbering) -> AsyncModbusTcpClient:
-    from pymodbus import FramerType
-    from pymodbus.client import AsyncModbusTcpClient
-
-    framer, trace = (FramerType.SOCKET, numbering.trace) if place.framing == "tcp" else (FramerType.RTU, None)
-    return AsyncModbusTcpClient(
-        place.host,
-        port=place.port,
-        framer=framer,
-        timeout=timeout,
-        retries=0,
-        reconnect_delay=0,
-        trace_packet=trace,
-    )
-
-
-def _serial(place: SerialPlace, timeout: float) -> AsyncModbusSerialClient:
+def _client(place: Place, timeout: float, numbering: Numbering | None) -> Client:
+    if isinstance(place, TcpPlace):
+        return tcp_client(place.host, place.port, timeout, numbering)
     from pymodbus.client import AsyncModbusSerialClient
 
     return AsyncModbusSerialClient(

@@ -37,14 +37,8 @@ class EmulatedMeter:
         return self._first <= address and address + count <= self._end
 
     def cuts(self, address: int, count: int) -> bool:
-        """True if a read begins or ends within a value, or beside all values."""
-        edges = {s.address for s in self._slots}, {s.end for s in self._slots}
-        return address not in edges[0] or address + count not in edges[1]
-
-    def gaps(self, address: int, count: int) -> bool:
-        """True if a read holds registers without a value."""
-        held = sum(s.end - s.address for s in self._slots if address <= s.address and s.end <= address + count)
-        return held < count
+        """True if a read holds a part of a value, or registers without one."""
+        return sum(s.end - s.address for s in self._slots if address <= s.address and s.end <= address + count) < count
 
     def read(self, t: float, address: int, count: int) -> list[int]:
         """Registers ``address`` … at t s; 0 between the values."""

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from cellwatt.emulation import Emulator, Options
-from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation import Options, PortEmulator
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
-from cellwatt_drivers.shared.modbus_server import ModbusServer, refusal
+from cellwatt_drivers.shared.modbus_server import modbus_port, refusal
 
 _FUNCTIONS = {"holding": 3, "input": 4}
 
 
-class ModbusMeterEmulator(Emulator):
+class ModbusMeterEmulator(PortEmulator):
     """Meters of one make on one TCP port, or on a serial line (``pty`` or the path of a link to it).
 
     Listens on 127.0.0.1:5020 unless told otherwise; a pseudo-terminal knows no parity. Options: ``meter`` (a packaged
@@ -34,9 +33,7 @@ class ModbusMeterEmulator(Emulator):
 
     title: ClassVar[str] = "Modbus energy meter"
     usual_address: ClassVar[str] = "127.0.0.1:5020"
-    usual_port = 502
     line = "line"
-    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
@@ -56,11 +53,7 @@ class ModbusMeterEmulator(Emulator):
         self._strict = options.flag("strict", False)
         self.tally.update(refused=0)
         rtu = options.choice("framing", "tcp", ("tcp", "rtu")) == "rtu"
-        self._server = ModbusServer(self, self._answer, rtu=rtu)
-
-    async def serve(self, ready: Callable[[str], None]) -> None:
-        """See ``Emulator.serve``."""
-        await self._server.serve(ready)
+        self.port = modbus_port(self, self._answer, rtu=rtu)
 
     def _answer(self, unit: int, function: int, body: bytes) -> bytes | None:
         meter = self.meters.get(unit)
@@ -81,7 +74,7 @@ class ModbusMeterEmulator(Emulator):
         address, count = struct.unpack(">HH", body)
         if not 1 <= count <= self._map.longest_read:
             return ILLEGAL_VALUE
-        cut = self._strict and (meter.cuts(address, count) or meter.gaps(address, count))
+        cut = self._strict and meter.cuts(address, count)
         return ILLEGAL_ADDRESS if cut or not meter.has(address, count) else 0
 
 

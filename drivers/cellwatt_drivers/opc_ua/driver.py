@@ -10,7 +10,7 @@ from cellwatt.driver import Driver, Identity, Inlet
 from cellwatt.errors import ConnectError, DeviceError
 from cellwatt_drivers.opc_ua import messages
 from cellwatt_drivers.opc_ua.intake import Intake
-from cellwatt_drivers.opc_ua.nodes import Search, Source
+from cellwatt_drivers.opc_ua.nodes import Search, TagPlace
 from cellwatt_drivers.opc_ua.session import Session, open_session
 from cellwatt_drivers.opc_ua.settings import OpcUaSettings, tags_to_read
 from cellwatt_drivers.opc_ua.subscribing import Subscribed, subscribe
@@ -86,7 +86,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
             self._intake.take(message, arrival)
         await asyncio.sleep(0)
 
-    async def _find(self, session: Session) -> tuple[list[Source], list[str]]:
+    async def _find(self, session: Session) -> tuple[list[TagPlace], list[str]]:
         sources, lacking = await Search(session, self.settings.url, self._map.namespaces).find(self._tags)
         absent = ", ".join(lacking)
         if not sources:
@@ -96,7 +96,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         self.left_out = frozenset(lacking)
         return sources, lacking
 
-    async def _identity(self, session: Session, sources: list[Source], lacking: list[str]) -> Identity:
+    async def _identity(self, session: Session, sources: list[TagPlace], lacking: list[str]) -> Identity:
         from asyncua import ua
 
         status: Any = await session.value(ua.ObjectIds.Server_ServerStatus)

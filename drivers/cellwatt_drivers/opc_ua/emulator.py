@@ -38,7 +38,6 @@ class OpcUaEmulator(Emulator):
 
     title: ClassVar[str] = "Controller with an OPC UA server"
     usual_address: ClassVar[str] = "127.0.0.1:4840"
-    usual_port = 4840
     faults: ClassVar[tuple[FaultKind, ...]] = ("loss", "duplicate", "garbage", "stall", "disconnect", "clock_jump")
 
     @classmethod

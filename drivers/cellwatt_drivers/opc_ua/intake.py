@@ -6,13 +6,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from cellwatt.account import Losses
-from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Inlet
 from cellwatt_drivers.opc_ua.messages import Item, Message
+from cellwatt_drivers.shared.rows import Row, Rows
 
 _SECOND = 1_000_000_000
 _BACK = 1 * _SECOND
@@ -58,8 +56,7 @@ class Intake:
         self._bad: dict[int, int] = {}
         self._stale = False
         self._now = 0
-        self._rows: list[tuple[int, list[float], Quality]] = []
-        """Time, values and quality of the samples of one message, not yet handed over."""
+        self._rows = Rows()
 
     def resume(self, sampling: float, publishing: float) -> None:
         """A subscription was made anew, with these intervals in s: all values are told again."""
@@ -83,7 +80,7 @@ class Intake:
         else:
             self._go_on(message, "gap" if lost else "")
         self._tell(message.items)
-        self._hand_over()
+        self._rows.hand_over(self._inlet, self.stream, arrival)
 
     def _skipped(self, message: Message) -> bool:
         """True if messages before this one never came."""
@@ -117,7 +114,7 @@ class Intake:
             self._row(together[-1].stamp, together, reason)
             reason = ""
         if self._rows:
-            self._base = _Base(self._rows[-1][0], message.published, self._now)
+            self._base = _Base(self._rows[-1].time, message.published, self._now)
         if stale:
             self._take_stale(stale, message.published)
         self._stale = bool(stale)
@@ -152,7 +149,7 @@ class Intake:
     def _row(self, time: int, items: Sequence[Item], reason: str) -> None:
         """Take the values of one moment, after the samples before it that no message has."""
         if self._last is not None and self._jumped(time - self._last):
-            self._hand_over()
+            self._rows.hand_over(self._inlet, self.stream, self._now)
             self._inlet.clock_reset(self.stream, f"its time stamps jumped by {(time - self._last) / 1e9:+.3f} s")
             self._last = None
             self._losses.resumed = False
@@ -213,7 +210,7 @@ class Intake:
             names = ", ".join(sorted({self.stream.names[i.column] for i in items}))
             self._inlet.event("stale_time", f"{self._name}: the time stamps of {names} do not rise; taken as published")
         if self._rows:
-            time, _, _ = self._rows.pop()
+            time = self._rows.pop().time
         else:
             until = self._until(published)
             if until is not None:
@@ -225,7 +222,7 @@ class Intake:
 
     def _add(self, time: int, quality: Quality = Quality.GOOD) -> None:
         unknown = all(math.isnan(v) for v in self._values)
-        self._rows.append((time, list(self._values), Quality.MISSING if unknown else quality))
+        self._rows.append(Row(time, list(self._values), Quality.MISSING if unknown else quality))
         self._last, self._arrival = time, self._now
 
     def _tell(self, items: Sequence[Item]) -> None:
@@ -245,19 +242,3 @@ class Intake:
         if self._bad.keys() != before.keys():
             told = ", ".join(f"{self.stream.names[c]} {self._status_name(s)}" for c, s in sorted(self._bad.items()))
             self._inlet.event("bad_status", f"{self._name}: {told or 'all values are good again'}", channels=told)
-
-    def _hand_over(self) -> None:
-        rows, self._rows = self._rows, []
-        if not rows:
-            return
-        times, values, quality = zip(*rows, strict=True)
-        self._inlet.account.expect(len(rows))
-        self._inlet.emit(
-            Reading(
-                self.stream,
-                np.array(values),
-                self._now,
-                device_time=np.array(times, dtype=np.int64),
-                quality=np.array(quality, dtype=np.uint8),
-            )
-        )

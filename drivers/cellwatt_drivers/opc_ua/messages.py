@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
-from cellwatt_drivers.opc_ua.nodes import Source
+from cellwatt_drivers.opc_ua.nodes import TagPlace
 
 if TYPE_CHECKING:
     from asyncua import ua
@@ -58,7 +58,7 @@ class Message:
     """Status with which the server ended the subscription."""
 
 
-def read(result: ua.PublishResult, sources: Mapping[int, Sequence[Source]], server_time: bool) -> Message:
+def read(result: ua.PublishResult, sources: Mapping[int, Sequence[TagPlace]], server_time: bool) -> Message:
     """Return what a message says; ``sources`` by client handle, ``server_time``: by the server's time stamps."""
     message = result.NotificationMessage
     items: list[Item] = []
@@ -73,7 +73,7 @@ def read(result: ua.PublishResult, sources: Mapping[int, Sequence[Source]], serv
 
 
 def _items(
-    told: ua.MonitoredItemNotification, sources: Mapping[int, Sequence[Source]], server_time: bool
+    told: ua.MonitoredItemNotification, sources: Mapping[int, Sequence[TagPlace]], server_time: bool
 ) -> Iterator[Item]:
     data = told.Value
     status = int(data.StatusCode.value) if data.StatusCode is not None else 0

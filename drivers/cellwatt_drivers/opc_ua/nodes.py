@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -10,7 +9,7 @@ from operator import getitem
 from typing import TYPE_CHECKING, Any, Final
 
 from cellwatt.config.wording import did_you_mean
-from cellwatt.errors import SourceError, WrongDeviceError
+from cellwatt.errors import WrongDeviceError
 from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen
 from cellwatt_drivers.opc_ua.session import Session
 from cellwatt_drivers.opc_ua.tag_map import Tag, prefix_of, unit_named
@@ -22,12 +21,10 @@ if TYPE_CHECKING:
 OBJECTS: Final = "i=85"
 NUMBERS: Final = range(1, 12)
 """Built-in types that are numbers: Boolean to Double."""
-_MOST_BROWSED, _LONGEST_BROWSED = 400, 3.0
-"""Nodes, and s, that a search for a node with a similar name may take."""
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TagPlace:
     """Place of one channel's values: its column, its node, the element, and from the value to SI units."""
 
     column: int
@@ -51,7 +48,7 @@ class Search:
         self._uris: list[str] = []
         self._children: dict[str, list[Child]] = {}
 
-    async def find(self, tags: Mapping[str, Tag]) -> tuple[list[Source], list[str]]:
+    async def find(self, tags: Mapping[str, Tag]) -> tuple[list[TagPlace], list[str]]:
         """Return the sources of all channels, in columns of their order, and the optional channels that are not there.
 
         Raises ``WrongDeviceError`` for the first tag that is not there or gives no number.
@@ -74,12 +71,12 @@ class Search:
         for (column, name, tag, node), value, kind, unit in zip(placed, values, types, units, strict=True):
             if value.StatusCode is not None and value.StatusCode.name in ("BadNodeIdUnknown", "BadNodeIdInvalid"):
                 if not tag.optional:
-                    raise await self._unknown(name, tag, node)
+                    raise WrongDeviceError(f"{self._where} has no node {tag.place!r} ({name})")
                 lacking.append(name)
                 continue
             self._check(name, tag, value, kind)
             factor, zero = self._scale(name, tag, unit)
-            found.append(Source(column, node, tag.indices, factor, zero))
+            found.append(TagPlace(column, node, tag.indices, factor, zero))
         return found, lacking
 
     async def _placed(self, name: str, tag: Tag) -> ua.NodeId | None:
@@ -149,24 +146,6 @@ class Search:
         if node not in self._children:
             self._children[node] = await self._session.children(node)
         return self._children[node]
-
-    async def _unknown(self, name: str, tag: Tag, node: ua.NodeId) -> WrongDeviceError:
-        near = did_you_mean(node.to_string(), await self._names(node.NamespaceIndex))
-        return WrongDeviceError(f"{self._where} has no node {tag.place!r}{near} ({name})")
-
-    async def _names(self, namespace: int) -> list[str]:
-        """Node ids of a namespace, as far as they are found in a short time."""
-        end = time.monotonic() + _LONGEST_BROWSED
-        waiting, seen = [OBJECTS], {OBJECTS, "i=2253"}  # what is below Server has no tags
-        while waiting and len(self._children) < _MOST_BROWSED and time.monotonic() < end:
-            try:
-                children = await self._below(waiting.pop(0))
-            except SourceError:  # this is only to help with a name
-                break
-            fresh = [c.node for c in children if c.node not in seen]
-            seen.update(fresh)
-            waiting += fresh
-        return [node for node in seen if node.startswith(f"ns={namespace};")]
 
     def _check(self, name: str, tag: Tag, value: ua.DataValue, kind: ua.DataValue) -> None:
         """Raise ``WrongDeviceError`` unless the node gives a number, or an array of them with such an element."""

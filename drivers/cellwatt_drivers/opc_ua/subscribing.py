@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import DeviceError
-from cellwatt_drivers.opc_ua.nodes import Source
+from cellwatt_drivers.opc_ua.nodes import TagPlace
 from cellwatt_drivers.opc_ua.session import Session
 from cellwatt_drivers.opc_ua.settings import OpcUaSettings
 
@@ -26,7 +26,7 @@ class Subscribed:
     publishing: float
     life_sign: float
     queue: int
-    sources: Mapping[int, Sequence[Source]]
+    sources: Mapping[int, Sequence[TagPlace]]
 
     def revised(self, asked: OpcUaSettings) -> list[str]:
         """What the server does less well than it was asked for."""
@@ -40,7 +40,7 @@ class Subscribed:
         return found
 
 
-async def subscribe(session: Session, asked: OpcUaSettings, found: Sequence[Source]) -> Subscribed:
+async def subscribe(session: Session, asked: OpcUaSettings, found: Sequence[TagPlace]) -> Subscribed:
     """Subscribe to all sources. Raises ``SourceError``, ``DeviceError`` where an item is refused."""
     from asyncua import ua
 
@@ -50,7 +50,7 @@ async def subscribe(session: Session, asked: OpcUaSettings, found: Sequence[Sour
         asked.publish * 1e3, life, RequestedMaxKeepAliveCount=1, PublishingEnabled=True
     )
     made = await session.subscribe(wanted)
-    by_node: dict[ua.NodeId, list[Source]] = {}
+    by_node: dict[ua.NodeId, list[TagPlace]] = {}
     for source in found:
         by_node.setdefault(source.node, []).append(source)
     items = [_item(handle, node, asked) for handle, node in enumerate(by_node, 1)]

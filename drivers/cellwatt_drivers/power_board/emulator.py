@@ -36,13 +36,13 @@ class Modem:
     def __init__(self, *, escaped: bool) -> None:
         self._escaped = escaped
         self._values = {**_FIXED, b"AP": b"\x02" if escaped else b"\x01"}
-        self._frames = (xbee.EscapedApiFrames if escaped else xbee.ApiFrames)(self._obey, Counter())
+        self._frames = (xbee.EscapedApiFrames if escaped else xbee.api_frames)(self._obey, Counter())
         self._answers = b""
 
     def feed(self, data: bytes) -> bytes:
         """Answer frames to the commands completed by these bytes; other frames are not answered."""
         self._answers = b""
-        self._frames.feed(data)
+        self._frames.scan(data)
         return self._answers
 
     def _obey(self, command: bytes) -> bool:
@@ -110,11 +110,6 @@ class PowerBoardEmulator(Emulator):
             raise ValueError("there is one emulated board at a port, and 'boards' names several")
         form = {"mode": settings.mode, "board": str(boards[0]), "phases": str(settings.phases)}
         return form | {"rate": f"{settings.rate!r}"}
-
-    @classmethod
-    def address_in(cls, settings: Any) -> str:
-        """See ``Emulator.address_in``."""
-        return str(settings.port)
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
@@ -263,19 +258,12 @@ class PowerBoardEmulator(Emulator):
 
     def _transmit(self, frame: bytes, now: float) -> None:
         """Bring a packet over the radio, or what the faults leave of it."""
-        strikes, samples = self.injector.strikes, self._batch
-        if strikes("loss", now):
+        pieces, whole, late = self.injector.left_of(frame, _into_its_crc)
+        if not pieces:
             return
-        if strikes("half_frame", now):  # always into the CRC, so that no chance byte completes it
-            frame, samples = frame[: 1 + self.injector.below(len(frame) - 3)], 0
-        elif strikes("duplicate", now):
-            frame += frame
-        if strikes("garbage", now):
-            frame = self.injector.random_bytes(1, 40) + frame
-        delay = strikes("delay", now)
-        self._blocked = max(self._blocked, now + (delay.seconds if delay else 0.0))
-        item = _Item(self._blocked, frame, samples)
-        if strikes("reorder", now):
+        self._blocked = max(self._blocked, now + late)
+        item = _Item(self._blocked, b"".join(pieces), self._batch if whole else 0)
+        if self.injector.strikes("reorder", now):
             self._overtaken.append(item)
             return
         self._line.append(item)
@@ -293,3 +281,8 @@ class PowerBoardEmulator(Emulator):
                 return
             self.tally["sent" if listening else "unheard"] += item.samples
             self._line.popleft()
+
+
+def _into_its_crc(frame: bytes) -> int:
+    """A half frame lacks two bytes, so that no chance byte completes it."""
+    return len(frame) - 2

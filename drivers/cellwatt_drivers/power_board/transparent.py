@@ -12,6 +12,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from cellwatt_drivers.power_board.scanner import FrameScanner
+
 T = TypeVar("T")
 
 SYNC = b"\xa5\x5a"
@@ -25,42 +27,27 @@ def frame(payload: bytes) -> bytes:
 
 
 class TransparentDecoder(Generic[T]):
-    """Takes bytes in pieces of any size and gives what ``parse`` made of the payloads in them.
-
-    Where ``parse`` refuses a payload the scan goes on one byte past its start, in the same bytes. What
-    waits for more bytes is never longer than one frame. ``counts`` as in ``xbee``.
-    """
+    """Gives what ``parse`` made of the payloads in bytes that come in pieces of any size; ``counts`` as in ``xbee``."""
 
     def __init__(self, parse: Callable[[bytes], T | None]) -> None:
         self.counts: Counter[str] = Counter()
         self._parse = parse
-        self._rest = b""
+        self._found: list[T] = []
+        self._frames = FrameScanner(SYNC, _length, self._take, self.counts)
 
     def feed(self, data: bytes) -> list[T]:
         """All payloads completed by these bytes, in order."""
-        buffer = self._rest + data
-        found: list[T] = []
-        end, taken = len(buffer), 0
-        at = buffer.find(SYNC)
-        while at >= 0 and at + 4 <= end:
-            size = buffer[at + 2]
-            if size ^ buffer[at + 3] == 0xFF:
-                stop = at + 4 + size
-                if stop > end:
-                    break
-                result = self._parse(buffer[at + 4 : stop])
-                if result is not None:
-                    found.append(result)
-                    if at > taken:
-                        self.counts["garbage bytes"] += at - taken
-                    taken = stop
-                    at = buffer.find(SYNC, stop)
-                    continue
-                self.counts["checksum"] += 1
-            at = buffer.find(SYNC, at + 1)
-        if at < 0:
-            at = end - 1 if buffer.endswith(SYNC[:1]) and taken < end else end
-        if at > taken:
-            self.counts["garbage bytes"] += at - taken
-        self._rest = buffer[at:]
-        return found
+        self._found = []
+        self._frames.scan(data)
+        return self._found
+
+    def _take(self, frame: bytes) -> bool:
+        if (result := self._parse(frame[4:])) is None:
+            self.counts["checksum"] += 1
+            return False
+        self._found.append(result)
+        return True
+
+
+def _length(head: bytes) -> int:
+    return head[2] + 4 if head[2] ^ head[3] == 0xFF else 0

@@ -13,6 +13,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from cellwatt_drivers.power_board.scanner import FrameScanner
+
 T = TypeVar("T")
 
 START = b"\x7e"
@@ -58,54 +60,32 @@ def receive_explicit_data(payload: bytes, sender: int, network: int, options: in
     return struct.pack(">BQHBBHHB", RECEIVE_EXPLICIT, sender, network, 0xE8, 0xE8, 0x0011, 0xC105, options) + payload
 
 
-class ApiFrames:
-    """Finds AP=1 frames in bytes that come in pieces of any size, and offers each one's data to ``accept``.
+def api_frames(accept: Callable[[bytes], bool], counts: Counter[str]) -> FrameScanner:
+    """Finds AP=1 frames and offers each one's data to ``accept``; ``counts`` gets what was damaged."""
 
-    A 0x7E may be data, and one byte of checksum is right by chance once in 256. So a frame is taken off
-    only when ``accept`` says that it is one; otherwise the scan goes on one byte past the start, in the
-    same bytes. What waits for more bytes is never longer than one frame. ``counts`` gets what was damaged.
-    """
+    def take(frame: bytes) -> bool:
+        if sum(frame[3:]) & 0xFF != 0xFF:
+            counts["checksum"] += 1
+            return False
+        return accept(frame[3:-1])
 
-    def __init__(self, accept: Callable[[bytes], bool], counts: Counter[str]) -> None:
-        self._accept = accept
-        self._counts = counts
-        self._rest = b""
+    return FrameScanner(START, _length, take, counts)
 
-    def feed(self, data: bytes) -> None:
-        """Offer all frames completed by these bytes, in order."""
-        buffer = self._rest + data
-        end, taken = len(buffer), 0
-        at = buffer.find(START)
-        while at >= 0 and at + 4 <= end:
-            size = buffer[at + 1] << 8 | buffer[at + 2]
-            stop = at + 4 + size
-            if 1 <= size <= LONGEST:
-                if stop > end:
-                    break
-                if sum(buffer[at + 3 : stop]) & 0xFF != 0xFF:
-                    self._counts["checksum"] += 1
-                elif self._accept(buffer[at + 3 : stop - 1]):
-                    if at > taken:
-                        self._counts["garbage bytes"] += at - taken
-                    taken = stop
-                    at = buffer.find(START, stop)
-                    continue
-            at = buffer.find(START, at + 1)
-        kept = end if at < 0 else at
-        if kept > taken:
-            self._counts["garbage bytes"] += kept - taken
-        self._rest = buffer[kept:]
+
+def _length(head: bytes) -> int:
+    size = head[1] << 8 | head[2]
+    return size + 4 if 1 <= size <= LONGEST else 0
 
 
 class EscapedApiFrames:
-    """As ``ApiFrames``, for AP=2, where every 0x7E is a start."""
+    """As ``api_frames``, for AP=2, where every 0x7E is a start."""
 
     def __init__(self, accept: Callable[[bytes], bool], counts: Counter[str]) -> None:
         self._accept = accept
         self._counts = counts
         self._rest = b""
 
-    def feed(self, data: bytes) -> None:
+    def scan(self, data: bytes) -> None:
         """Offer all frames completed by these bytes, in order."""
         before, *pieces = (self._rest + data).split(START)
         self._rest = b""
@@ -163,12 +143,12 @@ class ApiDecoder(Generic[T]):
         self.counts: Counter[str] = Counter()
         self._parse = parse
         self._found: list[T] = []
-        self._frames = (EscapedApiFrames if escaped else ApiFrames)(self._open, self.counts)
+        self._frames = (EscapedApiFrames if escaped else api_frames)(self._open, self.counts)
 
     def feed(self, data: bytes) -> list[T]:
         """All payloads completed by these bytes, in order."""
         self._found = []
-        self._frames.feed(data)
+        self._frames.scan(data)
         return self._found
 
     def _open(self, data: bytes) -> bool:

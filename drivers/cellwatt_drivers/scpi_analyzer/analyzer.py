@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.scpi_analyzer.dialect import Dialect
@@ -48,9 +48,9 @@ class Analyzer:
                 return parse_identification(text)
             heard = heard or text
 
-    def prepare(self) -> None:
-        """Make the analyzer speak the dialect."""
-        for command in self._dialect.prepare:
+    def tell(self, commands: Iterable[str]) -> None:
+        """Send commands that have no answers."""
+        for command in commands:
             self._line.tell(command)
 
     async def selected(self, wanted: Sequence[str]) -> tuple[str, ...]:
@@ -68,37 +68,25 @@ class Analyzer:
             found.append(dialect.found(item.text))
         return tuple(found)
 
-    def select(self, items: Sequence[str]) -> None:
-        """Choose and order what ``read`` answers."""
-        for command in self._dialect.selection(items):
-            self._line.tell(command)
-
     async def choose(self, items: Sequence[str]) -> None:
-        """``select``, and make sure of it. Raises ``DeviceError`` with what the analyzer says against it."""
-        self.select(items)
+        """Choose and order what ``read`` answers. Raises ``DeviceError`` with what the analyzer says against it."""
+        self.tell(self._dialect.selection(items))
         errors = await self.errors()
         if errors:
             code, text = errors[0]
             raise DeviceError(f"{self._line.place} refuses the functions {', '.join(items)}: {code} {text}")
 
-    def integrate(self) -> None:
-        """Start the integrator."""
-        for command in self._dialect.integrate:
-            self._line.tell(command)
-
     async def errors(self) -> list[tuple[int, str]]:
         """Take all entries off the error queue, oldest first."""
         found: list[tuple[int, str]] = []
-        for command in self._dialect.before_errors:
-            self._line.tell(command)
+        self.tell(self._dialect.before_errors)
         while len(found) < _DEEPEST_QUEUE:
             answer = await self._line.ask(self._dialect.errors, self._timeout)
             code, text = parse_error(answer.text)
             if code == 0:
                 break
             found.append((code, text))
-        for command in self._dialect.after_errors:
-            self._line.tell(command)
+        self.tell(self._dialect.after_errors)
         return found
 
     async def read(self, items: Sequence[str]) -> Answer:

@@ -162,13 +162,13 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
                 # Only in order: on a connection that failed the analyzer might obey late, after the next set-up.
                 if self._before:
                     with suppress(ConnectError):
-                        analyzer.select(self._before)
+                        analyzer.tell(self._dialect.selection(self._before))
                 raise
 
     async def _set_up(self, analyzer: Analyzer) -> tuple[str, ...]:
         """Make the analyzer answer the functions; gives all that it answers, in order."""
         wanted = self._items
-        analyzer.prepare()
+        analyzer.tell(self._dialect.prepare)
         order = await analyzer.selected(wanted)
         if self.settings.select and order != wanted:
             self._before = order
@@ -180,7 +180,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
                 "or set select: true"
             )
         if self.settings.integrate:
-            analyzer.integrate()
+            analyzer.tell(self._dialect.integrate)
             self._report(await analyzer.errors(), "at the start of the integrator")
         return order
 

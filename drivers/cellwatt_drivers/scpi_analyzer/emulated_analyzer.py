@@ -102,19 +102,15 @@ class EmulatedAnalyzer:
             **self._status_commands(),
             "*RST": lambda _: self._reset(),
             "SYSTem:ERRor?": lambda _: self._next_error(),
-            "SYSTem:ERRor:NEXT?": lambda _: self._next_error(),
             "SYSTem:ERRor:ALL?": lambda _: self._all_errors(),
             "SYSTem:VERSion?": lambda _: SCPI_VERSION,
             "CHANnel1:MEASurement:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "CHANnel1:MEASurement:FUNCtions": self._select,
             "CHANnel1:MEASurement:FUNCtions?": lambda _: ",".join(self.functions),
-            "CHANnel1:MEASurement:FUNCtions:COUNt?": lambda _: str(len(self.functions)),
             "CHANnel1:MEASurement:DATA?": lambda _: self._measured(),
             "INTegrator:MODE": lambda p: self._one_of(p, {"MAN", "MANUAL"}),
             "INTegrator:STATe": lambda p: self._one_of(p, {"ON", "OFF", "1", "0"}),
-            "INTegrator:STARt": lambda _: self._integrate(True),
-            "INTegrator:STOP": lambda _: self._integrate(False),
-            "INTegrator:RESet": lambda _: self._clear_energy(),
+            "INTegrator:STARt": lambda _: self._integrate(),
         }
 
     def _status_commands(self) -> Mapping[str, Callable[[str], str | None]]:
@@ -179,16 +175,13 @@ class EmulatedAnalyzer:
         else:
             self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
 
-    def _integrate(self, running: bool) -> None:
-        self.running = running
-
-    def _clear_energy(self) -> None:
-        self._energy = self._seconds = 0.0
+    def _integrate(self) -> None:
+        self.running = True
 
     def _reset(self) -> None:
         self.functions = AFTER_RESET
         self.running = False
-        self._clear_energy()
+        self._energy = self._seconds = 0.0
 
     def _advance(self, t: float) -> None:
         """Bring the measurement and the integrator up to the last update before t."""

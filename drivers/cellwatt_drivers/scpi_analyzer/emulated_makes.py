@@ -45,9 +45,7 @@ class EmulatedWt310(EmulatedAnalyzer):
             "NUMeric:NORMal:NUMber?": lambda _: str(self.number),
             "NUMeric:NORMal:VALue?": lambda _: self._measured(),
             "INTEGrate:MODE": lambda p: self._one_of(p, {"NORM", "NORMAL"}),
-            "INTEGrate:STARt": lambda _: self._integrate(True),
-            "INTEGrate:STOP": lambda _: self._integrate(False),
-            "INTEGrate:RESet": lambda _: self._clear_energy(),
+            "INTEGrate:STARt": lambda _: self._integrate(),
         }
 
     def _run(self, header: str, parameter: str) -> str | None:

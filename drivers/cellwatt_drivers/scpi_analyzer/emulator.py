@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from cellwatt.emulation import Emulator, Options, Port, TcpPort
-from cellwatt.emulation.faults import FaultKind
-from cellwatt.emulation.terminal import PtyPort, Writer
+from cellwatt.emulation import Options, PortEmulator
+from cellwatt.emulation.terminal import Writer, port_of
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer, known_functions
 from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, EmulatedWt310
 from cellwatt_drivers.scpi_analyzer.wire import PORT
@@ -22,7 +21,7 @@ _MAKES: Mapping[str, tuple[type[EmulatedAnalyzer], str]] = {
 """By the name of the driver's ``model``: the instrument, and its answer to ``*IDN?``."""
 
 
-class ScpiAnalyzerEmulator(Emulator):
+class ScpiAnalyzerEmulator(PortEmulator):
     """One analyzer on the mains of ``supply.power``, ``supply.voltage`` and ``supply.current``.
 
     Listens on 127.0.0.1:5025 unless told otherwise; ``pty``, or the path of a link to it, makes it a serial
@@ -39,9 +38,7 @@ class ScpiAnalyzerEmulator(Emulator):
 
     title: ClassVar[str] = "Power analyzer (SCPI: R&S HMC8015, Yokogawa WT310E, ZES LMG670)"
     usual_address: ClassVar[str] = f"127.0.0.1:{PORT}"
-    usual_port = PORT
     line = "serial"
-    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
@@ -57,15 +54,11 @@ class ScpiAnalyzerEmulator(Emulator):
         if unknown := set(overload) - self.analyzer.overload:
             raise ValueError(f"overload names functions it does not measure: {', '.join(sorted(unknown))}")
         self.lines: Counter[str] = Counter()
-        self._port: Port = PtyPort(self, self._talk) if self.on_terminal else TcpPort(self, self._talk)
-
-    async def serve(self, ready: Callable[[str], None]) -> None:
-        """See ``Emulator.serve``."""
-        await self._port.serve(ready)
+        self.port = port_of(self, self._talk)
 
     async def _talk(self, reader: asyncio.StreamReader, writer: Writer) -> None:
         while data := await reader.readline():
-            await self._port.asked()
+            await self.port.asked()
             line = data.decode("ascii", "replace").strip()
             self.lines[line] += 1
             answer = self.analyzer.execute(line, self.elapsed)
@@ -73,7 +66,7 @@ class ScpiAnalyzerEmulator(Emulator):
                 continue
             frame = answer.encode() + b"\n"
             if self.analyzer.data_query in line.upper():
-                await self._port.answer(frame, writer.write, _line)
+                await self.port.answer(frame, writer.write, _line)
             else:
                 writer.write(frame)
 

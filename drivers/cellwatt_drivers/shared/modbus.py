@@ -143,6 +143,17 @@ class Modbus:
         return ProtocolError(f"{self.place}: another answer than asked for: {text}")
 
 
+def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None) -> AsyncModbusTcpClient:
+    """A client for TCP; without ``numbering`` with frames as on a serial line."""
+    from pymodbus import FramerType
+    from pymodbus.client import AsyncModbusTcpClient
+
+    framer, trace = (FramerType.SOCKET, numbering.trace) if numbering else (FramerType.RTU, None)
+    return AsyncModbusTcpClient(
+        host, port=port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=trace
+    )
+
+
 async def connect(client: Client, timeout: float, unreachable: Callable[[], str]) -> None:
     """Connect a client, or close it.
 

@@ -7,8 +7,8 @@ import struct
 from collections.abc import Callable
 from typing import Final
 
-from cellwatt.emulation import Emulator, Port, TcpPort
-from cellwatt.emulation.terminal import PtyPort, Writer
+from cellwatt.emulation import Emulator, Port
+from cellwatt.emulation.terminal import Writer, port_of
 
 _HEAD: Final = struct.Struct(">HHHBB")
 """Transaction, protocol, length of what follows, unit, function."""
@@ -19,41 +19,34 @@ Answer = Callable[[int, int, bytes], bytes | None]
 """From unit, function and body of a request to function and body of the answer; ``None`` where nobody has that unit."""
 
 
-class ModbusServer:
-    """Answers the requests that come to an emulator's address; ``rtu``: frames as on a serial line, also over TCP.
+def modbus_port(emulator: Emulator, answer: Answer, *, rtu: bool = False) -> Port:
+    """Port at an emulator's address where requests are answered; ``rtu``: frames as on a serial line, also over TCP.
 
     In RTU framing only requests for registers are understood; whatever else comes is passed over in silence.
     """
 
-    def __init__(self, emulator: Emulator, answer: Answer, *, rtu: bool = False) -> None:
-        self._answer = answer
-        talk = self._talk_rtu if rtu or emulator.on_terminal else self._talk_tcp
-        self._port: Port = PtyPort(emulator, talk) if emulator.on_terminal else TcpPort(emulator, talk)
-
-    async def serve(self, ready: Callable[[str], None]) -> None:
-        """See ``Emulator.serve``."""
-        await self._port.serve(ready)
-
-    async def _talk_tcp(self, reader: asyncio.StreamReader, writer: Writer) -> None:
+    async def talk_tcp(reader: asyncio.StreamReader, writer: Writer) -> None:
         while True:
             number, protocol, length, unit, function = _HEAD.unpack(await reader.readexactly(_HEAD.size))
             body = await reader.readexactly(max(length - 2, 0))
             if protocol != 0:
                 return  # not Modbus
-            await self._port.asked()
-            if (answer := self._answer(unit, function, body)) is not None:
-                frame = _HEAD.pack(number, 0, 1 + len(answer), unit, answer[0]) + answer[1:]
-                await self._port.answer(frame, writer.write)
+            await port.asked()
+            if (said := answer(unit, function, body)) is not None:
+                await port.answer(_HEAD.pack(number, 0, 1 + len(said), unit, said[0]) + said[1:], writer.write)
 
-    async def _talk_rtu(self, reader: asyncio.StreamReader, writer: Writer) -> None:
+    async def talk_rtu(reader: asyncio.StreamReader, writer: Writer) -> None:
         while True:
             request = await reader.readexactly(_READ)
             while checksum(request[:-2]) != request[-2:]:
                 request = request[1:] + await reader.readexactly(1)
-            await self._port.asked()
-            if (answer := self._answer(request[0], request[1], request[2:-2])) is not None:
-                frame = request[:1] + answer
-                await self._port.answer(frame + checksum(frame), writer.write)
+            await port.asked()
+            if (said := answer(request[0], request[1], request[2:-2])) is not None:
+                frame = request[:1] + said
+                await port.answer(frame + checksum(frame), writer.write)
+
+    port = port_of(emulator, talk_rtu if rtu or emulator.on_terminal else talk_tcp)
+    return port
 
 
 def checksum(frame: bytes) -> bytes:

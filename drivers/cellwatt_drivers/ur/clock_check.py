@@ -14,10 +14,11 @@ from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
 from cellwatt.account import Account
+from cellwatt.batch import Float
 from cellwatt.errors import SourceError
 from cellwatt_drivers.ur import session as rtde
 from cellwatt_drivers.ur.intake import Intake
-from cellwatt_drivers.ur.recipe import Float, Selection
+from cellwatt_drivers.ur.recipe import Selection
 from cellwatt_drivers.ur.wire import TextMessage
 
 FIRST, USUAL = 1.0, 10.0

@@ -111,7 +111,8 @@ class UrDriver(Driver[UrSettings]):
             compare(s.host, s.port, fastest, s.timeout, inlet.now, inlet.account, self._intake)
         )
         try:
-            await rtde.stream(session, version, self._selection, rate, self._intake, s.timeout)
+            await rtde.begin(session, version, self._selection, rate, self._intake, s.timeout)
+            await rtde.attend(session, self._intake, s.timeout)
         finally:
             comparing.cancel()
             await asyncio.wait({comparing})

@@ -21,8 +21,7 @@ OUTPUTS = 1
 class Place:
     """A listener's place in what the controller makes; it outlives the connection, so that losses are counted.
 
-    ``next`` is the number of the next package, every ``stride``-th is this listener's. A client that asks for nothing
-    but the timestamp compares clocks: its place is not ``counted``.
+    ``next`` is the number of the next package, every ``stride``-th is this listener's.
     """
 
     next: int
@@ -30,7 +29,6 @@ class Place:
     client: EmulatedClient | None
     first: int = 0
     made: bytes = b""
-    counted: bool = True
 
     @property
     def lost(self) -> bool:
@@ -83,6 +81,7 @@ class EmulatedClient(asyncio.Protocol):
         self.place: Place | None = None
         self.listening = True
         self.compares = False
+        """It asks for nothing but the timestamp: what it gets is not counted."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Take the connection, or refuse it while the controller is away."""

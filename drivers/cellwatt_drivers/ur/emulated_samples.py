@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.emulation import RecordedSignals, Signals
 from cellwatt_drivers.ur.fields import FIELDS, Field
 from cellwatt_drivers.ur.wire import ELEMENTS, Kind
 
-Float = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 PUNCTUAL = 1e-3
@@ -72,10 +72,6 @@ class Cycles:
         """Return how many samples have been made after ``elapsed`` s."""
         return int(elapsed * self._hertz + PUNCTUAL) + 1
 
-    def when(self, number: int) -> float:
-        """Return when a sample is made, s."""
-        return number / self._hertz
-
     def stamps(self, numbers: Numbers) -> Float:
         """Return the controller time (n,) s of samples."""
         return np.asarray(BOOTED + numbers / self._hertz)
@@ -112,11 +108,6 @@ class Rows:
             beyond = 0 if self.end is not None else int((elapsed - self._offsets[-1]) / self._step)
             return self._rows + beyond
         return int(self._offsets.searchsorted(elapsed, side="right"))
-
-    def when(self, number: int) -> float:
-        """See ``Cycles``."""
-        lap, row, more = self._place(np.array([number]))
-        return float(lap[0] * self._lap + self._offsets[row[0]] + more[0] * self._step)
 
     def stamps(self, numbers: Numbers) -> Float:
         """See ``Cycles``."""

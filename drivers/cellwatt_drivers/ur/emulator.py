@@ -6,13 +6,13 @@ import asyncio
 import math
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import NoReturn
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Fault, Options, RecordedSignals
+from cellwatt.emulation import Emulator, Injector, Options, RecordedSignals
 from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
@@ -26,6 +26,8 @@ AHEAD = 0.05
 UNREAD = 10.0
 """Seconds of packages a client may leave unread before the controller closes, as a real one does."""
 AT_END = ("pause", "hold")
+LOOKS = 500.0
+"""Hz at which it is looked which rows of a recording are due."""
 
 
 class UrEmulator(Emulator):
@@ -52,7 +54,6 @@ class UrEmulator(Emulator):
 
     title = "Universal Robots controller (RTDE)"
     usual_address = "127.0.0.1:30004"
-    usual_port = 30004
     faults = ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump")
     changes = MappingProxyType({"reboot": "seconds", "message": "text"})
 
@@ -70,18 +71,12 @@ class UrEmulator(Emulator):
         self._began = 0.0  # monotonic time of the samples' start
         self._shift = 0.0  # of the timestamps, s
         self._down_until = 0.0
-        self._wake = asyncio.Event()
 
     @property
     def counts(self) -> Mapping[str, int]:
         """See ``Emulator`` and the class."""
         self.advance()
         return super().counts
-
-    def inject(self, fault: Fault) -> None:
-        """See ``Emulator``."""
-        super().inject(fault)
-        self._wake.set()
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
         """See ``Emulator.disturb``: packages made ahead are no longer true."""
@@ -101,58 +96,29 @@ class UrEmulator(Emulator):
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator``."""
         server = await asyncio.get_running_loop().create_server(lambda: EmulatedClient(self), *self._place)
+        rate = cycle_rate(self.version) if self._rows is None else LOOKS
         try:
             host, port = server.sockets[0].getsockname()[:2]
-            if self._rows is None:
-                await self._cycle(lambda: ready(f"{host}:{port}"))
-            if self._start == "epoch":
-                self._begin(self.elapsed)
-            ready(f"{host}:{port}")
-            while True:
-                self.advance()
-                await self._pause()
+            async with Ticker(rate) as ticker:
+                first = await anext(ticker)
+                if self._rows is None:
+                    late = (time.monotonic_ns() - first.deadline) / 1e9
+                    self._began = first.deadline / 1e9
+                    self._samples = Cycles(self.signals, rate, time.time() - late - self.epoch)
+                elif self._start == "epoch":
+                    self._begin(self.elapsed)
+                ready(f"{host}:{port}")
+                async for _ in ticker:
+                    self.advance()
         finally:
             server.close()
             for client in list(self.clients):
                 client.abort()
 
-    async def _cycle(self, ready: Callable[[], None]) -> NoReturn:
-        """Run the controller's own loop."""
-        rate = cycle_rate(self.version)
-        async with Ticker(rate) as ticker:
-            async for beat in ticker:
-                if self._samples is None:
-                    late = (time.monotonic_ns() - beat.deadline) / 1e9
-                    self._began = beat.deadline / 1e9
-                    self._samples = Cycles(self.signals, rate, time.time() - late - self.epoch)
-                    ready()
-                self.advance()
-        raise AssertionError("a ticker has no end")
-
     def _begin(self, elapsed: float) -> None:
         """Start the recording, elapsed s ago."""
         self._began = time.monotonic() - elapsed
         self._samples = self._rows
-
-    async def _pause(self) -> None:
-        """Sleep until the next row, or the end of a client's hold, or a change."""
-        self._wake.clear()
-        deadlines = [c.held_until for c in self.clients if c.held_until]
-        if self._samples is not None:
-            places = [p for p in self._places if not p.lost and not self._ended(p)]
-            deadlines += [self._began + self._samples.when(p.next) for p in places]
-        delay = min(deadlines) - time.monotonic() if deadlines else None
-        if delay is None or delay > 0:
-            waiting = asyncio.get_running_loop().call_later(delay, self._wake.set) if delay is not None else None
-            await self._wake.wait()
-            if waiting is not None:
-                waiting.cancel()
-        else:
-            await asyncio.sleep(0)
-
-    def _ended(self, place: Place) -> bool:
-        end = self._samples.end if self._samples else None
-        return end is not None and place.next >= end
 
     def start(self, client: EmulatedClient) -> None:
         """A client wants its packages from now on; it takes the place that one before it lost."""
@@ -164,7 +130,7 @@ class UrEmulator(Emulator):
         stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
         place = None if client.compares else next((p for p in self._places if p.lost), None)
         if place is None:
-            place = Place(0, stride, client, counted=not client.compares)
+            place = Place(0, stride, client)
             self._places.append(place)
         if place.client is not None:
             place.client.place = None
@@ -173,7 +139,6 @@ class UrEmulator(Emulator):
         start = 0 if begins else max(self._samples.due(now - self._began), place.next)
         place.next = -(-start // stride) * stride
         client.place = place
-        self._wake.set()
 
     def stop(self, client: EmulatedClient) -> None:
         """A client wants no more packages."""
@@ -189,7 +154,7 @@ class UrEmulator(Emulator):
         place, client.place = client.place, None
         if place is not None:
             place.client = None
-            if not place.counted:
+            if client.compares:
                 self._places.remove(place)
 
     @property
@@ -230,10 +195,7 @@ class UrEmulator(Emulator):
         if self._samples.end is not None:
             due = min(due, self._samples.end)
         for place in list(self._places):
-            if place.counted:
-                self._serve(place, due, now)
-            elif place.client is not None:
-                self._show(place, place.client, due)
+            self._serve(place, due, now)
 
     def _strike_once(self, now: float) -> None:
         if fault := self.injector.once("clock_jump"):
@@ -247,42 +209,36 @@ class UrEmulator(Emulator):
             self._leave_all(fault.seconds)
 
     def _serve(self, place: Place, due: int, now: float) -> None:
-        """Make and send what is due in one place, all in one write."""
+        """Make and send what is due in one place, all in one write; nothing strikes a client that compares clocks."""
         ready: list[bytes] = []
         client = place.client
+        apart = client is not None and client.compares
+        tally, strikes = (Counter[str](), Injector().strikes) if apart else (self.tally, self.injector.strikes)
         while place.next < due and client is not None and client.listening:
             number = place.next
             place.next += place.stride
-            self.tally["made"] += 1
-            if self.injector.strikes("loss", now):
+            tally["made"] += 1
+            if strikes("loss", now):
                 continue
             package = self._package(place, number, client.encoder)
-            if fault := self.injector.strikes("delay", now):
+            if fault := strikes("delay", now):
                 self._send(client, ready)
                 client.hold(now + fault.seconds)
-            if self.injector.strikes("half_frame", now):
+            if strikes("half_frame", now):
                 self._send(client, ready)
                 client.put(package[: len(package) // 2])
                 client.end()
-            elif self.injector.strikes("garbage", now):
+            elif strikes("garbage", now):
                 self._send(client, ready)
                 client.put(self._garbage(package))
                 client.listening = False
             else:
                 ready.append(package)
         unheard = max(0, -(-(due - place.next) // place.stride))
-        self.tally["made"] += unheard
+        tally["made"] += unheard
         place.next += unheard * place.stride
         if client is not None:
             self._send(client, ready)
-
-    def _show(self, place: Place, client: EmulatedClient, due: int) -> None:
-        """Send what is due to a client that compares clocks."""
-        ready = []
-        while place.next < due:
-            ready.append(self._package(place, place.next, client.encoder))
-            place.next += place.stride
-        self._send(client, ready)
 
     def _send(self, client: EmulatedClient, packages: list[bytes]) -> None:
         written = client.put(b"".join(packages), len(packages))

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.channel import Channel
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur.fields import FIELDS, Field
 from cellwatt_drivers.ur.wire import ELEMENTS, Package
-
-Float = NDArray[np.float64]
 
 BUS_POWER = Channel("bus.power", "W")
 """Voltage × current of the arm's 48 V bus, multiplied packet by packet."""
@@ -85,15 +83,6 @@ def _lookup(name: str) -> tuple[Field, Sequence[int]]:
     raise ValueError(f"no RTDE field or channel {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
 
 
-@dataclass(frozen=True, slots=True)
-class _Copy:
-    """Elements ``source`` of a segment go to columns ``target``."""
-
-    segment: str
-    source: slice | list[int]
-    target: slice
-
-
 class Decoder:
     """Turns runs of data packages into columns: many packages at once, neighbouring fields of a type as one block.
 
@@ -108,7 +97,8 @@ class Decoder:
             raise ProtocolError(f"the controller declares {', '.join(types)} for {', '.join(selection.names)}")
         places = self._lay_out(types)
         self.package = Package(recipe, self._dtype.itemsize)
-        self._copies: list[_Copy] = []
+        self._copies: list[tuple[str, slice | list[int], slice]] = []
+        """Segment, its elements, and the columns to which they go."""
         self._scales: list[tuple[slice, float]] = []
         at = 0
         for field, picks, (segment, start) in zip(selection.fields, selection.picks, places[1:], strict=True):
@@ -141,23 +131,23 @@ class Decoder:
         if not source:
             return
         if source != list(range(source[0], source[0] + len(source))):
-            self._copies.append(_Copy(segment, source, target))
+            self._copies.append((segment, source, target))
             return
         whole = slice(source[0], source[-1] + 1)
-        last = self._copies[-1] if self._copies else None
-        if last and last.segment == segment and isinstance(last.source, slice) and last.source.stop == whole.start:
-            whole = slice(last.source.start, whole.stop)
-            target = slice(last.target.start, target.stop)
+        before, last, columns = self._copies[-1] if self._copies else ("", [], target)
+        if before == segment and isinstance(last, slice) and last.stop == whole.start:
+            whole = slice(last.start, whole.stop)
+            target = slice(columns.start, target.stop)
             self._copies.pop()
-        self._copies.append(_Copy(segment, whole, target))
+        self._copies.append((segment, whole, target))
 
     def decode(self, data: memoryview, count: int) -> tuple[Float, Float]:
         """Controller time (count,) s and values (count, channels) in SI units, both copies."""
         packages = np.frombuffer(data, self._dtype, count)
         time = packages["s0"][:, 0].astype(np.float64)
         values = np.empty((count, self.columns))
-        for copy in self._copies:
-            values[:, copy.target] = packages[copy.segment][:, copy.source]
+        for segment, source, target in self._copies:
+            values[:, target] = packages[segment][:, source]
         for target, scale in self._scales:
             values[:, target] *= scale
         if self._factors:

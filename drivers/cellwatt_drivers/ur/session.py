@@ -9,11 +9,12 @@ from contextlib import asynccontextmanager
 from typing import NoReturn, Protocol
 
 from cellwatt.account import Account
+from cellwatt.batch import Float
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError, why
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.intake import Intake
-from cellwatt_drivers.ur.recipe import Decoder, Float, Selection
+from cellwatt_drivers.ur.recipe import Decoder, Selection
 from cellwatt_drivers.ur.transport import GatheringTransport
 from cellwatt_drivers.ur.wire import ControllerVersion, Kind, TextMessage
 
@@ -143,18 +144,26 @@ class Session:
             self._answer.set_result(frame.payload)
         self._answer = None
 
-    async def ask(self, question: bytes) -> bytes:
-        """Send a question and wait for its answer's payload; one at a time. Raises ``SourceError``."""
+    async def ask(self, question: bytes, timeout: float) -> bytes:
+        """Send a question; its answer's payload, within timeout s. One at a time. Raises ``SourceError``."""
         if self.closed.done():
             self.closed.result()
         if self._asked is not None or self._transport is None:
             raise ConnectError(f"{self.where}: not connected")
         answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
-        self._asked, self._answer = Kind(question[2]), answer
+        kind = self._asked = Kind(question[2])
+        self._answer = answer
         if question == wire.START:
             self._not_before = self._now()  # nothing is made for a connection before it asks for it
         self._transport.write(question)
-        return await answer
+        try:
+            async with asyncio.timeout(timeout):
+                return await answer
+        except TimeoutError as error:
+            asked = kind.name.lower().replace("_", " ")
+            raise ConnectError(
+                f"{self.where}: connected, but RTDE does not answer within {timeout:g} s ({asked})"
+            ) from error
 
     def _fail(self, error: SourceError) -> None:
         for waiting in (self._answer, self.closed):
@@ -237,33 +246,12 @@ async def _socket(host: str, port: int) -> socket.socket:
 
 async def _greet(session: Session, timeout: float) -> ControllerVersion:
     try:
-        async with asyncio.timeout(timeout):
-            accepted = wire.parse_accept(await session.ask(wire.ASK_PROTOCOL))
+        accepted = wire.parse_accept(await session.ask(wire.ASK_PROTOCOL, timeout))
     except ProtocolError as error:
         raise WrongDeviceError(f"{error}; the port belongs to something that is not RTDE") from error
-    except TimeoutError as error:
-        raise ConnectError(f"{session.where}: connected, but RTDE does not answer within {timeout:g} s") from error
     if not accepted:
         raise DeviceError(f"{session.where}: the controller refuses RTDE protocol version 2; update PolyScope")
-    return wire.parse_controller(await within(session, wire.ASK_CONTROLLER, timeout))
-
-
-async def within(session: Session, question: bytes, timeout: float) -> bytes:
-    """The answer's payload. Raises ``ConnectError`` where it takes longer than timeout s."""
-    try:
-        async with asyncio.timeout(timeout):
-            return await session.ask(question)
-    except TimeoutError as error:
-        kind = Kind(question[2]).name.lower().replace("_", " ")
-        raise ConnectError(f"{session.where}: no answer to {kind} within {timeout:g} s") from error
-
-
-async def stream(
-    session: Session, version: ControllerVersion, selection: Selection, rate: float, intake: Intake, timeout: float
-) -> NoReturn:
-    """Set the recipe up, start it, and feed the intake until the connection is gone (``SourceError``)."""
-    await begin(session, version, selection, rate, intake, timeout)
-    await _attend(session, intake, timeout)
+    return wire.parse_controller(await session.ask(wire.ASK_CONTROLLER, timeout))
 
 
 async def begin(
@@ -271,7 +259,7 @@ async def begin(
 ) -> None:
     """Set the recipe up and start it. Raises ``SourceError``."""
     question = wire.ask_outputs(rate, selection.names)
-    recipe, types = wire.parse_recipe(await within(session, question, timeout))
+    recipe, types = wire.parse_recipe(await session.ask(question, timeout))
     unknown = [n for n, t in zip(selection.names, types, strict=False) if t == wire.NOT_FOUND]
     if unknown:
         wanted = ", ".join(f"{n} (needs {FIELDS[n].needs})" for n in unknown)
@@ -281,12 +269,12 @@ async def begin(
     except ProtocolError as error:
         raise ProtocolError(f"{session.where}: {error}") from error
     session.intake = intake
-    if not wire.parse_accept(await within(session, wire.START, timeout)):
+    if not wire.parse_accept(await session.ask(wire.START, timeout)):
         raise DeviceError(f"{session.where}: the controller refuses to start sending")
 
 
-async def _attend(session: Session, intake: Intake, timeout: float) -> NoReturn:
-    """Watch for silence."""
+async def attend(session: Session, intake: Intake, timeout: float) -> NoReturn:
+    """Watch for silence until the connection is gone (``SourceError``)."""
     while True:
         await asyncio.wait({session.closed}, timeout=TICK)
         if session.closed.done():

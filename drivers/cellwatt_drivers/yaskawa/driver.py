@@ -8,10 +8,9 @@ from contextlib import AbstractAsyncContextManager
 from typing import Annotated, ClassVar, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from cellwatt.batch import Reading
+from cellwatt.batch import Float, Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
@@ -22,14 +21,11 @@ from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.polling import deliver
 from cellwatt_drivers.yaskawa import payload, polls, wire
 from cellwatt_drivers.yaskawa.greeting import greet
-from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, TakeLate, open_link
-from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
+from cellwatt_drivers.yaskawa.link import Exchange, Link, TakeLate, UnansweredError, open_link
 from cellwatt_drivers.yaskawa.polls import Poll
-from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, status_row
-from cellwatt_drivers.yaskawa.torque_watch import TorqueWatch
+from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, TorqueWatch
 
 T = TypeVar("T")
-Float = NDArray[np.float64]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Read = Literal["position", "torque", "cartesian", "status", "alarm"]
 
@@ -125,7 +121,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._slot = 0
         self._slots = Slots(self._rate, self._miss_slots)
         self._heard = 0
-        self._failure: NoAnswerError | None = None
+        self._failure: UnansweredError | None = None
         self._newest: dict[str, int] = {}
         """Twice the middle of the newest answer given, ns, by stream."""
 
@@ -184,7 +180,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
         try:
             exchange, values = await self._ask(link, poll.request, poll.values, until, late)
-        except NoAnswerError as failure:
+        except UnansweredError as failure:
             self._miss(failure)
             missed = failure.reason == "timeout"
         else:
@@ -195,21 +191,21 @@ class YaskawaDriver(Driver[YaskawaSettings]):
     async def _serve_state(self, link: Link, stream: Stream, until: int) -> None:
         try:
             exchange, status = await self._ask(link, _STATUS, payload.decode_status, until)
-        except NoAnswerError as failure:
+        except UnansweredError as failure:
             self._miss(failure)
             return
-        values = status_row(status)
+        values = np.array([*status.values()], dtype=np.float64)
         if "alarm" in self.settings.read:
             values = np.append(values, await self._alarm_code(link, status, until))
         self._emit(stream, exchange, values)
 
-    async def _alarm_code(self, link: Link, status: payload.Status, until: int) -> float:
+    async def _alarm_code(self, link: Link, status: dict[str, bool], until: int) -> float:
         """Code of the latest alarm, 0 without one, NaN where it could not be read; reports what is new."""
         alarm = payload.Alarm(0)
-        if status.alarming:
+        if status["alarm"] or status["error"]:
             try:
                 _, alarm = await self._ask(link, _ALARM, payload.decode_alarm, until)
-            except NoAnswerError as failure:
+            except UnansweredError as failure:
                 self._note(failure)
                 return float("nan")
         self._alarms.see(alarm)
@@ -228,7 +224,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             found = decode(exchange.answer.data)
         except ProtocolError as error:
             link.count_malformed()
-            raise NoAnswerError("malformed", str(error)) from error
+            raise UnansweredError("malformed", str(error)) from error
         self._heard = time.monotonic_ns()
         return exchange, found
 
@@ -255,11 +251,11 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             Reading(poll.stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked, quality=quality)
         )
 
-    def _miss(self, failure: NoAnswerError) -> None:
+    def _miss(self, failure: UnansweredError) -> None:
         self.inlet.account.lose(1, failure.reason)
         self._note(failure)
 
-    def _note(self, failure: NoAnswerError) -> None:
+    def _note(self, failure: UnansweredError) -> None:
         if failure.reason == "device error" and str(failure) != str(self._failure):
             self.inlet.event("device_error", f"{self.name}: the controller refuses a read: {failure}")
         self._failure = failure
@@ -277,8 +273,8 @@ def _polls(settings: YaskawaSettings) -> tuple[Poll, ...]:
     found = []
     for name in settings.read:
         if name == "position":
-            motors = MotorAngles.of(settings.pulses_per_degree, settings.coupling, settings.zero)
-            found.append(polls.position(group, rate, motors))
+            angles = polls.motor_angles(settings.pulses_per_degree, settings.coupling, settings.zero)
+            found.append(polls.position(group, rate, n, angles))
         elif name == "torque":
             found.append(polls.torque(group, rate, n, settings.rated_torque, settings.torque_count))
         elif name == "cartesian":

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.emulation import Signals
 from cellwatt.emulation.blocks import Blocks
-from cellwatt.emulation.signals import Float
+from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.yaskawa import payload
 
 PULSES_PER_DEGREE = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
@@ -68,9 +69,7 @@ class EmulatedRobot:
 
         def table(names: Sequence[str], scale: NDArray[np.float64]) -> Counts:
             counts = np.zeros((len(t), self._answer_axes), np.int32)
-            for column, name in enumerate(names):
-                if name in values:
-                    counts[:, column] = np.rint(values[name] * scale[column]).astype(np.int32)
+            counts[:, : len(names)] = np.rint(table_of(values, names, len(t)) * scale)
             return counts
 
         joints = [f"joint_{joint}" for joint in range(1, self.axes + 1)]

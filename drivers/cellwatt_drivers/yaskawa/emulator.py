@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from cellwatt.emulation import Datagrams, Emulator, Options
 from cellwatt.emulation.datagrams import Address
-from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.port import host_and_port
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
@@ -45,10 +45,7 @@ class YaskawaEmulator(Emulator):
 
     title: ClassVar[str] = "Yaskawa controller (High-Speed Ethernet Server)"
     usual_address: ClassVar[str] = f"127.0.0.1:{wire.PORT}"
-    usual_port = wire.PORT
-    faults: ClassVar[tuple[FaultKind, ...]] = (
-        "delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect",
-    )  # fmt: skip
+    faults = tuple(kind for kind in FAULT_KINDS if kind != "clock_jump")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
@@ -131,9 +128,8 @@ class YaskawaEmulator(Emulator):
         return None if names is None else payload.encode_axis_names(names)
 
     def _status(self) -> bytes:
-        mode = payload.Mode.AUTOMATIC | payload.Mode.RUNNING | payload.Mode.PLAY | payload.Mode.REMOTE
-        state = payload.State.SERVO_ON | (payload.State.ALARM if self.alarm.code else payload.State(0))
-        return payload.encode_status(payload.Status(mode, state))
+        alarm = ("alarm",) if self.alarm.code else ()
+        return payload.encode_status("automatic", "running", "play", "remote", "servo_on", *alarm)
 
     def _torque(self) -> bytes:
         return payload.encode_axes(self.robot.torques(self.elapsed))

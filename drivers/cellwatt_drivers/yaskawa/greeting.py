@@ -8,7 +8,7 @@ from typing import TypeVar
 from cellwatt.driver import Identity
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.yaskawa import payload, wire
-from cellwatt_drivers.yaskawa.link import Link, NoAnswerError
+from cellwatt_drivers.yaskawa.link import Link, UnansweredError
 
 T = TypeVar("T")
 
@@ -32,7 +32,7 @@ async def greet(link: Link, group: int, axes: int, reads: Mapping[str, wire.Requ
     for name, request in reads.items():
         try:
             await link.ask(request, _RETRIES)
-        except NoAnswerError as failure:
+        except UnansweredError as failure:
             raise _refusal(link, name, failure) from failure
     notes = {"axes": " ".join(names), "parameters": system.parameters}
     return Identity(
@@ -46,19 +46,19 @@ async def _optional(link: Link, request: wire.Request, decode: Callable[[bytes],
         return decode((await link.ask(request, _RETRIES)).answer.data)
     except ProtocolError:
         link.count_malformed()
-    except NoAnswerError as failure:
+    except UnansweredError as failure:
         if failure.reason not in {"device error", "busy"}:
             raise _silent(link, failure) from failure
     return None
 
 
-def _refusal(link: Link, name: str, failure: NoAnswerError) -> Exception:
+def _refusal(link: Link, name: str, failure: UnansweredError) -> Exception:
     if failure.reason != "device error":
         return _silent(link, failure)
     return DeviceError(f"{link.place} refuses to give {name}: {failure}; take it out of 'read' or check control_group")
 
 
-def _silent(link: Link, failure: NoAnswerError) -> Exception:
+def _silent(link: Link, failure: UnansweredError) -> Exception:
     if link.malformed:
         return WrongDeviceError(f"{link.place} answers, but not with High-Speed Ethernet Server frames; {_HINT}")
     return ConnectError(f"nobody answers at UDP {link.place} ({failure}); {_HINT}")

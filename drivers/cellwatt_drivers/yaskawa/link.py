@@ -29,7 +29,7 @@ Reason = Literal["timeout", "refused", "unreachable", "busy", "malformed", "devi
 """Why a poll gave nothing, as counted in the account."""
 
 
-class NoAnswerError(Exception):
+class UnansweredError(Exception):
     """A request got no usable answer; ``reason`` as counted."""
 
     def __init__(self, reason: Reason, text: str) -> None:
@@ -113,13 +113,13 @@ class Link:
         """The good answer to a request.
 
         Asks again after a time-out or where the controller is busy, at most ``retries`` times and not once the
-        monotonic clock (ns) has passed ``until``. Raises ``NoAnswerError`` with the last reason. What answers a
+        monotonic clock (ns) has passed ``until``. Raises ``UnansweredError`` with the last reason. What answers a
         request after its time-out goes to ``late``.
         """
         for left in range(retries, -1, -1):
             try:
                 return await self._ask_once(request, late)
-            except NoAnswerError as failure:
+            except UnansweredError as failure:
                 if left == 0 or failure.reason not in {"timeout", "busy"}:
                     raise
                 if failure.reason == "busy":
@@ -147,7 +147,7 @@ class Link:
         self._answered[number] = answer
         if answer.status:
             self._inlet.account.count("busy answers" if answer.busy else "device errors")
-            raise NoAnswerError("busy" if answer.busy else "device error", answer.text)
+            raise UnansweredError("busy" if answer.busy else "device error", answer.text)
         return Exchange(answer, asked, max(asked, arrival))
 
     def readable(self) -> None:
@@ -228,13 +228,13 @@ class Link:
 
     def _expire(self) -> None:
         self._inlet.account.count("timeouts")
-        self._fail(NoAnswerError("timeout", f"no answer within {self._timeout * 1e3:g} ms"))
+        self._fail(UnansweredError("timeout", f"no answer within {self._timeout * 1e3:g} ms"))
 
     def _fail_socket(self, error: OSError) -> None:
         reason: Reason = "refused" if isinstance(error, ConnectionRefusedError) else "unreachable"
         self._inlet.account.count(reason)
-        self._fail(NoAnswerError(reason, error.strerror or str(error)))
+        self._fail(UnansweredError(reason, error.strerror or str(error)))
 
-    def _fail(self, failure: NoAnswerError) -> None:
+    def _fail(self, failure: UnansweredError) -> None:
         if self._waiting is not None and not self._waiting.done():
             self._waiting.set_exception(failure)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntFlag
+from typing import Final
 
 from cellwatt.errors import ProtocolError
 
@@ -20,57 +21,21 @@ DEGREES = 1e-4
 _KIND = struct.Struct("<i")
 _POSITION_HEAD = 20  # kind, figure, tool, user frame, extended figure
 _AXES = {4 * n: struct.Struct(f"<{n}i") for n in (6, 7, 8)}
-_STATUS = struct.Struct("<2I")
+_STATUS = struct.Struct("<Q")
 _ALARM = struct.Struct("<3I16s32s")
 _SYSTEM = struct.Struct("<24s16s8s")
 _NAME_SIZE = 4
 _AXIS_SLOTS = 8
 
 
-class Mode(IntFlag):
-    """First word of the status; bits not listed are ignored."""
-
-    STEP = 1
-    ONE_CYCLE = 2
-    AUTOMATIC = 4
-    RUNNING = 8
-    SPEED_LIMITED = 16
-    TEACH = 32
-    PLAY = 64
-    REMOTE = 128
-
-
-class State(IntFlag):
-    """Second word of the status; bits not listed are ignored."""
-
-    HOLD_PENDANT = 2
-    HOLD_EXTERNAL = 4
-    HOLD_COMMAND = 8
-    ALARM = 16
-    ERROR = 32
-    SERVO_ON = 64
-
-
-_MODE_BITS = 0xFF
-_STATE_BITS = 0x7E
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
-    """Answer to 0x72."""
-
-    mode: Mode
-    state: State
-
-    @property
-    def hold(self) -> bool:
-        """Held by pendant, externally or by command."""
-        return bool(self.state & (State.HOLD_PENDANT | State.HOLD_EXTERNAL | State.HOLD_COMMAND))
-
-    @property
-    def alarming(self) -> bool:
-        """An alarm or an error is active."""
-        return bool(self.state & (State.ALARM | State.ERROR))
+_MODE, _STATE = 1, 1 << 32
+STATUS_BITS: Final[Mapping[str, int]] = {
+    "running": 8 * _MODE, "servo_on": 64 * _STATE, "hold": 14 * _STATE, "alarm": 16 * _STATE, "error": 32 * _STATE,
+    "remote": 128 * _MODE, "play": 64 * _MODE, "teach": 32 * _MODE, "automatic": 4 * _MODE, "one_cycle": 2 * _MODE,
+    "step": 1 * _MODE, "speed_limited": 16 * _MODE,
+}  # fmt: skip
+"""Bits of the status, whose two words are one number here; others are ignored. Held: by pendant, externally or by
+command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,15 +58,15 @@ class System:
     parameters: str
 
 
-def decode_status(data: bytes) -> Status:
-    """Decode a status. Raises ``ProtocolError`` unless there are two words."""
-    mode, state = _STATUS.unpack(_sized(data, _STATUS, "status"))
-    return Status(Mode(mode & _MODE_BITS), State(state & _STATE_BITS))
+def decode_status(data: bytes) -> dict[str, bool]:
+    """What of ``STATUS_BITS`` is set. Raises ``ProtocolError`` unless there are two words."""
+    (word,) = _STATUS.unpack(_sized(data, _STATUS, "status"))
+    return {name: bool(word & bits) for name, bits in STATUS_BITS.items()}
 
 
-def encode_status(status: Status) -> bytes:
-    """The 8 bytes of a status."""
-    return _STATUS.pack(status.mode, status.state)
+def encode_status(*names: str) -> bytes:
+    """The 8 bytes of a status with these set."""
+    return _STATUS.pack(sum(STATUS_BITS[name] for name in names))
 
 
 def decode_position(data: bytes, kind: int) -> tuple[int, ...]:

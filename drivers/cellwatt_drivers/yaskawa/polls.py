@@ -7,14 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.channel import Channel, Stream
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
-from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
-
-Float = NDArray[np.float64]
 
 _CARTESIAN_INSTANCE = 100
 _POSE_UNITS = np.array([payload.METRES] * 3 + [math.radians(payload.DEGREES)] * 3)
@@ -33,12 +30,23 @@ class Poll:
     values: Callable[[bytes], Float]
 
 
-def position(group: int, rate: float, motors: MotorAngles) -> Poll:
+def motor_angles(
+    pulses_per_degree: Sequence[float],
+    coupling: Sequence[Sequence[float]] | None = None,
+    zero: Sequence[float] | None = None,
+) -> Callable[[Sequence[int]], Float]:
+    """Joint angles (n,) rad of n pulses: coupling · (pulses × rad per pulse) + zero, in rad at pulse 0."""
+    pulse = math.radians(1.0) / np.array(pulses_per_degree, dtype=np.float64)
+    matrix = np.eye(len(pulse)) if coupling is None else np.array(coupling, dtype=np.float64)
+    offset = np.zeros(len(pulse)) if zero is None else np.array(zero, dtype=np.float64)
+    return lambda pulses: matrix @ (np.array(pulses, dtype=np.float64) * pulse) + offset
+
+
+def position(group: int, rate: float, axes: int, angles: Callable[[Sequence[int]], Float]) -> Poll:
     """Joint angles, rad."""
-    axes = len(motors.pulse)
 
     def values(data: bytes) -> Float:
-        return motors.angles(_first(axes, payload.decode_position(data, payload.PULSE)))
+        return angles(_first(axes, payload.decode_position(data, payload.PULSE)))
 
     return Poll(_joints("position", rate, axes, "position", "rad"), wire.Request(wire.POSITION, group), values)
 

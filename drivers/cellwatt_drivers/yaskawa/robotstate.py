@@ -1,52 +1,18 @@
-"""The controller's status and alarm as channels and events."""
+"""The controller's status and alarm as channels and events, and torques that cannot be.
+
+Public sources do not agree on how a controller writes torques.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cellwatt.channel import Channel
 from cellwatt.driver import Inlet
-from cellwatt_drivers.yaskawa.payload import Alarm, Mode, State, Status
+from cellwatt_drivers.yaskawa import payload
 
 ALARM_CODE = Channel("robot.alarm_code", "1", "discrete")
-STATUS_CHANNELS = tuple(
-    Channel(f"robot.{name}", "1", "discrete")
-    for name in (
-        "running",
-        "servo_on",
-        "hold",
-        "alarm",
-        "error",
-        "remote",
-        "play",
-        "teach",
-        "automatic",
-        "one_cycle",
-        "step",
-        "speed_limited",
-    )
-)
-
-
-def status_row(status: Status) -> NDArray[np.float64]:
-    """0 or 1 for each of ``STATUS_CHANNELS``."""
-    mode, state = status.mode, status.state
-    bits = (
-        mode & Mode.RUNNING,
-        state & State.SERVO_ON,
-        status.hold,
-        state & State.ALARM,
-        state & State.ERROR,
-        mode & Mode.REMOTE,
-        mode & Mode.PLAY,
-        mode & Mode.TEACH,
-        mode & Mode.AUTOMATIC,
-        mode & Mode.ONE_CYCLE,
-        mode & Mode.STEP,
-        mode & Mode.SPEED_LIMITED,
-    )
-    return np.array([bool(b) for b in bits], dtype=np.float64)
+STATUS_CHANNELS = tuple(Channel(f"robot.{name}", "1", "discrete") for name in payload.STATUS_BITS)
+LARGEST_SHARE = 10.0
+"""Of the rated torque; no servo gives more for a moment than a few times the rated one."""
 
 
 class AlarmWatch:
@@ -57,7 +23,7 @@ class AlarmWatch:
         self._inlet = inlet
         self._code = 0
 
-    def see(self, alarm: Alarm) -> None:
+    def see(self, alarm: payload.Alarm) -> None:
         """Take what the controller says now; code 0 means no alarm."""
         if alarm.code == self._code:
             return
@@ -68,3 +34,30 @@ class AlarmWatch:
             self._inlet.event("controller_alarm", text, code=float(alarm.code), name=alarm.name)
         else:
             self._inlet.event("controller_alarm_cleared", f"{self._source}: the controller's alarm is gone")
+
+
+class TorqueWatch:
+    """Reports once when torques become implausible; ``count`` is the share of the rated torque of one count.
+
+    What reads the protocol takes answers to 0x77 for whole numbers, Yaskawa's own dissector shows them as floats. A
+    float read as a whole number is beyond everything: 10.0 is 1,092,616,192.
+    """
+
+    def __init__(self, source: str, inlet: Inlet, count: float) -> None:
+        self._source = source
+        self._inlet = inlet
+        self._count = count
+        self._told = False
+
+    def see(self, data: bytes) -> None:
+        """Take the data of an answer that was understood."""
+        counts = payload.decode_axes(data)
+        strange = [n for n, value in enumerate(counts) if abs(value) * self._count > LARGEST_SHARE]
+        if not strange:
+            self._told = False
+        elif not self._told:
+            self._told = True
+            axis = strange[0]
+            text = f"reads {counts[axis]} counts, {counts[axis] * self._count:.3g} times the rated one"
+            hint = "see torque_count; does this controller send floats?"
+            self._inlet.event("implausible_torque", f"{self._source}: torque of joint {axis + 1} {text}: {hint}")

@@ -37,10 +37,8 @@ _STATUS_TEXT = {
     0x1F: "general error",
     0x28: "instance does not exist",
 }
+# Those that a read may get; 0x2100 is how the emulator refuses a write.
 _ADDED_TEXT = {
-    0x2060: "an error or alarm is active",
-    0x2070: "servo is off",
-    0x2080: "wrong mode",
     0x2100: "remote is not set",
     0x2110: "data cannot be accessed",
     0x3370: "wrong control group",
@@ -49,14 +47,8 @@ _ADDED_TEXT = {
     0xA002: "attribute is not defined",
     0xA100: "answer is too large",
     0xA101: "answer is too large",
-    0xB003: "wrong data size",
-    0xB004: "value out of range",
     0xB008: "wrong control group",
     0xE28B: "receive time-out",
-    0xE4A5: "wrong header size",
-    0xE4A6: "wrong identifier",
-    0xE4A7: "size does not match",
-    0xFFFE: "remote mode was detected",
 } | dict.fromkeys(BUSY, "busy")
 
 _IDENTIFIER = b"YERC"

@@ -64,7 +64,7 @@ async def test_duplicates_cut_and_foreign_frames():
         await run.inlet.until(lambda o: o.account.counters["malformed"] >= 5 and o.account.counters["duplicates"] >= 5)
         for kind in ("duplicate", "half_frame"):
             emulator.inject(Fault(kind, probability=0.0))
-        emulator.adapter.write(b"t7FF0\rT000005210\r")
+        emulator.write(b"t7FF0\rT000005210\r")
         seen = run.inlet.account.received
         await run.inlet.until(lambda o: o.account.received >= seen + 10)
     account = run.inlet.account

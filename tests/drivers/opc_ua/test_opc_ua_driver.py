@@ -27,7 +27,7 @@ from .rig import PLC, TAGS, certificate, driver, emulated, running, settings
 BAD_NODES = [
     (
         {"a.x": {"node": "ns=plc;s=Arm.Positoin", "index": 0, "unit": "deg"}},
-        "has no node 'ns=plc;s=Arm.Positoin'; did you mean 'ns=2;s=Arm.Position'? (a.x)",
+        "has no node 'ns=plc;s=Arm.Positoin' (a.x)",
     ),
     ({"a.x": {"node": "ns=plc;s=Arm.Position", "unit": "deg"}}, "is an array of 2: write 'index', from 0"),
     ({"a.x": {"node": "ns=plc;s=Arm.Position", "index": 2, "unit": "deg"}}, "has 2 elements, none with index 2"),

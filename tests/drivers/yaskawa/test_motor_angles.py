@@ -7,24 +7,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
+from cellwatt_drivers.yaskawa.polls import motor_angles
 
 
 def test_pulses_of_an_mh24():
-    angles = MotorAngles.of((1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)).angles(
-        (13414, -26828, 0, 1000, -2000, 622)
-    )
+    angles = motor_angles((1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0))((13414, -26828, 0, 1000, -2000, 622))
     assert np.degrees(angles) == pytest.approx([10.0, -20.0, 0.0, 1.0, -2.0, 1.0], abs=1e-12)
 
 
 def test_coupling_comes_before_zero():
     # The third motor carries the second along: q3 = m3 - m2, and reads 0.1 rad more than the pendant.
-    motors = MotorAngles.of((180.0, 180.0), ((1.0, 0.0), (-1.0, 1.0)), (0.0, 0.1))
-    assert motors.angles((90 * 180, 30 * 180)) == pytest.approx([math.pi / 2, math.pi / 6 - math.pi / 2 + 0.1])
+    angles = motor_angles((180.0, 180.0), ((1.0, 0.0), (-1.0, 1.0)), (0.0, 0.1))
+    assert angles((90 * 180, 30 * 180)) == pytest.approx([math.pi / 2, math.pi / 6 - math.pi / 2 + 0.1])
 
 
 @given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=3, max_size=3))
 def test_without_coupling_each_joint_goes_by_itself(pulses):
     scale = (1341.4, -1000.0, 622.0)
-    found = MotorAngles.of(scale).angles(pulses)
+    found = motor_angles(scale)(pulses)
     assert found == pytest.approx([p / k * math.pi / 180 for p, k in zip(pulses, scale, strict=True)])

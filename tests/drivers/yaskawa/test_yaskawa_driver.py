@@ -9,7 +9,7 @@ import pytest
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
 from cellwatt_drivers.yaskawa.payload import Alarm, encode_axes
-from cellwatt_drivers.yaskawa.torque_watch import TorqueWatch
+from cellwatt_drivers.yaskawa.robotstate import TorqueWatch
 from tests.patience import eventually
 
 from .rig import ANGLES, PULSES, RATED, TORQUES, Inlet, emulated, running, settings

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt.emulation import ArmSignals
-from cellwatt.emulation.signals import Float
 from cellwatt.testing.device import EmulatedDevice
 from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running

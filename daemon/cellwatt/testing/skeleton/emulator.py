@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 
-from cellwatt.emulation import Emulator, Options, TcpPort
+from cellwatt.emulation import Options, PortEmulator, TcpPort
 from cellwatt.testing.skeleton import wire
 
 
-class SkeletonEmulator(Emulator):
+class SkeletonEmulator(PortEmulator):
     """A meter on ``supply.voltage``, ``.current`` and ``.power`` of its signals; listens on TCP.
 
     Faults on answers to ``READ?``: ``loss`` (not sent), ``half_frame`` (cut off), ``garbage`` (a line of random
@@ -23,19 +22,15 @@ class SkeletonEmulator(Emulator):
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
-        self._port = TcpPort(self, self._talk)
-
-    async def serve(self, ready: Callable[[str], None]) -> None:
-        """See ``Emulator.serve``."""
-        await self._port.serve(ready)
+        self.port = TcpPort(self, self._talk)
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while question := await reader.readline():
-            await self._port.asked()
+            await self.port.asked()
             if question == wire.WHO:
                 writer.write(b"METER,0001,1.0\n")
             elif question == wire.READ:
-                await self._port.answer(wire.format_sample(self._sample()), writer.write, _line)
+                await self.port.answer(wire.format_sample(self._sample()), writer.write, _line)
 
     def _sample(self) -> wire.Sample:
         now = self.world()

@@ -18,7 +18,7 @@ from cellwatt.commands import EXIT_FAILED
 from cellwatt.errors import CellwattError, ConfigError, why
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.mismatch.demo.arm import JOINTS, believed, draw, mjcf
-from cellwatt_plugins.mismatch.demo.physics import KINDS, Concealed, by_chance, conceal
+from cellwatt_plugins.mismatch.demo.physics import Concealed, by_chance, conceal, kinds
 from cellwatt_plugins.mismatch.demo.plant import Log, motions, run
 from cellwatt_plugins.mismatch.demo.reveal import Revealed, compared, in_words
 
@@ -32,7 +32,7 @@ COLUMNS = ("qpos", "qvel", "actuator_force")
     "--conceal",
     "wanted",
     multiple=True,
-    type=click.Choice([*KINDS, NOTHING]),
+    type=click.Choice([*kinds(), NOTHING]),
     help="What to conceal, once for each; one or two by chance if left out.",
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Number from which the arm and the rest is drawn.")

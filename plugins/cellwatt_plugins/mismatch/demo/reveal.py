@@ -37,8 +37,10 @@ class Revealed:
     @property
     def exact(self) -> bool:
         """True if each number of what is named is within ``FAR``."""
-        named = [(a.finding, a.concealed.numbers) for a in self.answers if a.finding]
-        return all(_off(finding, name, n) <= FAR for finding, numbers in named for name, (n, _) in numbers.items())
+        known = [
+            (a.finding, name, n) for a in self.answers if a.finding for name, (n, _) in a.concealed.numbers.items()
+        ]
+        return all(_off(finding, name, number) <= FAR for finding, name, number in known)
 
     def as_json(self) -> dict[str, Any]:
         """The truth beside the answer, JSON-ready."""

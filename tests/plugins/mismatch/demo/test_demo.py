@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from cellwatt.commands import cli
 from cellwatt_plugins.mismatch.demo.arm import JOINTS, believed, draw, mjcf
-from cellwatt_plugins.mismatch.demo.physics import KINDS, Concealed, conceal
+from cellwatt_plugins.mismatch.demo.physics import Concealed, conceal, kinds
 from cellwatt_plugins.mismatch.demo.plant import Motion, run
 from cellwatt_plugins.mismatch.demo.reveal import compared
 from cellwatt_plugins.robot.effects import BY_NAME
@@ -39,9 +39,8 @@ def torque(tmp_path, kind: str | None, moving: int | None = None) -> tuple[np.nd
 
 def test_a_concealed_payload_weighs_on_the_shoulder(tmp_path) -> None:
     (without, _), (loaded, [payload]) = torque(tmp_path, None, 1), torque(tmp_path, "payload", 1)
-    lean = LEANING[1] - 0.25 * CREEP
-    lever = (0.5 + 0.4 + payload.hidden["reach"]) * np.sin(lean) + payload.hidden["aside"] * np.cos(lean)
-    weight = payload.numbers["mass"][0] * 9.81 * lever
+    reach = (0.5 + 0.4 + payload.hidden["reach"]) * np.sin(LEANING[1] - 0.25 * CREEP)
+    weight = payload.numbers["mass"][0] * 9.81 * reach
     assert without[1] - loaded[1] == pytest.approx(weight, rel=0.05)
     assert abs(loaded[0] - without[0]) < 0.5
 
@@ -53,7 +52,7 @@ def test_concealed_friction_is_felt_by_the_motor(tmp_path) -> None:
     assert rubbing[joint] - plain[joint] == pytest.approx(concealed.hidden["more"], rel=0.1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", kinds())
 def test_each_kind_has_the_name_that_explain_has_for_it(kind: str) -> None:
     rng = np.random.default_rng(1)
     [concealed] = conceal([kind], rng, draw(rng))

@@ -11,7 +11,7 @@ from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.intake import Intake
 from cellwatt_drivers.abb.messages import MESSAGES
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.target import Target
 
 COLUMNS = wire.columns(get_args(wire.Group), 6, ("rotary", "linear"))

@@ -13,7 +13,7 @@ from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Decoder, Selection
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.target import Target
 
 SELECTION = Selection.of(["robot_mode", "payload", "bus.power"])

@@ -13,7 +13,7 @@ from cellwatt.channel import Stream
 from cellwatt_drivers.franka import fci
 from cellwatt_drivers.franka.fields import Group, Selection
 from cellwatt_drivers.franka.intake import Intake
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.target import Target
 
 SELECTION = Selection.of(["state"])

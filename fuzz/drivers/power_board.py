@@ -10,12 +10,10 @@ import numpy as np
 
 from cellwatt_drivers.power_board import payload, wire
 from cellwatt_drivers.power_board.board import Board, board_stream
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.target import Target
 
 PACKET = payload.Packet(1, 65535, 4_294_967_000, 8130, 1, (23000, 1500, 34500, 23001, 1501, -34501))
-LARGEST_WAITING = 700
-"""Bytes that a decoder may hold back: two of the longest escaped frames."""
 
 
 def run(data: bytes) -> None:

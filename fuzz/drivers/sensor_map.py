@@ -9,7 +9,7 @@ from cellwatt.errors import ConfigError
 from cellwatt_drivers import can_sensor
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.sensor_map import load_decodings
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.target import Target, folder
 
 BETWEEN = b"\n%%%%\n"

@@ -14,7 +14,7 @@ from can import Message
 from cellwatt_drivers.can_sensor.bus_errors import decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
-from fuzz.inlet import CheckingInlet
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.target import Target
 
 _HEAD = struct.Struct(">HBB")

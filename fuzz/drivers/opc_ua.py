@@ -19,15 +19,15 @@ from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.conditions import USER, Conditions
 from cellwatt_drivers.opc_ua import messages
 from cellwatt_drivers.opc_ua.intake import Intake
-from cellwatt_drivers.opc_ua.nodes import Source
-from fuzz.inlet import CheckingInlet
+from cellwatt_drivers.opc_ua.nodes import TagPlace
+from fuzz.drivers.inlet import CheckingInlet
 from fuzz.items import SESSION
 from fuzz.target import Target
 
 STREAM: Final = Stream("tags", (Channel("speed", "rad/s"), Channel("torque", "Nm")), 10.0, "device")
 SOURCES: Final = {
-    0: [Source(0, ua.NodeId(1), (), 1.0, 0.0)],
-    1: [Source(1, ua.NodeId(2), (1,), 0.001, 273.15)],
+    0: [TagPlace(0, ua.NodeId(1), (), 1.0, 0.0)],
+    1: [TagPlace(1, ua.NodeId(2), (1,), 0.001, 273.15)],
 }
 EVENT: Final = b"event"
 NOTICE: Final = b"N"

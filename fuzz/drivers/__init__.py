@@ -1,0 +1,1 @@
+"""Targets that read what devices send: see docs/fuzzing.md."""
