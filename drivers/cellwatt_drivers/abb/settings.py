@@ -40,8 +40,8 @@ class AbbSettings(SourceSettings):
     """External axes, in the controller's order; the seventh joint of a 7-axis arm is one."""
     web: tuple[Page, ...] = ("state", "energy")
     """Groups to read from Robot Web Services; ``[]`` does not ask it."""
-    web_rate: Hertz = 2.0
-    """Polls of the pages; more often than the controller makes a new energy figure."""
+    web_rate: Hertz = Field(2.0, le=10)
+    """Polls of the pages, at most 10 Hz; more often than the controller makes a new energy figure."""
     user: str = "Default User"
     """User of Robot Web Services; one that may only read is best."""
     password: SecretStr = SecretStr("robotics")
@@ -70,13 +70,6 @@ class AbbSettings(SourceSettings):
         cycles = 1 / (rate * wire.CYCLE)
         if cycles < 1 - 1e-9 or abs(cycles - round(cycles)) > 1e-6:
             raise ValueError(f"{rate:g} Hz: a controller sends 250 Hz or a whole part of it (125 Hz, 62.5 Hz, 50 Hz …)")
-        return rate
-
-    @field_validator("web_rate")
-    @classmethod
-    def _gently(cls, rate: float) -> float:
-        if rate > 10:
-            raise ValueError(f"{rate:g} Hz is too much for a controller's web server: at most 10 Hz")
         return rate
 
     @model_validator(mode="after")
