@@ -20,7 +20,7 @@ def run(data: bytes) -> None:
     how, data = data[:8], data[8:]
     items: list[Item] = [Status({"how": list(how)}), Mark(len(data))]
     try:
-        items += decoder.items(data, rows.TRACKS, set(rows.TRACKS))
+        items += [item for _, item in decoder.numbered(data, rows.TRACKS, set(rows.TRACKS))]
     except ValueError:
         return
     ring = Ring(SIZE, 1)

@@ -31,11 +31,11 @@ def run(data: bytes) -> None:
         return
     found.index()
     try:
-        items = list(decoder.items(data, TRACKS, set(TRACKS)))
+        items = [item for _, item in decoder.numbered(data, TRACKS, set(TRACKS))]
     except ValueError:
         return
     for item in items:
-        (again,) = decoder.items(encoded(item), TRACKS, set(TRACKS))
+        ((_, again),) = decoder.numbered(encoded(item), TRACKS, set(TRACKS))
         assert same(item, again), (item, again)
 
 

@@ -14,13 +14,13 @@ import tempfile
 import time
 from contextlib import AsyncExitStack
 from pathlib import Path
+from typing import Any
 
 import yaml
 from threadpoolctl import threadpool_limits
 
 from cellwatt.config import load
-from cellwatt.demo import cells, processes
-from cellwatt.demo.fault import FAULTY
+from cellwatt.demo import processes
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.power.api import write
@@ -28,9 +28,8 @@ from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.training import model_of
 from cellwatt_plugins.robot import Arm
 
-SECONDS = 40.0
-DRIVERS = ("ur", "power_board")
-"""Of the demo's arm and its board."""
+SOURCES = {"arm": {"driver": "ur", "host": "127.0.0.1"}, "board": {"driver": "power_board", "port": "/dev/ttyUSB0"}}
+"""The demo's arm and its board."""
 LENGTHS = (0.15, 0.0, 0.42, 0.39, 0.1, 0.1)
 """m from joint to joint."""
 MASS = (3.0, 4.0, 2.0, 0.6, 0.4, 0.2)
@@ -41,17 +40,19 @@ RESISTANCE = (1.1, 1.1, 1.2, 2.0, 2.0, 2.0)
 """Ω."""
 
 
-async def record(folder: Path, seconds: float = SECONDS) -> None:
+async def record(folder: Path, seconds: float = 40.0) -> None:
     """Frames of the arm and of the board on its supply."""
-    endpoint = cells.free_endpoint()
-    known = cells.every_driver()
-    sources = {name: known[driver] for driver, name in zip(DRIVERS, FAULTY, strict=True)}
-    devices = devices_of(load(cells.write(folder, sources, endpoint), {}), free=True)
+    file = folder / "cell.yaml"
+    sources: dict[str, dict[str, Any]] = {name: dict(source) for name, source in SOURCES.items()}
+    cell = {"site": "demo", "cell": "demo", "sources": sources, "record": {"folder": str(folder)}}
+    file.write_text(yaml.safe_dump(cell))
+    devices = devices_of(load(file, {}), free=True)
     async with AsyncExitStack() as stack:
-        emulators = await stack.enter_async_context(running(devices, time.time(), seed=len(cells.SMALL)))
+        emulators = await stack.enter_async_context(running(devices, time.time(), seed=4))
         for (_, name, key), value in places(devices, emulators).items():
             sources[str(name)][str(key)] = value
-        daemon = await stack.enter_async_context(processes.daemon(cells.write(folder, sources, endpoint), folder))
+        file.write_text(yaml.safe_dump(cell))
+        daemon = await stack.enter_async_context(processes.daemon(file, folder))
         await asyncio.sleep(seconds)
         daemon.send_signal(signal.SIGTERM)
         await daemon.wait()
@@ -81,9 +82,8 @@ def demo_robot(folder: Path) -> Path:
         {"name": f"joint_{i + 1}", "torque_constant": CONSTANT[i], "winding_resistance": RESISTANCE[i]}
         for i in range(6)
     ]
-    file = folder / "robot.yaml"
-    file.write_text(yaml.safe_dump({"robot": "demo", "urdf": "demo.urdf", "joints": joints}))
-    return file
+    (folder / "robot.yaml").write_text(yaml.safe_dump({"robot": "demo", "urdf": "demo.urdf", "joints": joints}))
+    return folder / "robot.yaml"
 
 
 def train_demo(recording: Path, robot: Path, out: Path) -> Metadata:

@@ -12,9 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
-from pydantic_core import from_json
 
-from cellwatt.config.wording import explain_value
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.files import check_file
 
@@ -39,12 +37,11 @@ def refused(model: PathLike[str] | str | None, reason: str) -> ModelError:
 def decoded(text: str, kind: type[T], model: PathLike[str] | None) -> T:
     """Metadata of a model from its JSON text. Raises ``ModelError`` where it is no JSON or not of that kind."""
     try:
-        content = from_json(text)
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
-        raise refused(model, f"its metadata is wrong: {explain_value(error, kind, content)}") from error
-    except ValueError as error:
-        raise refused(model, f"its metadata is not JSON: {error}") from error
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise refused(model, f"its metadata is wrong: {where} {first['msg'].removeprefix('Value error, ')}") from error
 
 
 class OnnxFile:

@@ -11,6 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import BaseModel
+
+from cellwatt.config.reference import reference
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")), *sorted(ROOT.glob("docs/**/*.md")))
 BLOCK = re.compile(
@@ -53,3 +57,13 @@ def blocks(page: Path | str, language: str = "") -> list[Block]:
 
 
 EVERY_BLOCK = [block for page in PAGES for block in blocks(page)]
+
+
+def settings_table(model: type[BaseModel]) -> str:
+    """The reference of a settings class as a Markdown table, as in ``docs/settings.md``."""
+    lines = ["| key | type | default | meaning |", "|---|---|---|---|"]
+    for field in reference(model):
+        default = "required" if field.required else f"`{field.default}`" if field.default else ""
+        cells = (f"`{field.key}`", field.type, default, field.description)
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines)

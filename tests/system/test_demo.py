@@ -8,14 +8,11 @@ import sys
 
 import pytest
 
-from cellwatt.demo import cells
 from cellwatt.demo.fault import JOINT
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import summary
-from cellwatt.registry import available
 
 pytestmark = pytest.mark.system
-POWER = {"frames": 9}
 
 
 @pytest.mark.slow
@@ -33,51 +30,11 @@ async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
     # Streams lose nothing however busy the machine is; polls that fall due while it stands still are missed, and told.
     assert result["sources"]["arm"]["lost"] == result["sources"]["board"]["lost"] == 0
     assert not [p for p in result["problems"] if "subscriber" in p], result["problems"]
-    # The mean of a cycle swings by some 60 W; the board's own noise over a frame is below 1 W.
-    power = result["power"]
-    assert power["frames"] > 50  # on a busy machine frames have gaps, and gaps have no prediction
-    assert power["rms_w"] < 0.05 * power["measured_mean_w"]
-    assert power["rms_after_the_spring_w"] > 1.5 * power["rms_w"]
+    assert result["predictions"] > 10
     # The emulated analyzer gives means over 100 ms; where polls of the arm are missed, motion with holes tells less.
     assert result["meter"] is not None or result["sources"]["positioner"]["lost"]
     if result["meter"] is not None:
         assert result["meter"]["window_s"] == pytest.approx(0.1, abs=0.03)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-async def test_every_driver_runs_in_one_daemon(tmp_path) -> None:
-    command = [sys.executable, "-m", "cellwatt.commands", "demo", "--cell", "all", "--seconds", "3", "--json"]
-    process = await asyncio.create_subprocess_exec(*command, "--keep", tmp_path, stdout=asyncio.subprocess.PIPE)
-    out, _ = await process.communicate()
-    result = json.loads(out)
-    assert process.returncode == (0 if result["ok"] else 1)
-    assert set(result["sources"]) | set(result["left_out"]) == set(available("cellwatt.drivers"))
-    for name, source in result["sources"].items():
-        assert source["residue"] == 0
-        assert source["expected"] == source["received"] + source["lost"] + source["host_stalled"]
-        assert source["received"] == sum(stream["samples"] for stream in source["streams"].values()) > 0, name
-    # Streams lose nothing however busy the machine is. Polls that fall due while it stands still are missed, and so
-    # are states that wait for pylibfranka, which keeps but the newest, and frames that find the CAN adapter's port
-    # full; all are told.
-    assert not {n for n in ("ur", "power_board") if result["sources"][n]["lost"]}, result["problems"]
-    can = result["sources"]["can_sensor"]
-    assert not can["dropped"] and set(can["missed"]) <= {"gap"}, can
-    assert not can["lost"] or can["emulated"]["unheard"], can
-    assert result["sources"]["abb"]["missed"].get("gap", 0) == 0
-    assert not [p for p in result["problems"] if "subscriber" in p], result["problems"]
-
-
-def test_every_driver_has_its_device() -> None:
-    assert {source["driver"] for source in cells.every_driver().values()} == set(available("cellwatt.drivers"))
-
-
-def test_a_driver_whose_library_is_absent_is_left_out_and_told(tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "pylibfranka", None)
-    devices, lacking = cells.usable(cells.every_driver(), tmp_path)
-    assert "franka" not in devices
-    assert len(devices) == len(available("cellwatt.drivers")) - 1
-    assert "pip install 'cellwatt[franka]'" in lacking["franka"]
 
 
 def status(**changed: object) -> dict[str, object]:
@@ -88,7 +45,7 @@ def status(**changed: object) -> dict[str, object]:
 
 
 def seen(**changed: object) -> Seen:
-    told = Seen(status=status(**changed))
+    told = Seen(status=status(**changed), predictions=9)
     for name in ("arm", "board", "positioner", "mains"):
         told.add({"kind": "raw", "topic": f"raw/{name}/s", "sequence": 0, "content": {"count": 100}})
     told.add({"kind": "interval", "content": {"closed": True, "moving": [3], "start": 10e9, "end": 10.7e9}})
@@ -116,12 +73,12 @@ def test_summary_sees_what_is_wrong(
 ) -> None:
     told = seen(**changed)
     told.add(alarm(joint, at))
-    assert problem in "; ".join(summary(told, {}, 10.0, exit_code, POWER)["problems"])
+    assert problem in "; ".join(summary(told, {}, 10.0, exit_code)["problems"])
 
 
 def test_summary_misses_samples_and_alarms_that_did_not_come() -> None:
     told = seen()
     told.samples["raw/arm/s"] -= 1
-    problems = "; ".join(summary(told, {}, 10.0, 0, POWER)["problems"])
+    problems = "; ".join(summary(told, {}, 10.0, 0)["problems"])
     assert "99 at the subscriber" in problems
     assert "no alarm" in problems

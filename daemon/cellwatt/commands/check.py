@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
-from cellwatt.channel import Stream
 from cellwatt.commands import EXIT_USAGE
+from cellwatt.commands.drivers import rate_of
 from cellwatt.commands.ranges import together
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
@@ -83,7 +83,7 @@ def _describe(config: CellConfig, prepared: Prepared) -> None:
                 name,
                 config.sources[name].driver,
                 stream.name,
-                _rate(stream),
+                rate_of(stream),
                 stream.clock,
                 ", ".join(together(stream.names)),
             )
@@ -101,7 +101,3 @@ def _describe(config: CellConfig, prepared: Prepared) -> None:
 
 def _count(things: Sized, what: str) -> str:
     return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
-
-
-def _rate(stream: Stream) -> str:
-    return f"{stream.rate:g} Hz" if stream.rate else "on change"

@@ -8,27 +8,22 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.table import Table
 
 from cellwatt.commands import EXIT_FAILED, Commands
+from cellwatt.commands.doctor import rates
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.errors import CellwattError, why
 from cellwatt.live.bulletin import Bulletin
+from cellwatt.progress.terminal import show_table
 
-RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
-    "small": Demonstration.small,
-    "all": Demonstration.every_driver,
-}
 HEALTHY = 20.0
-"""s that the small cell needs at least, to see healthy cycles before the fault."""
-STARTING = "starting emulated devices, the daemon and a subscriber"
+"""s at least, to see healthy cycles before the fault."""
 TOLD = ("health", "alarm", "task", "event", "gap")
 """Kinds of messages that have a line."""
 
@@ -43,26 +38,22 @@ class _Demos(Commands):
 @click.command(
     cls=_Demos, invoke_without_command=True, short_help="Try the whole chain on emulated devices: no hardware."
 )
-@click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Which devices.")
-@click.option("--seconds", default=60.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
+@click.option("--seconds", default=60.0, show_default=True, help="How long; at least 20.")
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
 @click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Keep recording and log in this folder.")
 @click.pass_context
-def command(context: click.Context, cell: str, seconds: float, as_json: bool, keep: Path | None) -> None:
+def command(context: click.Context, seconds: float, as_json: bool, keep: Path | None) -> None:
     """Run emulated devices, the daemon and a subscriber; `demo explain` shows what explain finds.
 
-    The small cell has four devices; after 20 s, or halfway, a spring is hooked on an elbow. Exit code 0 only if nothing
-    was lost and the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate;
-    exit code 0 only if nothing was lost.
+    There are four devices; after 20 s, or halfway, a spring is hooked on an elbow. Exit code 0 only if nothing was
+    lost and the alarm named the right joint in time.
 
     It prints the address of the page, and a line for all that happens.
     """
     if context.invoked_subcommand is not None:
         return
-    if cell == "small" and seconds < HEALTHY:
+    if seconds < HEALTHY:
         raise click.BadParameter(f"at least {HEALTHY:.0f} s are needed to see healthy cycles before the fault")
-    if seconds < 1:
-        raise click.BadParameter("at least 1 s is needed to see rates")
     with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as place:
         folder = Path(place).resolve()
         try:
@@ -70,7 +61,7 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
         except OSError as error:
             raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
         show = _quiet if as_json else _lines
-        summary = show(cell, folder, seconds)
+        summary = asyncio.run(_run(show(folder, seconds)))
     if as_json:
         click.echo(json.dumps(summary))
     else:
@@ -81,12 +72,11 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
         sys.exit(EXIT_FAILED)
 
 
-def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    run = Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True))
-    return asyncio.run(_run(cell, run))
+def _quiet(folder: Path, seconds: float) -> Demonstration:
+    return Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True))
 
 
-def _lines(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
+def _lines(folder: Path, seconds: float) -> Demonstration:
     """Print a line for each step, task, alarm and change of a source, and every 10 s how the cell stands."""
     bulletin = Bulletin()
 
@@ -104,54 +94,36 @@ def _lines(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
             run.stop("nobody reads its output any more")
 
     run = Demonstration(folder, seconds, show, say)
-    if cell != "small":  # that one begins with the address of its page
-        say(STARTING)
-    return asyncio.run(_run(cell, run))
+    return run
 
 
-async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:
+async def _run(demonstration: Demonstration) -> dict[str, Any]:
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, demonstration.stop, number.name)
-    return await RUNS[cell](demonstration)
+    return await demonstration.run()
 
 
 def _show(summary: Mapping[str, Any]) -> None:
-    console = Console()
-    console.print(_sources(summary["sources"]))
-    if "fault" in summary:
-        console.print(f"{summary['frames']} frames, {summary['intervals']} intervals, {summary['tasks']} tasks")
-        fault = summary["fault"]
-        if fault and fault["statement"]:
-            console.print(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", style="bold")
-        if power := summary["power"]:
-            after = power["rms_after_the_spring_w"]
-            spring = "" if after is None else f"; with the spring {after} W"
-            mean, off = power["measured_mean_w"], power["rms_w"]
-            console.print(f"power of the arm: {mean} W in the mean, measured − predicted: {off} W rms{spring}")
-        if summary["meter"]:
-            console.print(summary["meter"]["statement"])
-    for name, reason in summary.get("left_out", {}).items():
-        console.print(f"{name} is left out: {reason}", style="bold yellow")
+    header = ("source", "stream", "nominal", "measured", "jitter p99", "samples", "at the subscriber", "lost")
+    show_table(
+        header,
+        [
+            (name, stream, *rates(s), str(s["samples"]), str(s["delivered"]), str(source["lost"]))
+            for name, source in summary["sources"].items()
+            for stream, s in source["streams"].items()
+        ],
+    )
+    click.echo(f"{summary['frames']} frames, {summary['intervals']} intervals, {summary['tasks']} tasks")
+    fault = summary["fault"]
+    if fault and fault["statement"]:
+        click.secho(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", bold=True)
+    if summary["meter"]:
+        click.echo(summary["meter"]["statement"])
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
             told = f"{name}: {source['host_stalled']} samples fell due while this PC stood still or was taken by others"
-            console.print(told, style="bold yellow")
+            click.secho(told, fg="yellow")
     for problem in summary["problems"]:
-        console.print(problem, style="bold red")
+        click.secho(problem, fg="red")
     if summary["ok"]:
-        named = ", and the alarm named the right joint in time" if "fault" in summary else ""
-        console.print(f"nothing was lost{named}", style="bold green")
-
-
-def _sources(sources: Mapping[str, Any]) -> Table:
-    table = Table(title="summary", box=None, header_style="bold", title_justify="left")
-    for name in ("source", "stream", "nominal", "measured", "jitter p99", "samples", "at the subscriber", "lost"):
-        table.add_column(name, justify="left" if name in {"source", "stream"} else "right")
-    for name, source in sources.items():
-        for stream, s in source["streams"].items():
-            nominal = f"{s['nominal_hz']:g} Hz" if s["nominal_hz"] else "on change"
-            measured = "–" if s["rate_hz"] is None else f"{s['rate_hz']:.2f} Hz"
-            jitter = "–" if s["jitter_p99_ms"] is None else f"{s['jitter_p99_ms']:.2f} ms"
-            cells = (nominal, measured, jitter, str(s["samples"]), str(s["delivered"]), str(source["lost"]))
-            table.add_row(name, stream, *cells)
-    return table
+        click.secho("nothing was lost, and the alarm named the right joint in time", fg="green")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -78,10 +80,14 @@ def _rows(e: Examination) -> list[tuple[str, ...]]:
         return [(e.name, device, "–", "", "", "", "", "", e.verdict)]
     rows: list[tuple[str, ...]] = []
     for name, figures in streams.items():
-        declared = f"{figures['nominal_hz']:g} Hz" if figures["nominal_hz"] else "on change"
-        measured = "–" if figures["rate_hz"] is None else f"{figures['rate_hz']:.1f} Hz"
-        jitter = "–" if figures["jitter_p99_ms"] is None else f"{figures['jitter_p99_ms']:.2f} ms"
         bound = e.status["bounds_ms"][name]
         clock = "–" if bound is None else f"{bound:.2f} ms"
-        rows.append((e.name, device, name, declared, measured, jitter, clock, str(lost), e.verdict))
+        rows.append((e.name, device, name, *rates(figures), clock, str(lost), e.verdict))
     return rows
+
+
+def rates(figures: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Declared rate, measured rate and jitter of a stream, by its status."""
+    declared = f"{figures['nominal_hz']:g} Hz" if figures["nominal_hz"] else "on change"
+    measured = "–" if figures["rate_hz"] is None else f"{figures['rate_hz']:.2f} Hz"
+    return declared, measured, "–" if figures["jitter_p99_ms"] is None else f"{figures['jitter_p99_ms']:.2f} ms"

@@ -13,7 +13,7 @@ import click
 from cellwatt.channel import Channel, Stream
 from cellwatt.commands import EXIT_USAGE, completion
 from cellwatt.config.installed import Part, installed
-from cellwatt.config.reference import Field, markdown, reference
+from cellwatt.config.reference import Field, reference
 from cellwatt.config.wording import did_you_mean
 from cellwatt.progress.terminal import show_table
 from cellwatt.runtime.assemble import typical_streams
@@ -22,8 +22,7 @@ from cellwatt.runtime.assemble import typical_streams
 @click.command(short_help="List what is installed, and every key of one.")
 @click.argument("name", required=False, shell_complete=completion.parts)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--markdown", "as_markdown", is_flag=True, help="With NAME: print the table of settings for a docs page.")
-def command(name: str | None, as_json: bool, as_markdown: bool) -> None:
+def command(name: str | None, as_json: bool) -> None:
     """List drivers, stages and outlets; with NAME print the settings of one."""
     parts = installed()
     if name is None:
@@ -37,8 +36,7 @@ def command(name: str | None, as_json: bool, as_markdown: bool) -> None:
         click.echo(json.dumps([_details(p) for p in chosen], indent=2, ensure_ascii=False))
     else:
         for part in chosen:
-            show = _markdown if as_markdown else _page
-            show(part)
+            _page(part)
     if any(p.found is None for p in chosen):
         sys.exit(EXIT_USAGE)
 
@@ -80,11 +78,6 @@ def _details(part: Part) -> dict[str, Any]:
     }
 
 
-def _markdown(part: Part) -> None:
-    if part.settings is not None:
-        click.echo(markdown(part.settings))
-
-
 def _page(part: Part) -> None:
     click.echo(f"{part.name} ({part.kind}, {part.package} {part.version}): {part.title}")
     if part.found is None:
@@ -114,11 +107,12 @@ def _show_channels(part: Part) -> None:
         click.echo("\nIts channels depend on its settings; they are shown by: cellwatt check FILE")
         return
     click.echo("\nChannels with the default settings:")
-    rows = [(s.name, _rate(s), c.name, c.unit, c.kind, c.method) for s in streams for c in s.channels]
+    rows = [(s.name, rate_of(s), c.name, c.unit, c.kind, c.method) for s in streams for c in s.channels]
     show_table(("stream", "rate", "channel", "unit", "kind", "in frames"), rows)
 
 
-def _rate(stream: Stream) -> str:
+def rate_of(stream: Stream) -> str:
+    """Rate at which a stream is declared to come."""
     return f"{stream.rate:g} Hz" if stream.rate else "on change"
 
 

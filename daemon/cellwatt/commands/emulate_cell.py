@@ -16,9 +16,8 @@ import yaml
 from cellwatt.config import CellConfig, load
 from cellwatt.config.places import KeyPath
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places, running, targets
+from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places, running
 from cellwatt.emulation.control import answers, say
-from cellwatt.emulation.words import addressed
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.files import read_bytes, write_file
 from cellwatt.progress.terminal import show_table
@@ -60,11 +59,6 @@ def _check_here(file: Path, devices: Sequence[Device]) -> None:
         )
 
 
-def _note(asked: asyncio.Future[int], number: int) -> None:
-    if not asked.done():
-        asked.set_result(number)
-
-
 async def _run(
     config: CellConfig,
     devices: Sequence[Device],
@@ -77,8 +71,13 @@ async def _run(
     """Serve until the end; return the signal that asked for it, 0 for the end of input."""
     loop = asyncio.get_running_loop()
     asked: asyncio.Future[int] = loop.create_future()
+
+    def note(number: int) -> None:
+        if not asked.done():
+            asked.set_result(number)
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, _note, asked, number)
+        loop.add_signal_handler(number, note, number)
     async with running(devices, epoch, seed=seed, faults=faults) as emulators:
         if write is not None:
             _write(config, devices, emulators, write)
@@ -139,29 +138,18 @@ class _Control:
     """Hands commands for a cell to its devices."""
 
     def __init__(self, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:
-        self._by_source = {source.name: device for device in devices for source in device.sources}
+        self._by_source = {source.name: emulators[device.name] for device in devices for source in device.sources}
         self._emulators = emulators
 
     async def answer(self, message: dict[str, Any]) -> Mapping[str, Any]:
-        """Answer one command; ``source`` names the device, without it a change of the world is for all of them."""
+        """Answer one command; ``source`` names the device, without it the command is for all of them."""
         source = message.pop("source", None)
-        if message.get("counts"):
-            chosen = self._of(source) if source else list(self._emulators)
-            return {"counts": {name: dict(await self._emulators[name].counts()) for name in chosen}}
-        if isinstance(text := message.get("fault"), str):
-            chosen = [d.name for d in targets(f"{source}/{text}" if source else text, self._by_source)]
-            message = {"fault": addressed(text)[1]}
-        elif source or len(self._emulators) == 1:
-            chosen = self._of(source) if source else list(self._emulators)
-        elif {"spring", "encoder"} & set(message.get("disturb", ())):
-            chosen = list(self._emulators)
-        else:
-            raise ValueError(f"expected its source, one of {', '.join(self._by_source)}")
-        for name in chosen:
-            await self._emulators[name].ask(message)
-        return {"ok": True}
-
-    def _of(self, source: str) -> list[str]:
-        if source not in self._by_source:
+        if source is not None and source not in self._by_source:
             raise ValueError(f"found the source {source!r}, expected one of {', '.join(self._by_source)}")
-        return [self._by_source[source].name]
+        chosen = self._emulators if source is None else {source: self._by_source[source]}
+        told = {name: await emulator.ask(message) for name, emulator in chosen.items()}
+        return (
+            {"counts": {name: answer["counts"] for name, answer in told.items()}}
+            if "counts" in message
+            else {"ok": True}
+        )

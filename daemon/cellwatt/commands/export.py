@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ from cellwatt.errors import RecordingError
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
 from cellwatt.record.header import recorded_section
-from cellwatt.record.scan import Damage
 from cellwatt.record.tables import Table, write_lines
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
@@ -34,9 +32,6 @@ Written = dict[str, Any]
 @click.option("--frames", "only", flag_value="frames", help="Only the aligned frames.")
 @click.option("--raw", "only", flag_value="raw", help="Only the raw samples.")
 @click.option("--force", is_flag=True, help="Overwrite tables of an earlier export.")
-@click.option(
-    "--verify", metavar="KEY", type=click.Path(path_type=Path), help="Only what the cell with this key signed."
-)
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
 @with_scheduler
@@ -47,7 +42,6 @@ def command(
     form: str,
     only: str | None,
     force: bool,
-    verify: Path | None,
     units: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -57,33 +51,23 @@ def command(
     Columns are named like the channels; t is s since the start of the recording, utc_ns the time itself. Results and
     events are in SI units always.
     """
-    if verify is not None:
-        _refuse_unsigned(recordings, verify)
     recording = open_recording(recordings)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
     export = Export(out, form, force, recorded_section(recording.header.settings, "units", Units).but(units))
-    written, damage = export.run(recording, only)
+    parts = spread(export.write, [only] if only else ["raw", "frames", "lines"], "tables", shared=recording)
+    written = [file for files, _ in parts for file in files]
     if not written:
         raise recording.lacks_frames()
     if as_json:
-        told = [str(d) for d in damage]
-        report = {"start": recording.start, "end": recording.end, "files": written, "damage": told}
+        told = dict.fromkeys([*map(str, recording.damage), *(damage for _, found in parts for damage in found)])
+        report = {"start": recording.start, "end": recording.end, "files": written, "damage": list(told)}
         click.echo(json.dumps(report))
         return
     for file in written:
         click.echo(f"{out / file['file']}: {file['rows']} rows")
-
-
-def _refuse_unsigned(recordings: tuple[Path, ...], key: Path) -> None:
-    from cellwatt.record.seal import verify
-
-    wrong = [f"{file} {problem}" for file, _, problem in verify(recordings, key) if problem]
-    if wrong:
-        more = f" ({len(wrong) - 1} more: cellwatt secure verify)" if len(wrong) > 1 else ""
-        raise RecordingError(f"nothing is exported: {wrong[0]}{more}")
 
 
 @dataclass(frozen=True)
@@ -95,17 +79,10 @@ class Export:
     force: bool
     units: Units
 
-    def run(self, recording: Recording, only: str | None) -> tuple[list[Written], list[Damage]]:
-        """Write the requested tables; return name and number of rows of each file, and all damage of the recording."""
-        kinds: list[Callable[[Export, Recording], list[Written]]] = []
-        kinds += [Export.raw] if only != "frames" else []
-        kinds += [Export.frames] if only != "raw" else []
-        kinds += [Export.lines] if only is None else []
-        parts = spread(_write, [(self, kind) for kind in kinds], "tables", shared=recording)
-        damage = list(recording.damage)
-        for _, found in parts:
-            damage += [d for d in found if d not in damage]
-        return [file for written, _ in parts for file in written], damage
+    def write(self, kind: str, recording: Recording) -> tuple[list[Written], list[str]]:
+        """Write the tables of a kind; return name and number of rows of each file, and the damage that was met."""
+        written = {"raw": self.raw, "frames": self.frames, "lines": self.lines}[kind](recording)
+        return written, list(map(str, recording.damage))
 
     def raw(self, recording: Recording) -> list[Written]:
         """Write the raw samples, one table a stream, in a single pass over the recording."""
@@ -153,14 +130,6 @@ class Export:
         if path.exists() and not self.force:
             raise RecordingError(f"{path} is there already: choose another folder, or --force to overwrite")
         return path
-
-
-def _write(
-    part: tuple[Export, Callable[[Export, Recording], list[Written]]], recording: Recording
-) -> tuple[list[Written], list[Damage]]:
-    """Write one kind of tables; return the files, and the damage that was met."""
-    export, kind = part
-    return kind(export, recording), list(recording.damage)
 
 
 def _told(table: Table) -> Written:

@@ -9,7 +9,7 @@ import click
 
 from cellwatt.commands import check, completion, doctor
 from cellwatt.config.wording import did_you_mean
-from cellwatt.first_cell import LISTEN, RECORD, CellPlan, SourcePlan, parse_source, write_cell
+from cellwatt.first_cell import RECORD, CellPlan, SourcePlan, parse_source, write_cell
 
 
 @click.command(short_help="Write a commented settings file for a cell.")
@@ -33,8 +33,6 @@ from cellwatt.first_cell import LISTEN, RECORD, CellPlan, SourcePlan, parse_sour
     help="A setting of a source, like 'arm.rate=125 Hz'; may be repeated.",
 )
 @click.option("--record", default=RECORD, show_default=True, help="Folder of the record, from FILE's folder on.")
-@click.option("--no-record", is_flag=True, help="Record nothing.")
-@click.option("--listen", default=LISTEN, show_default=True, help="Zenoh endpoint for watch and subscribers.")
 @click.option("--no-doctor", is_flag=True, help="Connect to nothing.")
 @click.option("--force", is_flag=True, help="Replace FILE where it is there already.")
 @click.pass_context
@@ -47,8 +45,6 @@ def command(
     sources: tuple[str, ...],
     values: tuple[str, ...],
     record: str,
-    no_record: bool,
-    listen: str,
     no_doctor: bool,
     force: bool,
 ) -> None:
@@ -64,7 +60,7 @@ def command(
     given = _with_values([parse_source(text) for text in sources], values)
     if not given:
         raise click.UsageError("name each device: --source NAME=DRIVER:ADDRESS, like --source arm=ur:192.0.2.10")
-    write_cell(file, CellPlan(site, cell, tuple(given), robot, None if no_record else record, listen))
+    write_cell(file, CellPlan(site, cell, tuple(given), robot, record))
     click.echo(f"{file} is written.\n")
     ctx.invoke(check.command, files=(file,))
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import keyword
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from importlib.util import find_spec
@@ -20,28 +19,15 @@ from cellwatt.registry import available
 
 @dataclass(frozen=True, slots=True)
 class Kit:
-    """A kind of package: the ``skeleton`` that it is made of, its modules, and where each of its templates goes."""
+    """A kind of package: the folder that it is made of, ``skeleton``, and a name for an example."""
 
     kind: str
     skeleton: str
-    modules: tuple[str, ...]
-    templates: Mapping[str, str]
     example: str
 
 
-_COMMON = {
-    "pyproject.toml": "pyproject.toml",
-    "README.md": "README.md",
-    "test_conformance.py": "tests/test_conformance.py",
-}
-DRIVER = Kit(
-    "driver",
-    "skeleton",
-    ("__init__.py", "driver.py", "emulator.py", "wire.py"),
-    {**_COMMON, "test_wire.py": "tests/test_wire.py"},
-    "my_meter",
-)
-OUTLET = Kit("outlet", "outlet_skeleton", ("__init__.py", "outlet.py"), _COMMON, "my_outlet")
+DRIVER = Kit("driver", "skeleton", "my_meter")
+OUTLET = Kit("outlet", "outlet_skeleton", "my_outlet")
 _name = click.argument("name")
 _folder = click.option(
     "--folder",
@@ -81,10 +67,15 @@ def _write(kit: Kit, name: str, folder: Path) -> None:
 def package(name: str, kit: Kit = DRIVER) -> dict[str, str]:
     """The files of a new package, by path below its folder."""
     camel = "".join(part.capitalize() for part in name.split("_"))
-    found = {f"{name}/{module}": _renamed(_read(kit, module), kit, name, camel) for module in kit.modules}
-    for template, path in kit.templates.items():
-        text = Template(_read(kit, f"{template}.template"))
-        found[path] = text.substitute(name=name, Name=camel, dashed=name.replace("_", "-"))
+    found = {}
+    for file in (files("cellwatt") / "testing" / kit.skeleton).iterdir():
+        if file.name.endswith(".template"):
+            target = file.name.removesuffix(".template")
+            text = Template(file.read_text(encoding="utf-8"))
+            path = f"tests/{target}" if target.startswith("test_") else target
+            found[path] = text.substitute(name=name, Name=camel, dashed=name.replace("_", "-"))
+        elif file.name.endswith(".py"):
+            found[f"{name}/{file.name}"] = _renamed(file.read_text(encoding="utf-8"), kit, name, camel)
     return found
 
 
@@ -97,10 +88,6 @@ def _check(kit: Kit, name: str) -> None:
         raise click.UsageError(f"there is {article} {kit.kind} named {name!r} already: cellwatt drivers {name}")
     if find_spec(name) is not None:
         raise click.UsageError(f"there is a Python package named {name!r} already: choose another name")
-
-
-def _read(kit: Kit, name: str) -> str:
-    return (files("cellwatt") / "testing" / kit.skeleton / name).read_text(encoding="utf-8")
 
 
 def _renamed(text: str, kit: Kit, name: str, camel: str) -> str:

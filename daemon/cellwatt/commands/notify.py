@@ -45,26 +45,19 @@ def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> Non
         raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (there are: {', '.join(settings.to)})")
     about = About(config.site, config.cell, settings.page, zone_of(settings.zone))
     chosen = {name: to for name, to in settings.to.items() if recipient in (None, name)}
-    made = {name: channel_to(to, about, min(settings.timeout, PATIENCE)) for name, to in chosen.items()}
-    answers = asyncio.run(_try_all(chosen, made, tell=not as_json))
+    answers = asyncio.run(_try_all(chosen, about, min(settings.timeout, PATIENCE)))
+    for name, reason in () if as_json else answers.items():
+        click.echo(f"{name} ({chosen[name].place}): {reason or 'ok'}")
     if as_json:
         click.echo(json.dumps(answers))
     if any(reason is not None for reason in answers.values()):
         sys.exit(EXIT_ERROR)
 
 
-async def _try_all(
-    to: Mapping[str, RecipientSettings], made: Mapping[str, Channel], *, tell: bool
-) -> dict[str, str | None]:
+async def _try_all(to: Mapping[str, RecipientSettings], about: About, patience: float) -> dict[str, str | None]:
     """Try all recipients at the same time; return for each why it is not reached, or ``None``."""
-
-    async def attempt(name: str) -> str | None:
-        reason = await _try(to[name], made[name])
-        if tell:
-            click.echo(f"{name} ({to[name].place}): {reason or 'ok'}")
-        return reason
-
-    return dict(zip(to, await asyncio.gather(*map(attempt, to)), strict=True))
+    reasons = await asyncio.gather(*(_try(each, channel_to(each, about, patience)) for each in to.values()))
+    return dict(zip(to, reasons, strict=True))
 
 
 async def _try(to: RecipientSettings, channel: Channel) -> str | None:

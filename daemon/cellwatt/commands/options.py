@@ -11,11 +11,10 @@ from typing import Any, Final, TypeVar
 
 import click
 
-from cellwatt.errors import ConfigError
 from cellwatt.fetch import MissingError, fetch, is_url
 from cellwatt.logs.choice import MARK, chosen
 from cellwatt.progress import show_progress
-from cellwatt.scheduler import parse_place, scheduled
+from cellwatt.scheduler import scheduled
 from cellwatt.tables.names import called
 from cellwatt.units import Units
 
@@ -100,19 +99,10 @@ def with_progress(command: Callable[..., R]) -> Callable[..., R]:
 def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
     """Give a command the option ``--scheduler``, and its calls of ``spread`` to the workers named there."""
 
-    def place(context: click.Context, parameter: click.Parameter, given: str | None) -> str | None:
-        try:
-            if given is not None:
-                parse_place(given)
-            return given
-        except ConfigError as error:
-            raise click.BadParameter(str(error)) from None
-
     @click.option(
         "--scheduler",
         "place",
         metavar="local[:N]",
-        callback=place,
         help="Do the work on all cores (local), or on so many (local:2).",
     )
     @wraps(command)

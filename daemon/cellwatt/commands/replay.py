@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from cellwatt.commands import EXIT_FAILED
-from cellwatt.commands.options import INPUT, NOT_NEGATIVE, with_progress
+from cellwatt.commands.options import INPUT, with_progress
 from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
@@ -23,7 +23,7 @@ from cellwatt.record import Recording
 from cellwatt.record.header import recorded_section
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.assemble import layout_of, make_chains
-from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames, run_stages
+from cellwatt.runtime.replaying import Comparison, compare, replay_frames, run_stages
 
 
 @click.command(short_help="Run a recording through the stages again.")
@@ -33,23 +33,17 @@ from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames
     type=click.Path(dir_okay=False, path_type=Path),
     help="Frames and stages of this cell file (default: frames as recorded, no stages).",
 )
-@click.option(
-    "--speed",
-    type=NOT_NEGATIVE,
-    default=0.0,
-    help="1: as recorded, 10: ten times as fast, 0 (default): as fast as it goes.",
-)
 @click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
 @click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
 @with_progress
-def command(recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, as_json: bool) -> None:
+def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as_json: bool) -> None:
     """Run RECORDING (files or folders of one session) through frames and stages again."""
     opened = open_recording(recording)
     config = load(settings) if settings is not None else None
     if not opened.has_samples:
         raise opened.lacks_frames()
     _check_sources(opened)
-    frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
+    frames = replay_frames(opened.entries(), opened.header.streams, _grid(opened, config))
     made, counts = _show(run_stages(frames, _chains(opened, config)), as_json)
     summary: dict[str, Any] = {"frames": sum(map(len, made)), "results": counts}
     if verify:

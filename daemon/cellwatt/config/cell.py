@@ -20,7 +20,6 @@ from cellwatt.record.settings import RecordSettings
 from cellwatt.stage import StageSettings
 from cellwatt.units import Units
 
-LARGEST_FRAME_RATE = 1000.0  # Hz
 VERSION = 1
 """Form of a settings file."""
 
@@ -54,17 +53,10 @@ class FrameSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
-    rate: Hertz = 50.0
+    rate: Hertz = Field(default=50.0, le=1000.0)
     """Frames a second, at most 1000 Hz."""
     latency: Seconds = Field(default=0.1, validate_default=True)
     """Time that a frame waits for late samples; at least one grid step."""
-
-    @field_validator("rate")
-    @classmethod
-    def _rate(cls, rate: float) -> float:
-        if rate > LARGEST_FRAME_RATE:
-            raise ValueError(f"expected at most {LARGEST_FRAME_RATE:g} Hz")
-        return rate
 
     @field_validator("latency")
     @classmethod

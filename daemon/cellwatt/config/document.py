@@ -58,18 +58,15 @@ class Document:
     secrets: dict[str, str]
     mistakes: Mapping[KeyPath, tuple[Problem, ...]]
     environ: Mapping[str, str] = field(repr=False)
-    hidden: set[KeyPath] = field(default_factory=set)
 
     def problem(self, path: KeyPath, message: str, *, at_key: bool = False) -> Problem:
         """A mistake at a value, or at its key; for settings and for a key that is not there, at the nearest key.
 
         Values that came from the environment are shown as ``${NAME}``.
         """
-        there = path
-        while there and there not in self.places:
-            there, at_key = there[:-1], True
+        there = self._nearest(path)
         message = self.blanked(message)
-        at_key = at_key or isinstance(self.at(there), dict)
+        at_key = at_key or there != path or isinstance(self.at(there), dict)
         found = self.places[there]
         return problem(self.file, found.key if at_key else found.value, message, path)
 
@@ -83,7 +80,6 @@ class Document:
         if place is None or not place.written:
             return
         if not _REFERENCE.fullmatch(place.written):
-            self.hidden.add(path)
             self.environment[path] = HIDDEN
             value = self.at(path)
             self.secrets.update({str(text): HIDDEN for text in (place.written, value) if text is not None})
@@ -91,20 +87,25 @@ class Document:
     @property
     def public_text(self) -> str:
         """The file as it may be shown; it stays YAML that says the same but for secrets."""
-        text = self.text
-        for start, end in sorted({self.places[path].span for path in self.hidden}, reverse=True):
+        text, hidden = self.text, [path for path, shown in self.environment.items() if shown == HIDDEN]
+        for start, end in sorted({self.places[path].span for path in hidden}, reverse=True):
             written = text[start:end]
             value = _PROPERTIES.sub("", written, count=1).rstrip()
             before, after = written[: written.index(value)], written[len(written.rstrip()) :]
             text = f'{text[:start]}{before}"{HIDDEN}"{after}{text[end:]}'
-        for path in self.hidden:
+        for path in hidden:
             if len(written := self.places[path].written) >= _CERTAIN_SECRET:
                 text = text.replace(written, HIDDEN)
         return blank(text)
 
     def place(self, path: KeyPath) -> str:
-        """``file:line:column`` of a key."""
-        return place(self.file, self.places[path].key)
+        """``file:line:column`` of a key, or of the nearest above that is there."""
+        return place(self.file, self.places[self._nearest(path)].key)
+
+    def _nearest(self, path: KeyPath) -> KeyPath:
+        while path and path not in self.places:
+            path = path[:-1]
+        return path
 
     def at(self, path: KeyPath) -> Any:
         """The value at a path that is in ``places``."""
@@ -142,20 +143,6 @@ def parse(
     value = builder.build(node, (), mark_of(node))
     mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
     return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes, environ)
-
-
-def of_value(value: Any) -> Document:
-    """A value that stands in no file, as a document, so that mistakes in it are told in the same words."""
-    places: dict[KeyPath, Place] = {}
-
-    def note(path: KeyPath, here: Any) -> None:
-        places[path] = Place(Mark(1, 1), Mark(1, 1), str(here))
-        entries = here.items() if isinstance(here, dict) else enumerate(here) if isinstance(here, list) else ()
-        for key, below in entries:
-            note((*path, key), below)
-
-    note((), value)
-    return Document(Path(), "", value, places, {}, {}, {}, {})
 
 
 class _Builder:

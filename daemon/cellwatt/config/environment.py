@@ -25,37 +25,40 @@ class Expansion:
 
 def expand(text: str, environ: Mapping[str, str]) -> Expansion:
     """Fill in variables; a default counts where the variable is unset or empty, ``$${`` stands for ``${``."""
-    value, shown, end = list[str](), list[str](), 0
     filled: dict[str, str] = {}
     mistakes: list[str] = []
-    for match in _REFERENCE.finditer(text):
-        between = text[end : match.start()]
-        end = match.end()
+
+    def fill(match: re.Match[str]) -> str:
         if match[0] == "$$":
-            value.append(f"{between}$")
-            shown.append(f"{between}$")
-            continue
-        found, name = _lookup(match, environ, mistakes)
-        filled[found] = f"${{{name}}}"
-        value.append(f"{between}{found}")
-        shown.append(f"{between}${{{name}}}")
-    rest = text[end:]
-    return Expansion("".join(value) + rest, "".join(shown) + rest, filled, tuple(mistakes))
+            return "$"
+        try:
+            found = _value(match, environ)
+        except ValueError as error:
+            mistakes.append(str(error))
+            found = ""
+        filled[found] = _name(match)
+        return found
+
+    return Expansion(_REFERENCE.sub(fill, text), _REFERENCE.sub(_name, text), filled, tuple(mistakes))
 
 
-def _lookup(match: re.Match[str], environ: Mapping[str, str], mistakes: list[str]) -> tuple[str, str]:
+def _name(match: re.Match[str]) -> str:
+    if match[0] == "$$":
+        return "$"
+    parts = _BODY.fullmatch(match[1]) if match[2] else None
+    return f"${{{parts[1] if parts else '…'}}}"
+
+
+def _value(match: re.Match[str], environ: Mapping[str, str]) -> str:
+    """What a reference stands for. Raises ``ValueError``."""
     body, closed = match[1], match[2]
     if not closed:
-        mistakes.append("'${' is never closed; expected '${NAME}' ('$${' stands for '${' itself)")
-        return "", "…"
-    parts = _BODY.fullmatch(body)
-    if parts is None:
-        mistakes.append(f"'${{{body}}}' names no variable; expected '${{NAME}}' or '${{NAME:-default}}'")
-        return "", "…"
+        raise ValueError("'${' is never closed; expected '${NAME}' ('$${' stands for '${' itself)")
+    if (parts := _BODY.fullmatch(body)) is None:
+        raise ValueError(f"'${{{body}}}' names no variable; expected '${{NAME}}' or '${{NAME:-default}}'")
     name, default = parts[1], parts[2]
-    found = environ.get(name)
     if default is not None:
-        return found or default, name
-    if found is None:
-        mistakes.append(f"environment variable {name} is not set; set it or write '${{{name}:-default}}'")
-    return found or "", name
+        return environ.get(name) or str(default)
+    if name not in environ:
+        raise ValueError(f"environment variable {name} is not set; set it or write '${{{name}:-default}}'")
+    return environ[name]

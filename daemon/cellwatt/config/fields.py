@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from cellwatt.config.places import KeyPath
+
+Types = list[Any]
+"""What a value may be: the members of its type, and what stands beside them in its declaration."""
 
 
 def fields_of(model: type[Any]) -> dict[str, FieldInfo]:
@@ -34,6 +38,21 @@ def models_in(annotation: Any) -> list[type[Any]]:
     return [model for argument in get_args(annotation) for model in models_in(argument)]
 
 
+def members(annotation: Any) -> Types:
+    """The types that one of ``X | Y`` stands for, and marks of ``Annotated``."""
+    if get_origin(annotation) in (Union, UnionType, Annotated):
+        return [member for argument in get_args(annotation) for member in members(argument)]
+    return [annotation]
+
+
+def below(types: Types, key: object) -> Types:
+    """What a value may be that stands under a key of a mapping, or in a list, of these types."""
+    models = [model for each in types for model in models_in(each)]
+    if known := [fields[str(key)] for fields in map(fields_of, models) if str(key) in fields]:
+        return [one for field in known for one in (*field.metadata, *members(field.annotation))]
+    return [member for each in types for argument in get_args(each) for member in members(argument)]
+
+
 def fields_at(kind: Any, path: KeyPath) -> dict[str, FieldInfo]:
     """Fields allowed in the mapping at ``path`` below a settings class, or a type that holds some.
 
@@ -41,46 +60,34 @@ def fields_at(kind: Any, path: KeyPath) -> dict[str, FieldInfo]:
     """
     models = models_in(kind)
     for part in path:
-        inner = [i for m in models for i in models_in(_annotation(m, part))]
-        models = inner or models
-    return {key: field for m in models for key, field in fields_of(m).items()}
+        models = [model for each in below([*models], part) for model in models_in(each)] or models
+    return {key: field for model in models for key, field in fields_of(model).items()}
 
 
-def anchored(annotation: Any, value: Any, folder: Path) -> Any:
-    """``value`` with relative paths, wherever ``annotation`` has a ``Path``, starting at ``folder``."""
-    if isinstance(value, str):
-        return str(folder / value) if _holds_path(annotation) else value
-    if isinstance(value, list):
-        inside = get_args(annotation) or (annotation,)
-        return [_first_change(inside, item, folder) for item in value]
+def each_value(
+    types: Types,
+    value: Any,
+    change: Callable[[KeyPath, Types, Any], Any],
+    path: KeyPath = (),
+    inside: Callable[[Types, object], Types] = below,
+) -> Any:
+    """``value`` with what ``change`` makes of each single value in it, told its path and what it may be."""
     if isinstance(value, dict):
-        models = models_in(annotation)
-        inside = get_args(annotation)
-        return {
-            key: _first_change([_annotation(m, key) for m in models] or inside, item, folder)
-            for key, item in value.items()
-        }
-    return value
+        items = (
+            (key, each_value(inside(types, key), item, change, (*path, key), inside)) for key, item in value.items()
+        )
+        return dict(items)
+    if isinstance(value, list):
+        types = inside(types, None)
+        return [each_value(types, item, change, (*path, i), inside) for i, item in enumerate(value)]
+    return change(path, types, value)
 
 
-def _first_change(annotations: Iterable[Any], value: Any, folder: Path) -> Any:
-    for annotation in annotations:
-        changed = anchored(annotation, value, folder)
-        if changed != value:
-            return changed
-    return value
+def anchored(kind: Any, value: Any, folder: Path) -> Any:
+    """``value`` with relative paths, wherever ``kind`` has a ``Path``, starting at ``folder``."""
 
+    def start(_: KeyPath, types: Types, found: Any) -> Any:
+        is_path = any(isinstance(each, type) and issubclass(each, Path) for each in types)
+        return str(folder / found) if is_path and isinstance(found, str) else found
 
-def _annotation(model: type[Any], key: str | int) -> Any:
-    field = fields_of(model).get(str(key))
-    return field.annotation if field is not None else None
-
-
-def _holds_path(annotation: Any) -> bool:
-    """True if a single text of this type is a path (``Path``, ``FilePath | None``, but not ``list[Path]``)."""
-    if isinstance(annotation, type):
-        return issubclass(annotation, Path)
-    origin = getattr(annotation, "__origin__", None)
-    if isinstance(origin, type) and issubclass(origin, list | tuple | set | dict):
-        return False
-    return any(_holds_path(a) for a in get_args(annotation))
+    return each_value(members(kind), value, start)

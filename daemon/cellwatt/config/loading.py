@@ -83,11 +83,6 @@ class _Reading:
         if path not in self.told and len(self.problems) < _WORDED:
             self.problems.append(self.document.problem(path, message, at_key=at_key))
 
-    def missing(self, path: KeyPath, key: str, description: str) -> None:
-        """Note that a mapping lacks a key."""
-        if (*path, key) not in self.told:
-            self.complain(path, missing_key(key, description), at_key=True)
-
     def mapping(self, path: KeyPath, value: Any) -> dict[Any, Any] | None:
         """The value as a mapping; a key without a value is an empty one."""
         if value is None or isinstance(value, dict):
@@ -113,18 +108,25 @@ class _Reading:
                 self.complain(key, f"found {found(self.document, key)}, expected a finite value")
         return made
 
-    def find(self, what: Callable[[str], type[Any]], name: Any, path: KeyPath, hint: str = "") -> type[Any] | None:
-        """A driver, stage or outlet class by name; ``None`` after a complaint."""
-        if not isinstance(name, str):
-            self.complain(path, f"found {found(self.document, path)}, expected a name")
-            return None
+    def part(
+        self,
+        find: Callable[[str], type[Any]],
+        kind: Any,
+        place: KeyPath,
+        path: KeyPath,
+        values: Mapping[Any, Any],
+        hint: str = "",
+    ) -> tuple[type[Any] | None, Any]:
+        """Class and settings of a driver, stage or outlet, its kind at ``place``; ``None`` after a complaint."""
+        if not isinstance(kind, str):
+            self.complain(place, f"found {found(self.document, place)}, expected a name")
+            return None, None
         try:
-            return what(name)
+            made = find(kind)
         except ConfigError as error:
-            self.complain(path, f"{error}{hint}")
-        except Exception as error:  # whatever a package outside this one does when imported
-            self.complain(path, f"{name!r} cannot be loaded: {type(error).__name__}: {error}")
-        return None
+            self.complain(place, f"{error}{hint}")
+            return None, None
+        return made, self.settings(made.Settings, path, values)
 
 
 def _cell(reading: _Reading, path: Path) -> CellConfig | None:
@@ -163,14 +165,8 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         units=units,
         environment=document.environment,
         secrets=document.secrets,
-        record_place=_record_place(document, top),
+        record_place=document.place(("record", "folder")) if "record" in top else "",
     )
-
-
-def _record_place(document: Document, top: Mapping[Any, Any]) -> str:
-    if "record" not in top:
-        return ""
-    return document.place(("record", "folder") if "folder" in (top["record"] or {}) else ("record",))
 
 
 def _robot(reading: _Reading, name: CellName | None) -> None:
@@ -222,29 +218,20 @@ def _named(reading: _Reading, section: str, top: Mapping[Any, Any]) -> Iterator[
 
 def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, SourceConfig]]:
     if "sources" not in top:
-        reading.missing((), "sources", "what is measured: name: {driver: …}")
+        if ("sources",) not in reading.told:
+            reading.complain((), missing_key("sources", "what is measured: name: {driver: …}"), at_key=True)
     elif not top["sources"]:
         reading.complain(("sources",), "found no source, expected at least one (name: {driver: …})", at_key=True)
     for name, values in _named(reading, "sources", top):
         path = ("sources", name)
         kind = values.pop("driver", None)
         if kind is None:
-            _no_driver(reading, path, values)
+            known = f"one of: {', '.join(available('cellwatt.drivers'))}"
+            reading.complain(path, missing_key("driver", known), at_key=True)
             continue
-        found_class = reading.find(driver, kind, (*path, "driver"))
-        if found_class is None:
-            continue
-        settings = reading.settings(found_class.Settings, path, values)
+        _, settings = reading.part(driver, kind, (*path, "driver"), path, values)
         if settings is not None:
             yield name, SourceConfig(name, kind, settings, reading.document.place(path))
-
-
-def _no_driver(reading: _Reading, path: KeyPath, values: Mapping[Any, Any]) -> None:
-    meant = nearest("driver", [key for key in values if isinstance(key, str)])
-    if meant is None:
-        reading.missing(path, "driver", f"one of: {', '.join(available('cellwatt.drivers'))}")
-    else:
-        reading.complain((*path, meant), unknown_key(meant, ["driver"]), at_key=True)
 
 
 def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageConfig]]:
@@ -259,11 +246,8 @@ def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, St
         hint = "" if known else f"; is {name!r} your own name? then add 'stage: KIND'"
         if isinstance(kind, str):
             kinds.add(kind)
-        found_class = reading.find(stage, kind, place, hint)
-        if found_class is None:
-            continue
-        needs[name] = tuple(found_class.needs)
-        settings = reading.settings(found_class.Settings, path, values)
+        found_class, settings = reading.part(stage, kind, place, path, values, hint)
+        needs[name] = tuple(getattr(found_class, "needs", ()))
         if settings is not None:
             yield name, StageConfig(name, kind, settings, reading.document.place(path))
     for name, wanted in needs.items():
@@ -278,13 +262,10 @@ def _outlets(reading: _Reading, top: Mapping[Any, Any], names: list[str]) -> Ite
         value = top.get(name, {} if name == DEFAULT_OUTLET else "off")
         if value is False or value == "off":
             continue
-        values = reading.mapping((name,), value)
-        found_class = None if values is None else reading.find(outlet, name, (name,))
-        if values is None or found_class is None:
-            continue
-        settings = reading.settings(found_class.Settings, (name,), values)
-        if settings is not None:
-            yield name, OutletConfig(name, settings)
+        if (values := reading.mapping((name,), value)) is not None:
+            _, settings = reading.part(outlet, name, (name,), (name,), values)
+            if settings is not None:
+                yield name, OutletConfig(name, settings)
 
 
 def _same_device(reading: _Reading, sources: Mapping[str, SourceConfig]) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel
 
 from cellwatt.config.cell import CellConfig
 from cellwatt.config.places import KeyPath
-from cellwatt.host import blank
+from cellwatt.host import without
 
 _SHORTEST_SECRET = 8
 """Characters from which on a value from the environment is also hidden inside other texts."""
@@ -30,7 +30,8 @@ def public_config(config: CellConfig) -> dict[str, Any]:
     }
     for path, shown in config.environment.items():
         _blank(tree, path, shown)
-    blanked: dict[str, Any] = _hide(tree, dict(_long(config.secrets)))
+    long = {value: shown for value, shown in config.secrets.items() if len(value) >= _SHORTEST_SECRET}
+    blanked: dict[str, Any] = _hide(tree, long)
     return blanked
 
 
@@ -50,19 +51,9 @@ def _blank(tree: Any, path: KeyPath, shown: str) -> None:
         tree[:] = [shown]
 
 
-def _long(secrets: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Secrets that no ordinary text holds by chance."""
-    longest_first = sorted(secrets.items(), key=lambda item: -len(item[0]))
-    return ((value, shown) for value, shown in longest_first if len(value) >= _SHORTEST_SECRET)
-
-
 def _hide(tree: Any, secrets: Mapping[str, str]) -> Any:
     if isinstance(tree, dict):
         return {_hide(key, secrets): _hide(value, secrets) for key, value in tree.items()}
     if isinstance(tree, list):
         return [_hide(value, secrets) for value in tree]
-    if isinstance(tree, str):
-        for value, shown in secrets.items():
-            tree = tree.replace(value, shown)
-        return blank(tree)
-    return tree
+    return without(tree, secrets) if isinstance(tree, str) else tree

@@ -38,16 +38,6 @@ def reference(model: type[BaseModel]) -> list[Field]:
     return list(_fields(schema, schema.get("$defs", {}), "", ()))
 
 
-def markdown(model: type[BaseModel]) -> str:
-    """The reference of a settings class as a Markdown table, as in ``docs/settings.md``."""
-    lines = ["| key | type | default | meaning |", "|---|---|---|---|"]
-    for field in reference(model):
-        default = "required" if field.required else f"`{field.default}`" if field.default else ""
-        cells = (f"`{field.key}`", field.type, default, field.description)
-        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
-    return "\n".join(lines)
-
-
 def written(value: object, schema: Mapping[str, Any]) -> str:
     """A default as a person would write it in the file: ``0.1`` of a duration as ``100 ms``."""
     if value is None:

@@ -8,13 +8,13 @@ known by their form (``cellwatt.host``).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from pydantic import BaseModel, SecretStr
+from pydantic import SecretStr
 
-from cellwatt.config.fields import fields_of, models_in
+from cellwatt.config.fields import Types, below, each_value, members
 from cellwatt.config.places import KeyPath
 
 
@@ -29,52 +29,26 @@ class SecretKeys:
         return any(word in str(key).lower() for word in self.words)
 
 
-def secrets_in(model: type[BaseModel], values: Mapping[Any, Any], path: KeyPath) -> Iterator[KeyPath]:
+def secrets_in(kind: Any, values: Mapping[Any, Any], path: KeyPath = ()) -> list[KeyPath]:
     """Paths of the secrets among settings as they are written at ``path``, right or wrong."""
-    fields = fields_of(model)
-    for key, value in values.items():
-        field = fields.get(str(key))
-        if field is None:
-            continue
-        marks = [mark for mark in field.metadata if isinstance(mark, SecretKeys)]
-        if marks:
-            yield from (at for mark in marks for at in _below(mark, value, (*path, key)))
-        elif _is_secret(field.annotation):
-            yield from _leaves(value, (*path, key))
-        else:
-            for inner in models_in(field.annotation):
-                yield from _inside(inner, value, (*path, key))
+    found: list[KeyPath] = []
+
+    def note(at: KeyPath, types: Types, value: Any) -> Any:
+        if any(map(_is_secret, types)):
+            found.append(at)
+        return value
+
+    each_value(members(kind), values, note, path, _inside)
+    return found
 
 
-def _inside(model: type[BaseModel], value: Any, path: KeyPath) -> Iterator[KeyPath]:
-    """Secrets of settings that are a value, or stand in its lists, or below names of their own."""
-    if isinstance(value, dict):
-        yield from secrets_in(model, value, path)
-    for key, inner in _items(value):
-        if isinstance(inner, dict | list):
-            yield from _inside(model, inner, (*path, key))
-
-
-def _below(mark: SecretKeys, value: Any, path: KeyPath) -> Iterator[KeyPath]:
-    for key, inner in _items(value):
-        if isinstance(key, str) and mark.name(key):
-            yield from _leaves(inner, (*path, key))
-        else:
-            yield from _below(mark, inner, (*path, key))
-
-
-def _leaves(value: Any, path: KeyPath) -> Iterator[KeyPath]:
-    if not isinstance(value, dict | list):
-        yield path
-    for key, inner in _items(value):
-        yield from _leaves(inner, (*path, key))
-
-
-def _items(value: Any) -> list[tuple[Any, Any]]:
-    if isinstance(value, dict):
-        return list(value.items())
-    return list(enumerate(value)) if isinstance(value, list) else []
+def _inside(types: Types, key: object) -> Types:
+    """As ``below``; what stands in a secret is one, whatever its form, and so is what is under a key that names one."""
+    marks = [each for each in types if isinstance(each, SecretKeys)]
+    if any(map(_is_secret, types)) or any(mark.name(key) for mark in marks):
+        return [SecretStr]
+    return [*marks, *below(types, key)]
 
 
 def _is_secret(annotation: Any) -> bool:
-    return annotation is SecretStr or any(_is_secret(argument) for argument in get_args(annotation))
+    return annotation is SecretStr or any(map(_is_secret, get_args(annotation)))

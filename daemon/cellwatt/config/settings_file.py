@@ -17,6 +17,7 @@ from cellwatt.config.document import Document, read
 from cellwatt.config.fields import fields_at
 from cellwatt.config.marks import COMPUTED_FILE, SETTINGS_FILE
 from cellwatt.config.places import KeyPath, first
+from cellwatt.config.secret import secrets_in
 from cellwatt.config.wording import explain, unknown_key
 from cellwatt.errors import CellwattError, ConfigError, Problem
 from cellwatt.files import COMPUTED, read_text
@@ -78,6 +79,8 @@ def _at_once(path: Path, adapter: TypeAdapter[T], check: Check[T] | None) -> T |
 def _placed(path: Path, adapter: TypeAdapter[T], kind: Any, check: Check[T] | None, computed: bool) -> T:
     keys = ", ".join(name for name, field in fields_at(kind, ()).items() if field.is_required())
     document = read(path, {}, bounds=COMPUTED_FILE if computed else SETTINGS_FILE, expected=keys)
+    for secret in secrets_in(kind, document.value):
+        document.hide(secret)
     mistakes = [problem for found in document.mistakes.values() for problem in found]
     try:
         made = adapter.validate_python(document.value)

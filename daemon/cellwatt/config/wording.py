@@ -12,12 +12,12 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from cellwatt.config.document import Document, of_value
+from cellwatt.config.document import Document
 from cellwatt.config.fields import fields_at
 from cellwatt.config.marks import LONGEST_VALUE, quoted, shortened
 from cellwatt.config.places import MOST, KeyPath
 from cellwatt.errors import Problem
-from cellwatt.host import blank
+from cellwatt.host import HIDDEN, blank
 
 _LONGEST_WORD = 100  # characters of a key that is compared with others
 _MOST_SIBLINGS = 200  # unknown keys that may be a missing one misspelt
@@ -27,26 +27,8 @@ _MISSING = ("missing", "missing_argument")
 _SETTINGS, _LIST = _COLLECTIONS = "settings (key: value)", "a list"
 
 _EXPECTED = {
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
     "int_parsing_size": "a smaller whole number",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "float_parsing": "a number",
     "finite_number": "a finite number",
-    "bool_type": "true or false",
-    "bool_parsing": "true or false",
-    "string_type": "text",
-    "path_type": "a path",
-    "list_type": _LIST,
-    "tuple_type": _LIST,
-    "set_type": _LIST,
-    "frozen_set_type": _LIST,
-    "dict_type": _SETTINGS,
-    "mapping_type": _SETTINGS,
-    "model_type": _SETTINGS,
-    "model_attributes_type": _SETTINGS,
-    "dataclass_type": _SETTINGS,
     "none_required": "nothing",
     "path_not_file": "a file that exists (relative paths start at the folder of the settings file)",
     "path_not_directory": "a folder that exists (relative paths start at the folder of the settings file)",
@@ -62,6 +44,10 @@ _EXPECTED = {
     "literal_error": "{expected}",
     "enum": "{expected}",
 }
+_KINDS = {"int": "a whole number", "float": "a number", "bool": "true or false", "string": "text", "path": "a path"}
+_KINDS |= dict.fromkeys(("list", "tuple", "set", "frozen"), _LIST)
+_KINDS |= dict.fromkeys(("dict", "mapping", "model", "dataclass"), _SETTINGS)
+"""By the first word of pydantic's name for an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +91,7 @@ def found(document: Document, path: KeyPath) -> str:
     """The value at a path as a message repeats it; never a secret or what came from the environment."""
     if path in document.environment:
         shown = document.environment[path]
-        return shown if path in document.hidden else f"the value of {shown}"
+        return shown if shown == HIDDEN else f"the value of {shown}"
     value = document.at(path)
     if value is None:
         return "nothing"
@@ -136,14 +122,6 @@ def explain(
             grouped.setdefault(finding.path, []).append(finding)
     worded = sorted(grouped.values(), key=lambda group: _order(group[0], document))[: MOST + 1]
     return [_problem(group, model, document) for group in worded]
-
-
-def explain_value(error: ValidationError, kind: Any, value: Any) -> str:
-    """The first mistake that ``kind`` finds in a value that stands in no file of settings, and how many more."""
-    problems = explain(error, kind, of_value(value), (), ())
-    more = len(problems) - 1
-    where = f"{problems[0].path}: " if problems[0].path else ""
-    return f"{where}{problems[0].message}{f' (and {more} more)' if more else ''}"
 
 
 def _order(finding: _Finding, document: Document) -> tuple[int, int]:
@@ -204,7 +182,7 @@ def _own_words(error: ErrorDetails) -> str:
 
 
 def _expected(error: ErrorDetails) -> str:
-    template = _EXPECTED.get(error["type"])
+    template = _EXPECTED.get(error["type"]) or _KINDS.get(error["type"].partition("_")[0])
     context: Mapping[str, Any] = error.get("ctx", {})
     if template is None:
         text = error["msg"].removeprefix("Input should be ").removeprefix("Value should ")

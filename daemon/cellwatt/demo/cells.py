@@ -1,4 +1,4 @@
-"""The cells that the demo knows: a small one with a fault, and one with a device of every driver."""
+"""The cell of the demo: its settings, what they are filled with, and the files that describe its arm."""
 
 from __future__ import annotations
 
@@ -9,69 +9,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from cellwatt.config import load
 from cellwatt.config.places import KeyPath
-from cellwatt.demo.power import model_file
-from cellwatt.errors import ConfigError
-from cellwatt.runtime.assemble import prepare
 
-SOMEWHERE = "127.0.0.1:9"
-"""Stands for an endpoint while none is chosen yet."""
-
-SMALL = ("arm", "board", "positioner", "mains")
-"""The sources of ``demo.yaml``; the positioner and the mains are those of a second arm, …"""
+SOURCES = ("arm", "board", "positioner", "mains")
+"""Of ``demo.yaml``; the positioner and the mains are those of a second arm, …"""
 SPEEDS = {"positioner": 0.8, "mains": 0.8}
 """… which moves at another speed."""
-
-
-PULSES = {"pulses_per_degree": [1341.4, 1341.4, 1341.4, 1000, 1000, 622], "rated_torque": [120, 120, 60, 15, 15, 10]}
-
-
-def every_driver() -> dict[str, dict[str, Any]]:
-    """Settings of one source per driver, named like the driver, at their usual rates, for emulated devices."""
-    packets = _free_udp_port()
-    settings: dict[str, dict[str, Any]] = {
-        "ur": {"host": "127.0.0.1"},
-        "yaskawa": {"host": "127.0.0.1", **PULSES},
-        "abb": {"host": "127.0.0.1", "egm_port": packets, "bind": "127.0.0.1", "tls": False},
-        "franka": {"host": "127.0.0.1"},
-        "kinova": {"host": "127.0.0.1"},
-        "power_board": {"port": "/dev/ttyUSB0"},
-        "scpi_analyzer": {"host": "127.0.0.1"},
-        "modbus_meter": {"host": "127.0.0.1", "meter": "eastron_sdm630", "rate": "5 Hz"},
-        "opc_ua": {"host": "127.0.0.1", "model": "opc_40010"},
-        "can_sensor": {"interface": "slcan", "channel": "/dev/ttyACM0", "sensor": "ivt_s"},
-    }
-    return {name: {"driver": name, **given} for name, given in settings.items()}
-
-
-def usable(sources: Mapping[str, dict[str, Any]], folder: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
-    """The sources whose drivers can be loaded here, and the reason for each of the others."""
-    found, lacking = {}, {}
-    for name, source in sources.items():
-        try:
-            prepare(load(write(folder, {name: source}, SOMEWHERE), {}))
-        except ConfigError as error:
-            lacking[name] = "; ".join(problem.message for problem in error.problems) or str(error)
-        else:
-            found[name] = source
-    return found, lacking
-
-
-def write(folder: Path, sources: Mapping[str, Mapping[str, Any]], endpoint: str) -> Path:
-    """The settings file of a cell with these sources, recorded and published."""
-    cell = {
-        "site": "demo",
-        "cell": "demo",
-        "sources": dict(sources),
-        "record": {"folder": str(folder), "keep": "1 GB"},
-        "zenoh": {"listen": [f"tcp/{endpoint}"]},
-    }
-    file = folder / "cell.yaml"
-    file.write_text(yaml.safe_dump(cell, sort_keys=False))
-    return file
 
 
 def packaged() -> Path:
@@ -83,6 +26,11 @@ def packaged() -> Path:
 def shape_file() -> Path:
     """URDF of the emulated arm."""
     return Path(__file__).with_name("arm.urdf")
+
+
+def model_file() -> Path:
+    """Path of the trained model of its power, which ``bench/models/demo.py`` makes."""
+    return Path(__file__).with_name("power.onnx")
 
 
 def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPath, Any]) -> dict[str, str]:
@@ -104,10 +52,3 @@ def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"127.0.0.1:{probe.getsockname()[1]}"
-
-
-def _free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port

@@ -27,7 +27,7 @@ async def daemon(
         process = await asyncio.create_subprocess_exec(
             *command, env=environment, stderr=log, preexec_fn=ends_with_parent()
         )
-    async with ended(process):
+    async with _ended(process):
         yield process
 
 
@@ -41,7 +41,7 @@ async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]
         *command, stdout=asyncio.subprocess.PIPE, preexec_fn=ends_with_parent()
     )
     keep_up(process.pid)  # it shares the cores with all that it is to count
-    async with ended(process):
+    async with _ended(process):
         yield process
 
 
@@ -51,17 +51,13 @@ def log_of(folder: Path) -> Path:
 
 
 @contextlib.asynccontextmanager
-async def ended(process: asyncio.subprocess.Process, *, tell: bool = False) -> AsyncIterator[None]:
-    """See to it that a process has ended after the block; kill it if it does not end.
-
-    It is told to end where the block fails, and with ``tell`` always.
-    """
+async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
+    """See to it that a process has ended after the block, which tells it to end unless it fails; kill it otherwise."""
     try:
         yield
-        if tell:
-            _terminate(process)
     except BaseException:
-        _terminate(process)
+        if process.returncode is None:
+            process.terminate()
         raise
     finally:
         # One that was told and has ended must not be signalled again: who signals reaps it, and the watcher wonders.
@@ -70,8 +66,3 @@ async def ended(process: asyncio.subprocess.Process, *, tell: bool = False) -> A
         if process.returncode is None:
             process.kill()
             await process.wait()
-
-
-def _terminate(process: asyncio.subprocess.Process) -> None:
-    if process.returncode is None:
-        process.terminate()

@@ -18,6 +18,7 @@ class Seen:
     gaps: int = 0
     intervals: list[dict[str, Any]] = field(default_factory=list)
     tasks: int = 0
+    predictions: int = 0
     alarms: list[dict[str, Any]] = field(default_factory=list)
     status: dict[str, Any] = field(default_factory=dict)
 
@@ -33,6 +34,8 @@ class Seen:
             self.intervals.append(content)
         elif kind == "task":
             self.tasks += 1
+        elif kind == "prediction":
+            self.predictions += 1
         elif kind == "alarm":
             self.alarms.append({**content, "received": line["received"]})
         elif kind == "health":

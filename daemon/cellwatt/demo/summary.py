@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from cellwatt.demo import fault
-from cellwatt.demo.cells import SMALL
+from cellwatt.demo.cells import SOURCES
 from cellwatt.demo.seen import Seen
 from cellwatt.slots import HOST
 
@@ -15,23 +15,14 @@ RATE_TOLERANCE = 0.02
 """By how much a measured rate may differ from the nominal one, as a share of it."""
 
 
-def summary(
-    seen: Seen,
-    kept: Mapping[str, float],
-    hooked: float | None,
-    exit_code: int | None,
-    power: Mapping[str, Any] | None,
-) -> dict[str, Any]:
-    """Summarise the small cell: sources, the fault hooked on at ``hooked``, UTC s, and the result of ``power_of``.
-
-    ``kept`` is as in ``sources_of``.
-    """
+def summary(seen: Seen, kept: Mapping[str, float], hooked: float | None, exit_code: int | None) -> dict[str, Any]:
+    """Summarise a run: sources, and the fault hooked on at ``hooked``, UTC s. ``kept`` is as in ``sources_of``."""
     sources = sources_of(seen, kept)
     told = None if hooked is None else fault.told(seen, hooked)
-    problems = problems_of(seen, sources, SMALL, exit_code)
+    problems = problems_of(seen, sources, SOURCES, exit_code)
     if told is not None:
         problems += fault.problems_of(told, busy=any(source["host_stalled"] for source in sources.values()))
-    if power is None:
+    if not seen.predictions:
         problems.append("the model predicted nothing")
     return {
         "ok": not problems,
@@ -41,7 +32,7 @@ def summary(
         "intervals": len(seen.intervals),
         "tasks": seen.tasks,
         "fault": told,
-        "power": power,
+        "predictions": seen.predictions,
         "meter": _meter(seen),
         "alarms": [{k: a[k] for k in ("kind", "severity", "joint", "active", "statement")} for a in seen.alarms],
     }
@@ -51,28 +42,6 @@ def _meter(seen: Seen) -> dict[str, Any] | None:
     """Last message about the analyzer, with its figures."""
     told = [a for a in seen.alarms if a["kind"] == "meter_timing"]
     return {"statement": told[-1]["statement"], **told[-1]["evidence"]} if told else None
-
-
-def summary_of_every_driver(
-    seen: Seen,
-    kept: Mapping[str, float],
-    devices: Collection[str],
-    lacking: Mapping[str, str],
-    emulated: Mapping[str, Mapping[str, int]],
-    exit_code: int | None,
-) -> dict[str, Any]:
-    """Summarise the cell of all drivers: sources, their emulators' counts, and drivers left out with the reason."""
-    sources = sources_of(seen, kept)
-    problems = problems_of(seen, sources, devices, exit_code)
-    for name, source in sources.items():
-        source["emulated"] = dict(emulated.get(name, {}))
-    return {
-        "ok": not problems,
-        "problems": problems,
-        "left_out": dict(lacking),
-        "sources": sources,
-        "frames": seen.samples["frame"],
-    }
 
 
 def sources_of(seen: Seen, kept: Mapping[str, float]) -> dict[str, dict[str, Any]]:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import threading
 import zipfile
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -25,43 +23,22 @@ users of this PC: open the files and read them before you give the bundle to oth
 """
 
 
-Made = Callable[[], str | Mapping[str, Any] | list[Any]]
-
-
-def _within(seconds: float, make: Made) -> str | Mapping[str, Any] | list[Any]:
-    """What ``make`` gives in time; a thread that goes on beyond it ends with the command."""
-    done: Future[str | Mapping[str, Any] | list[Any]] = Future()
-
-    def work() -> None:
-        try:
-            done.set_result(make())
-        except BaseException as error:  # it is for who waits
-            done.set_exception(error)
-
-    threading.Thread(target=work, daemon=True).start()
-    try:
-        return done.result(seconds)
-    except TimeoutError:
-        raise CellwattError(f"there was no answer within {seconds:.0f} s") from None
-
-
 @dataclass(slots=True)
 class Bundle:
     """Files for the zip by name, each with a line that says what it is; ``secrets`` are replaced in every text."""
 
     secrets: dict[str, str] = field(default_factory=dict)
     texts: dict[str, tuple[str, str]] = field(default_factory=dict)
-    files: dict[str, tuple[str, Path]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
 
-    def add(self, name: str, what: str, make: Made, patience: float | None = None) -> None:
-        """Add what ``make`` gives, as JSON unless it is text; note the reason if it cannot be had in ``patience`` s."""
+    def add(self, name: str, what: str, make: Callable[[], str | Mapping[str, Any] | list[Any]]) -> None:
+        """Add what ``make`` gives, as JSON unless it is text; note the reason if it cannot be had."""
         try:
-            made = make() if patience is None else _within(patience, make)
-        except (CellwattError, OSError) as error:
-            self.missing[name] = f"{what}: {why(error) if isinstance(error, OSError) else error}"
+            made = make()
         except Exception as error:  # the bundle is for things that are broken
-            self.missing[name] = f"{what}: {type(error).__name__}: {error}"
+            known = why(error) if isinstance(error, OSError) else str(error)
+            reason = known if isinstance(error, CellwattError | OSError) else f"{type(error).__name__}: {error}"
+            self.missing[name] = f"{what}: {reason}"
         else:
             text = made if isinstance(made, str) else json.dumps(made, indent=2, ensure_ascii=False, default=str)
             self.texts[name] = what, text.rstrip("\n") + "\n"
@@ -69,7 +46,6 @@ class Bundle:
     def listing(self) -> str:
         """Lines that name each file with its size, and what is missing with the reason."""
         sizes = {name: (what, len(self._blanked(text).encode())) for name, (what, text) in self.texts.items()}
-        sizes |= {name: (what, path.stat().st_size) for name, (what, path) in self.files.items()}
         wide = max(map(len, sizes), default=0)
         lines = [f"  {name:<{wide}}  {size / 1e3:9.1f} kB  {what}" for name, (what, size) in sizes.items()]
         absent = [f"  {self._blanked(reason)}" for reason in self.missing.values()]
@@ -85,8 +61,6 @@ class Bundle:
                 archive.writestr("README.txt", _README + self.listing())
                 for name, (_, text) in self.texts.items():
                     archive.writestr(name, self._blanked(text))
-                for name, (_, source) in self.files.items():
-                    archive.write(source, name)
         except OSError as error:
             raise CellwattError(f"{path} cannot be written: {why(error)}") from error
 

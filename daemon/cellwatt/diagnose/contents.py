@@ -6,7 +6,9 @@ import os
 import platform
 import subprocess
 import sys
-from dataclasses import dataclass, field
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
 from datetime import UTC, datetime
 from importlib.metadata import distributions
 from pathlib import Path
@@ -20,7 +22,6 @@ from cellwatt.errors import CellwattError, ConfigError, RecordingError
 from cellwatt.files import read_bytes
 from cellwatt.host import HIDDEN
 from cellwatt.outlets.zenoh.reach import ask_cell
-from cellwatt.record.cut import cut
 from cellwatt.record.folder import Obstacles, RecordFile, listing, obstacles
 from cellwatt.record.header import DAMAGED
 from cellwatt.record.survey import survey
@@ -31,48 +32,7 @@ _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 """Parts of keys below which a wrong file may hold secrets that no settings class has declared."""
 
 
-@dataclass(slots=True)
-class Findings:
-    """A settings file examined: ``config`` if it is right, ``secrets`` with what to show for each."""
-
-    config: CellConfig | None
-    shown: dict[str, Any]
-    check: list[str]
-    secrets: dict[str, str] = field(default_factory=dict)
-
-
-def examine(file: Path) -> Findings:
-    """Read and check a settings file, right or wrong."""
-    try:
-        config = load(file)
-    except ConfigError as error:
-        return _wrong(file, [str(problem) for problem in error.problems])
-    disk = obstacles(config.record) if config.record is not None else Obstacles()
-    warnings = [*config.warnings, *disk.warnings]
-    told = [*_unprepared(config), *([disk.refusal] if disk.refusal else []), *(f"warning: {text}" for text in warnings)]
-    return Findings(config, public_config(config), told, dict(config.secrets))
-
-
-def _unprepared(config: CellConfig) -> list[str]:
-    try:
-        prepare(config)
-    except ConfigError as error:
-        return [str(problem) for problem in error.problems]
-    return [f"{config.path}: configuration is valid"]
-
-
-def _wrong(file: Path, problems: list[str]) -> Findings:
-    try:
-        document = read(file, os.environ)
-    except ConfigError:
-        return Findings(None, {}, problems)
-    secrets = dict(document.secrets)
-    for path, place in document.places.items():
-        if place.written and any(word in str(key).lower() for key in path for word in _SUSPECT):
-            secrets[place.written] = HIDDEN
-    return Findings(None, {}, problems, secrets)
-
-
+_CHECK: Final = "what cellwatt check says"
 LINES: Final = 2000
 """Last lines of the log."""
 PATIENCE: Final = 10.0
@@ -82,43 +42,68 @@ _EXAMINED: Final = 100
 """Recordings, the newest ones, that are opened for a verdict."""
 
 
-def bundle_of(file: Path | None, log: Path | None, record: float, folder: Path) -> Bundle:
-    """Gather the bundle for a settings file, or for the PC alone.
-
-    ``log`` replaces the journal. The last ``record`` s of the record are cut into ``folder``; 0 leaves them out.
-    """
+def bundle_of(file: Path | None, log: Path | None) -> Bundle:
+    """Gather the bundle for a settings file, or for the PC alone; ``log`` replaces the journal."""
     bundle = Bundle()
     bundle.add("versions.json", "versions of cellwatt, Python, its packages and the system", _versions)
-    config = None
-    if file is not None:
-        found = examine(file)
-        config, bundle.secrets = found.config, found.secrets
-        bundle.add("check.txt", "what cellwatt check says", lambda: "\n".join(found.check))
-        bundle.add("settings.json", "the settings without secrets", lambda: found.shown or _wrong_file())
+    config = None if file is None else _settings(bundle, file)
     disk = config.record.folder if config is not None and config.record is not None else None
     bundle.add("pc.json", "cores, clocks, memory, limits and disk of this PC", lambda: pc.facts(disk))
     if log is not None or file is not None:
         bundle.add("log.txt", f"the last {LINES} lines of the log", lambda: _log(file, log))
     if config is not None:
-        _cell(bundle, config, record, folder)
+        _cell(bundle, config)
     return bundle
 
 
-def _cell(bundle: Bundle, config: CellConfig, record: float, folder: Path) -> None:
-    bundle.add("status.json", "health and counts of the running daemon", lambda: ask_cell(config, "status"), PATIENCE)
+def _settings(bundle: Bundle, file: Path) -> CellConfig | None:
+    """Add what a settings file says; of a wrong one, which may hold secrets anywhere, only what is wrong."""
+    try:
+        config = load(file)
+    except ConfigError as error:
+        bundle.secrets = _suspected(file)
+        bundle.texts["check.txt"] = _CHECK, f"{error}\n"
+        bundle.missing["settings.json"] = "the settings: the file is wrong and may hold secrets anywhere: see check.txt"
+        return None
+    bundle.secrets = dict(config.secrets)
+    disk = obstacles(config.record) if config.record is not None else Obstacles()
+    warnings = [f"warning: {text}" for text in (*config.warnings, *disk.warnings)]
+    told = [*_prepared(config), *([disk.refusal] if disk.refusal else []), *warnings]
+    bundle.add("check.txt", _CHECK, lambda: "\n".join(told))
+    bundle.add("settings.json", "the settings without secrets", lambda: public_config(config))
+    return config
+
+
+def _prepared(config: CellConfig) -> list[str]:
+    try:
+        prepare(config)
+    except ConfigError as error:
+        return [str(problem) for problem in error.problems]
+    return [f"{config.path}: configuration is valid"]
+
+
+def _suspected(file: Path) -> dict[str, str]:
+    """What may be secret in a wrong file."""
+    try:
+        document = read(file, os.environ)
+    except ConfigError:
+        return {}
+    suspect = {
+        place.written: HIDDEN
+        for path, place in document.places.items()
+        if place.written and any(word in str(key).lower() for key in path for word in _SUSPECT)
+    }
+    return document.secrets | suspect
+
+
+def _cell(bundle: Bundle, config: CellConfig) -> None:
+    bundle.add("status.json", "health and counts of the running daemon", lambda: _asked(config, "status"))
     if "status.json" in bundle.texts:
-        bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"), PATIENCE)
+        bundle.add("schema.json", "its channels", lambda: _asked(config, "schema"))
     if config.record is None:
         return
     kept = listing(config.record.folder, config.cell)
     bundle.add("recordings.json", "recordings with sizes and verdicts", lambda: _recordings(kept))
-    if record:
-        try:
-            made = _last(config, kept, record, folder / "record.mcap")
-        except (CellwattError, OSError) as error:
-            bundle.missing["record.mcap"] = f"the last {record:g} s of the record: {error}"
-        else:
-            bundle.files["record.mcap"] = f"the last {record:g} s of the record", made
 
 
 def _versions() -> dict[str, Any]:
@@ -131,10 +116,6 @@ def _versions() -> dict[str, Any]:
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
         "packages": dict(sorted((d.name, d.version) for d in distributions())),
     }
-
-
-def _wrong_file() -> str:
-    raise CellwattError("the file is wrong, and may hold secrets anywhere: see check.txt")
 
 
 def _log(file: Path | None, log: Path | None) -> str:
@@ -177,16 +158,22 @@ def _verdict(kept: RecordFile) -> str:
     return damage or ("whole" if found.closed else "open")
 
 
-def _last(config: CellConfig, kept: list[RecordFile], seconds: float, to: Path) -> Path:
-    """The end of the record; of a cell that stopped, what it recorded last."""
-    ends = [end for k in kept[-3:] if (end := _end(k))]
-    if config.record is None or not ends:
-        raise RecordingError("nothing was recorded that can be read")
-    return cut(config.record.folder, config.cell, max(ends) - round(seconds * 1e9), max(ends), to).path
+def _asked(config: CellConfig, question: str) -> dict[str, Any]:
+    return _within(PATIENCE, lambda: ask_cell(config, question))
 
 
-def _end(kept: RecordFile) -> int:
+def _within(seconds: float, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What ``make`` gives in time; a thread that goes on beyond it ends with the command."""
+    done: Future[dict[str, Any]] = Future()
+
+    def work() -> None:
+        try:
+            done.set_result(make())
+        except BaseException as error:  # it is for who waits
+            done.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
     try:
-        return survey(kept.path).contents.end
-    except RecordingError:
-        return 0
+        return done.result(seconds)
+    except TimeoutError:
+        raise CellwattError(f"there was no answer within {seconds:.0f} s") from None

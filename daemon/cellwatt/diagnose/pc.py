@@ -6,12 +6,12 @@ import os
 import platform
 import resource
 import shutil
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 _FILES: Final = {
+    "distribution": "/etc/os-release",
     "clock source": "/sys/devices/system/clocksource/clocksource0/current_clocksource",
     "load": "/proc/loadavg",
     "uptime, s": "/proc/uptime",
@@ -24,31 +24,23 @@ _LIMITS: Final = {
     "locked memory, B": resource.RLIMIT_MEMLOCK,
     "open files": resource.RLIMIT_NOFILE,
 }
-_NAPS: Final = 300
+_SYNCHRONISED: Final = Path("/run/systemd/timesync/synchronized")
 
 
 def facts(folder: Path | None) -> dict[str, Any]:
-    """Facts about the system, processors, clocks, memory, limits, and the disk of ``folder``; takes 0.3 s."""
+    """Facts about the system, processors, clocks, memory, limits, and the disk of ``folder``."""
     return {
         "system": platform.platform(),
-        "distribution": _distribution(),
         "processor": {"machine": platform.machine(), "model": _line("/proc/cpuinfo", "model name")},
         "cores": {"there": os.cpu_count(), "allowed": len(os.sched_getaffinity(0))},
         "memory": {key: _line("/proc/meminfo", key) for key in ("MemTotal", "MemAvailable", "SwapTotal")},
         "user": {"uid": os.getuid(), "groups": sorted(os.getgroups())},
         "limits (soft, hard)": {name: _limit(number) for name, number in _LIMITS.items()},
-        "clocks": {"resolution of time(), s": time.get_clock_info("time").resolution, **_sync(), **_late()},
+        "clocks": {"synchronised by systemd-timesyncd": _SYNCHRONISED.exists()},
         "files": {name: _text(path) for name, path in _FILES.items()},
         "serial ports": sorted(str(p) for p in Path("/dev").glob("tty[UA][SCM]*")),
         "disk": None if folder is None else _disk(folder),
     }
-
-
-def _distribution() -> str:
-    try:
-        return platform.freedesktop_os_release().get("PRETTY_NAME", "")
-    except OSError as error:
-        return f"not known: {error.strerror}"
 
 
 def _text(path: str) -> str:
@@ -65,21 +57,6 @@ def _line(path: str, key: str) -> str:
 
 def _limit(number: int) -> list[str]:
     return ["unlimited" if v == resource.RLIM_INFINITY else str(v) for v in resource.getrlimit(number)]
-
-
-def _sync() -> dict[str, bool]:
-    return {"synchronised by systemd-timesyncd": Path("/run/systemd/timesync/synchronized").exists()}
-
-
-def _late() -> dict[str, float]:
-    """Lateness of wake-ups after naps of 1 ms: what a source's deadlines meet on this PC."""
-    late = []
-    for _ in range(_NAPS):
-        due = time.perf_counter() + 1e-3
-        time.sleep(1e-3)
-        late.append(1e3 * (time.perf_counter() - due))
-    late.sort()
-    return {"late after a nap of 1 ms, median, ms": round(late[_NAPS // 2], 3), "worst, ms": round(late[-1], 3)}
 
 
 def _disk(folder: Path) -> dict[str, Any]:

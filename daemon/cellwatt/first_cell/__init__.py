@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,17 +12,19 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from cellwatt.channel import Stream
-from cellwatt.config import FrameSettings, load
+from cellwatt.config import FrameSettings
 from cellwatt.config.cell import CellName
+from cellwatt.config.document import parse
 from cellwatt.config.installed import Part, installed
-from cellwatt.config.loading import NAME
+from cellwatt.config.loading import NAME, load_document
 from cellwatt.config.reference import Field, reference
 from cellwatt.config.wording import first_sentence
 from cellwatt.driver import SourceSettings
-from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.errors import ConfigError
+from cellwatt.files import write_file
 from cellwatt.record.settings import RecordSettings
 from cellwatt.registry import driver as find_driver
-from cellwatt.runtime.assemble import prepare
+from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.units import Units
 
 LISTEN = "tcp/127.0.0.1:7447"
@@ -63,7 +63,6 @@ class CellPlan:
     sources: tuple[SourcePlan, ...]
     robot: str | None = None
     record: str | None = RECORD
-    listen: str = LISTEN
 
 
 def parse_source(text: str) -> SourcePlan:
@@ -97,34 +96,22 @@ def in_yaml(value: str) -> str:
 
 
 def write_cell(path: Path, plan: CellPlan) -> None:
-    """Write the settings file of a plan, whole or not at all, once it is known to be right.
+    """Write the settings file of a plan, once it is known to be right.
 
     Raises ``ConfigError`` where the answers do not fit together, ``CellwattError`` where it cannot be written.
     """
     try:
-        with _beside(path) as draft:
-            draft.write_text(cell_text(plan, ()), encoding="utf-8")
-            arms = arms_of(prepare(load(draft)).streams)
-            draft.write_text(cell_text(plan, arms), encoding="utf-8")
-            prepare(load(draft))
-            draft.replace(path)
-    except ConfigError as error:  # the draft has no lines that its user knows
+        arms = arms_of(_checked(path, cell_text(plan, ())).streams)
+        text = cell_text(plan, arms)
+        _checked(path, text)
+    except ConfigError as error:  # there is no file whose lines its user knows
         texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
         raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
-    except OSError as error:
-        raise CellwattError(f"{path} cannot be written: {why(error)}") from error
+    write_file(path, text)
 
 
-@contextlib.contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    """A file of that name to be, in the same folder, as relative paths start there; removed unless it is moved."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=".yaml", dir=path.parent)
-    os.fchmod(handle, 0o644)
-    os.close(handle)
-    try:
-        yield Path(name)
-    finally:
-        Path(name).unlink(missing_ok=True)
+def _checked(path: Path, text: str) -> Prepared:
+    return prepare(load_document(parse(path, text, os.environ)))
 
 
 def arms_of(streams: Mapping[str, tuple[Stream, ...]]) -> tuple[str, ...]:
@@ -153,7 +140,7 @@ def cell_text(plan: CellPlan, arms: tuple[str, ...]) -> str:
         "",
         *_section("record", RecordSettings, record, "Every raw sample is written there first"),
         "",
-        *_outlets(plan),
+        *_outlets(),
         *_section("units", Units, {}, "Units in which values are shown and exported"),
     ]
     return "\n".join(lines) + "\n"
@@ -211,10 +198,10 @@ def _required(part: Part) -> str:
     return f"{{{', '.join(keys)}}}"
 
 
-def _outlets(plan: CellPlan) -> Iterator[str]:
+def _outlets() -> Iterator[str]:
     for part in installed("outlet"):
         if part.settings is not None:
-            values = {"listen": f"[{in_yaml(plan.listen)}]"} if part.name == "zenoh" else {}
+            values = {"listen": f"[{LISTEN}]"} if part.name == "zenoh" else {}
             yield from _section(part.name, part.settings, values, part.title)
             yield ""
 

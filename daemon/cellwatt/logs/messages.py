@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
 
-from mcap.records import Channel, Schema
+from mcap.records import Channel, McapRecord, Schema
 from mcap.records import Header as McapHeader
 from mcap.records import Message as McapMessage
 
@@ -78,32 +79,30 @@ class Bag:
         return [p for p in files if p.suffix == ".mcap"] or whole or [p for p in files if p.suffix == ".db3"]
 
     def _mcap(self, path: Path) -> Iterator[Message]:
+        with open_file(path) as file:
+            try:
+                yield from self._of_records(records(file))
+            except ValueError as error:
+                self.cut = str(error)
+
+    def _of_records(self, found: Iterable[McapRecord]) -> Iterator[Message]:
         schemas: dict[int, Schema] = {}
         profile = ""
-        known: dict[int, tuple[Channel, str, Decode | None]] = {}
-        with open_file(path) as file:
-            found = records(file)
-            while True:
-                try:
-                    record = next(found, None)
-                except ValueError as error:
-                    self.cut = str(error)
-                    return
-                if record is None:
-                    return
-                if isinstance(record, McapHeader):
-                    profile = record.profile
-                elif isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    schema = schemas.get(record.schema_id)
-                    kind = _full(schema.name) if schema else ""
-                    self.topics[record.topic] = described(profile, record, schema)
-                    known[record.id] = (record, kind, _decoder(record.message_encoding, schema, kind))
-                elif isinstance(record, McapMessage) and record.channel_id in known:
-                    channel, kind, decode = known[record.channel_id]
-                    if decode is not None:
-                        yield from self._decoded(channel.topic, kind, record.log_time, record.data, decode)
+        known: dict[int, tuple[str, str, Decode]] = {}
+        for record in found:
+            if isinstance(record, McapHeader):
+                profile = record.profile
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                schema = schemas.get(record.schema_id)
+                kind = _full(schema.name) if schema else ""
+                self.topics[record.topic] = described(profile, record, schema)
+                if (decode := _decoder(record.message_encoding, schema, kind)) is not None:
+                    known[record.id] = (record.topic, kind, decode)
+            elif isinstance(record, McapMessage) and record.channel_id in known:
+                topic, kind, decode = known[record.channel_id]
+                yield from self._decoded(topic, kind, record.log_time, record.data, decode)
 
     def _rosbag(self, path: Path) -> Iterator[Message]:
         from rosbags.rosbag2 import Reader
@@ -158,15 +157,10 @@ def _cdr(kind: str, text: str) -> Decode:
     definitions = [text] if text else [""] if kind == STATE else [_NEWER, _OLDER]
 
     def decode(data: bytes) -> Any:
-        for definition in definitions:
-            try:
+        for definition in definitions[:-1]:
+            with suppress(Exception):  # what is wrong, the last one tells
                 return _store(kind, definition).deserialize_cdr(data, kind)
-            except ImportError:
-                raise
-            except Exception:
-                if definition == definitions[-1]:
-                    raise
-        raise AssertionError
+        return _store(kind, definitions[-1]).deserialize_cdr(data, kind)
 
     return decode
 

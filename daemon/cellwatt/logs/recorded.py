@@ -13,16 +13,15 @@ import numpy as np
 from cellwatt.align import Aligner
 from cellwatt.batch import Batch
 from cellwatt.channel import Channel, Quality, Stream
-from cellwatt.errors import RecordingError, why
+from cellwatt.errors import RecordingError
 from cellwatt.files import Places, paths_of
 from cellwatt.logs.choice import chosen
 from cellwatt.logs.log import UNITS, Log
 from cellwatt.logs.opening import is_log, read_log
 from cellwatt.record import Header, Recording
-from cellwatt.record.encoder import Encoder, Item
-from cellwatt.record.files import CHUNK
+from cellwatt.record.cut import write_file
+from cellwatt.record.encoder import Item
 from cellwatt.record.header import FileName
-from cellwatt.record.openfile import OpenFile
 from cellwatt.tables.unwrap import unwrapped
 
 SOURCE = "log"
@@ -70,20 +69,7 @@ def _write(folder: Path, cell: str, logs: Sequence[Log]) -> None:
     """Write a recording, with the frames that the daemon would have made."""
     session = START if logs[0].start is None else logs[0].start
     header = Header(cell, cell, session, streams={SOURCE: (_stream(logs[0]),)}, number=1)
-    try:
-        file = OpenFile(folder / str(FileName(session, 1, cell)), header)
-        try:
-            encoder = Encoder(file)
-            for item in _items(logs, header):
-                encoder.add(item)
-                if file.waiting > CHUNK:
-                    file.write_chunk()
-            file.finish()
-            file.publish()
-        finally:
-            file.discard()
-    except OSError as error:
-        raise RecordingError(f"{folder} cannot be written: {why(error)}") from error
+    write_file(folder / str(FileName(session, 1, cell)), header, ((header, item) for item in _items(logs, header)))
 
 
 def _items(logs: Sequence[Log], header: Header) -> Iterator[Item]:

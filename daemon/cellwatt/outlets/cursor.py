@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
@@ -29,7 +29,7 @@ Span = tuple[int, int]
 """Times, UTC ns: after the first, up to and with the second."""
 
 
-class Owed(BaseModel):
+class Owed(NamedTuple):
     """A span that the peer lacks, and how many entries are known to have been made in it."""
 
     after: int
@@ -48,7 +48,7 @@ class Position(BaseModel):
 
     place: str = ""
     reached: int | None = Field(default=None, validation_alias=AliasChoices("reached", "until"))
-    gaps: list[Annotated[list[int], Field(min_length=2, max_length=3)]] = []
+    gaps: list[Owed] = []
     births: Annotated[int, Field(ge=0, le=255)] = 0
     lost: int = 0
     ended: bool = False
@@ -107,17 +107,13 @@ class Cursor:
         if until <= after:
             return
         apart = [o for o in self._owed if o.until < after or o.after > until]
-        touching = [o for o in self._owed if not (o.until < after or o.after > until)]
-        whole = Owed(
-            after=min([after, *(o.after for o in touching)]),
-            until=max([until, *(o.until for o in touching)]),
-            entries=entries + sum(o.entries for o in touching),
-        )
-        self._owed = sorted([*apart, whole], key=lambda o: o.after)
+        touching = [Owed(after, until, entries), *(o for o in self._owed if not (o.until < after or o.after > until))]
+        first, last, counts = zip(*touching, strict=True)
+        self._owed = sorted([*apart, Owed(min(first), max(last), sum(counts))])
         while len(self._owed) > MOST:
             at = min(range(len(self._owed) - 1), key=lambda i: self._owed[i + 1].after - self._owed[i].until)
             one, two = self._owed[at : at + 2]
-            self._owed[at : at + 2] = [Owed(after=one.after, until=two.until, entries=one.entries + two.entries)]
+            self._owed[at : at + 2] = [Owed(one.after, two.until, one.entries + two.entries)]
         self._note()
 
     def owe_since(self, until: int) -> None:
@@ -135,9 +131,9 @@ class Cursor:
                 continue
             known, entries = o.entries - entries, max(entries - o.entries, 0)
             sides = (o.after, min(o.until, after)), (max(o.after, until), o.until)
-            rest = [Owed(after=start, until=end) for start, end in sides if start < end]
+            rest = [Owed(start, end) for start, end in sides if start < end]
             if known > 0 and rest:
-                rest[-1].entries = known
+                rest[-1] = rest[-1]._replace(entries=known)
             elif known > 0:
                 self.lost += known
                 self._account.miss(known, GONE)
@@ -164,12 +160,12 @@ class Cursor:
         if not self._opened:
             known = await asyncio.to_thread(load, self._path, self._place)
             since, self._opened = self._owed, True
-            self._owed = [Owed(after=g[0], until=g[1], entries=sum(g[2:])) for g in sorted(known.gaps) if g[0] < g[1]]
+            self._owed = [owed for owed in sorted(known.gaps) if owed.after < owed.until]
             self._account.expect(self.entries)
             self.reached = self.reached if known.reached is None else known.reached
             self.births, self.lost, self.ended = known.births, known.lost, known.ended
             for o in since:
-                self.owe(o.after, o.until, o.entries)
+                self.owe(*o)
         self._note()
 
     def succeed(self, before: Cursor) -> None:
@@ -195,9 +191,8 @@ class Cursor:
         if self._path is None or not self._opened or not self._changed.is_set():
             return
         self._changed.clear()
-        gaps = [[o.after, o.until, o.entries] for o in self._owed]
         told = Position(
-            place=self._place, reached=self.reached, gaps=gaps, births=self.births, lost=self.lost, ended=ended
+            place=self._place, reached=self.reached, gaps=self._owed, births=self.births, lost=self.lost, ended=ended
         )
         # A cancelled write goes on in its thread; the next waits for it.
         await asyncio.shield(asyncio.ensure_future(self._write(self._path, told.model_dump_json().encode())))

@@ -14,7 +14,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import cut
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record import Recording
-from cellwatt.record.folder import RecordFile, listing
+from cellwatt.record.folder import listing
 from cellwatt.record.survey import survey
 from cellwatt.results import Alarm, Energy, Task
 
@@ -102,11 +102,6 @@ def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Rec
             yield recording
         if recording is not None and recording.start <= after - LATE:
             return
-
-
-def files_of(folder: Path, cell: str) -> list[RecordFile]:
-    """Recordings of a cell in the order in which they were recorded."""
-    return [kept for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", ".mcap.part"))]
 
 
 def opened(path: Path) -> Recording | None:

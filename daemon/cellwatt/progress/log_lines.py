@@ -18,7 +18,7 @@ KINDS: Final = 500
 """Kinds that are remembered; the oldest goes."""
 
 
-class Lines(logging.StreamHandler):  # type: ignore[type-arg]
+class LogLines(logging.StreamHandler):  # type: ignore[type-arg]
     """Writes to stderr. A kind is the logger, the level and the text before its parts are filled in.
 
     Of a kind, the traceback is written once in ``SPAN``. Debug messages, which somebody asked for, all come.
@@ -60,4 +60,4 @@ class Lines(logging.StreamHandler):  # type: ignore[type-arg]
 
 def log_to_stderr(level: int) -> None:
     """Have what is logged in this process from a level on written to stderr."""
-    logging.basicConfig(level=level, handlers=[Lines()])
+    logging.basicConfig(level=level, handlers=[LogLines()])

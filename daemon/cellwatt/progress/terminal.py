@@ -16,13 +16,18 @@ NO_BREAK: Final = "\N{NO-BREAK SPACE}"
 def show_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table on standard output; one too wide for the terminal has a paragraph for each row instead."""
     table = [tuple(row) for row in rows]
-    widths = [max(map(len, column)) for column in zip(header, *table, strict=True)]
+    lines = aligned([header, *table])
     width = shutil.get_terminal_size().columns
-    if sys.stdout.isatty() and sum(widths) + 2 * len(widths) - 2 > width:
-        click.echo(stacked(header, table, width))
-        return
-    for row in (header, *table):
-        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    narrow = sys.stdout.isatty() and max(map(len, lines)) > width
+    click.echo(stacked(header, table, width) if narrow else "\n".join(lines))
+
+
+def aligned(rows: Sequence[Sequence[str]], *, numbers: bool = False) -> list[str]:
+    """Rows as lines with columns; with ``numbers`` all columns but the first are set to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    right = [numbers and i > 0 for i in range(len(widths))]
+    cells = ([c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True)] for row in rows)
+    return ["  ".join(row).rstrip() for row in cells]
 
 
 def stacked(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> str:

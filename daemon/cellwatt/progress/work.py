@@ -11,17 +11,14 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sized
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from threading import Event, Lock, Thread
-from typing import TYPE_CHECKING, TextIO, TypeVar
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import Progress
+from typing import Final, TextIO, TypeVar
 
 T = TypeVar("T")
+_ERASE: Final = "\r\x1b[2K"
 
 
 @dataclass(eq=False)
@@ -60,69 +57,43 @@ class Told:
         return share if self.left is None else f"{share}, {duration(self.left)} left"
 
 
-class Lines:
-    """A line on ``stream`` for each ``show``, with the time since the work began."""
+class Display:
+    """A line on ``stream`` for each ``show``: with ``live`` over the one before, else with the time since the start."""
 
-    interval = 5.0
-    """s between two calls of ``show``."""
-
-    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
-        self._stream, self._clock = stream, clock
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic, *, live: bool = False) -> None:
+        self._stream, self._clock, self._live = stream, clock, live
         self._began = clock()
+        self._drawn = False
+
+    @property
+    def interval(self) -> float:
+        """s between two calls of ``show``."""
+        return 0.2 if self._live else 5.0
 
     def show(self, told: Told) -> None:
-        """Write a line, e.g. "25 s: fold 3 of 5; 45 %, 25 s left"."""
-        words = "; ".join(filter(None, (told.text, told.figures)))
-        print(f"{duration(self._clock() - self._began)}: {words}", file=self._stream, flush=True)
+        """Write e.g. "25 s: fold 3 of 5; 45 %, 25 s left", or draw a bar."""
+        if self._live:
+            line = " ".join(filter(None, (f"{'━' * round(16 * (told.fraction or 0)):<16}", told.figures, told.text)))
+            self._stream.write(_ERASE + line[: self._width() - 1])
+            self._drawn = True
+        else:
+            words = "; ".join(filter(None, (told.text, told.figures)))
+            self._stream.write(f"{duration(self._clock() - self._began)}: {words}\n")
+        self._stream.flush()
 
     def clear(self) -> None:
-        """Leave the lines where they are."""
+        """Take the bar away; lines stay where they are."""
+        if self._drawn:
+            self._drawn = False
+            with suppress(OSError, ValueError):  # nobody is there any more
+                self._stream.write(_ERASE)
+                self._stream.flush()
 
-
-class Bar:
-    """A bar with the time left, that vanishes."""
-
-    interval = 0.2
-    """s between two calls of ``show``."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._progress: Progress | None = None
-
-    def show(self, told: Told) -> None:
-        """Draw the bar, or its new state."""
-        progress = self._progress or self._started()
-        total = None if told.fraction is None else 1.0
-        done, task = told.fraction or 0.0, progress.task_ids[0]
-        progress.update(task, description=told.text, total=total, completed=done, figures=told.figures)
-        progress.refresh()
-
-    def clear(self) -> None:
-        """Take the bar away."""
-        if self._progress is not None:
-            self._progress.stop()
-            self._progress = None
-
-    def _started(self) -> Progress:
-        from rich.progress import BarColumn, Progress, TextColumn
-        from rich.table import Column
-
-        # Output of others is not to be moved from stdout to the console, which is stderr.
-        self._progress = Progress(
-            BarColumn(bar_width=16),
-            TextColumn("{task.fields[figures]}", table_column=Column(no_wrap=True)),
-            TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1)),
-            console=self._console,
-            auto_refresh=False,
-            transient=True,
-            expand=True,
-            redirect_stdout=False,
-            redirect_stderr=False,
-        )
-        self._progress.add_task("", figures="")
-        self._progress.start()
-        self._console.show_cursor(True)  # a process that is killed cannot bring it back
-        return self._progress
+    def _width(self) -> int:
+        try:
+            return os.get_terminal_size(self._stream.fileno()).columns
+        except OSError:
+            return 80
 
 
 class Work:
@@ -134,12 +105,11 @@ class Work:
 
     def __init__(
         self,
-        display: Callable[[], Lines | Bar],
+        display: Display,
         clock: Callable[[], float] = time.monotonic,
         wait: Callable[[Event, float], bool] = Event.wait,
     ) -> None:
-        self._make, self._clock, self._wait = display, clock, wait
-        self._display: Lines | Bar | None = None
+        self._display, self._clock, self._wait = display, clock, wait
         self._open: tuple[Stage, ...] = ()  # replaced, not changed: the thread reads it
         self._lock, self._over = Lock(), Event()
         self._thread: Thread | None = None
@@ -149,8 +119,7 @@ class Work:
         stage.began = self._clock()
         self._open = (*self._open, stage)
         if self._thread is None:
-            self._display = self._make()
-            self._thread = Thread(target=self._watch, args=(self._display,), name="progress", daemon=True)
+            self._thread = Thread(target=self._watch, name="progress", daemon=True)
             self._thread.start()
 
     def leave(self, stage: Stage, outer: Stage | None, before: float) -> None:
@@ -161,8 +130,7 @@ class Work:
             outer.done = before + stage.share
         self._open = self._open[: self._open.index(stage)]
         if not self._open:
-            with self.aside():
-                pass
+            self._clear()
 
     @property
     def innermost(self) -> Stage | None:
@@ -185,8 +153,7 @@ class Work:
     def aside(self) -> Iterator[None]:
         """Clear what is shown, until output of another kind is written."""
         with self._lock:
-            if self._display is not None:
-                self._display.clear()
+            self._display.clear()
             yield
 
     def close(self) -> None:
@@ -194,15 +161,18 @@ class Work:
         self._over.set()
         if self._thread is not None:
             self._thread.join()
+        self._clear()
+
+    def _clear(self) -> None:
         with self.aside():
             pass
 
-    def _watch(self, display: Lines | Bar) -> None:
-        while not self._wait(self._over, display.interval):
+    def _watch(self) -> None:
+        while not self._wait(self._over, self._display.interval):
             with self._lock:
                 try:
                     if (told := self.told()) is not None:
-                        display.show(told)
+                        self._display.show(told)
                 except (OSError, ValueError):  # a pipe or a file that is closed: no reason to end the work
                     return
 
@@ -228,16 +198,9 @@ def show_progress(quiet: bool = False) -> Iterator[None]:
     with cw.show_progress():
         found = cw.explain("runs", robot="robot.yaml")
     """
-    with nullcontext() if quiet else listening(Work(_display)):
+    live = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    with nullcontext() if quiet else listening(Work(Display(sys.stderr, live=live))):
         yield
-
-
-def _display() -> Lines | Bar:
-    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        return Lines(sys.stderr)
-    from rich.console import Console
-
-    return Bar(Console(stderr=True))
 
 
 @contextmanager

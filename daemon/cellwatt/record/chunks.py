@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import threading
 import zlib
 from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from io import BytesIO
+from io import BytesIO, FileIO
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -16,9 +17,9 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, McapRecord, Schema
+from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Schema, Statistics
 
-from cellwatt.record.container import CHUNK_HEAD, MESSAGE_HEAD, RECORD
+from cellwatt.record.container import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, TAIL, Contents, read_chunk_index
 
 LARGEST_CHUNK = 1 << 25
 """Bytes; a chunk that unpacks to more is damaged or was made to fill the memory. The recorder's have some 2**20 and the
@@ -26,6 +27,9 @@ last block put in, other writers' usually up to 2**23.
 """
 LARGEST_RECORD = LARGEST_CHUNK + (1 << 20)
 """Bytes of any record of a file as it stands on disk."""
+
+LARGEST_SUMMARY = 1 << 28
+"""Bytes behind the data of a file: definitions, and some 300 for each chunk."""
 
 SHORTEST_MESSAGE = MESSAGE_HEAD.size + 8
 """Bytes in front of a message's data; the publish time is the last of them."""
@@ -165,3 +169,49 @@ def definitions(data: bytes) -> list[Schema | Channel]:
 def definition(opcode: int, body: bytes) -> list[Schema | Channel]:
     """The schema or channel that a record holds; nothing of a record of another kind."""
     return [parse(DEFINED[opcode], body)] if opcode in DEFINED else []
+
+
+def read_at(file: FileIO, length: int, offset: int) -> bytes:
+    """Up to ``length`` bytes, as far as the file goes; none where the disk cannot read them."""
+    try:
+        # A damaged file may ask for any length: what is not there takes no memory.
+        there = os.fstat(file.fileno()).st_size - offset
+        return os.pread(file.fileno(), min(length, there), offset) if there > 0 else b""
+    except OSError:
+        return b""
+
+
+def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
+    """The summary at a file's end; ``None`` where there is none or its checksum is wrong. Raises ``OSError``."""
+    size = os.fstat(file.fileno()).st_size
+    tail = read_at(file, TAIL, max(size - TAIL, 0))
+    if len(tail) < TAIL or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
+        return None
+    start, _, crc = struct.unpack_from("<QQI", tail, RECORD.size)
+    if not 0 < start <= size - TAIL or size - TAIL - start > LARGEST_SUMMARY:
+        return None
+    summary = read_at(file, size - TAIL - start, start)
+    if crc and zlib.crc32(tail[: RECORD.size + 16], zlib.crc32(summary)) != crc:
+        return None
+    try:
+        return _contents(summary, chunks=chunks)
+    except (ValueError, struct.error):
+        return None
+
+
+def _contents(summary: bytes, *, chunks: bool) -> Contents:
+    contents = Contents()
+    for opcode, at, length in records_in(summary):
+        if opcode == Opcode.CHUNK_INDEX and not chunks:
+            continue
+        body = summary[at : at + length]
+        contents.define(definition(opcode, body))
+        if opcode == Opcode.CHUNK_INDEX:
+            contents.chunks.append(read_chunk_index(body))
+        elif opcode == Opcode.ATTACHMENT_INDEX:
+            contents.attachments.append(parse(AttachmentIndex, body))
+        elif opcode == Opcode.STATISTICS:
+            statistics = parse(Statistics, body)
+            contents.counts.update(statistics.channel_message_counts)
+            contents.start, contents.end = statistics.message_start_time, statistics.message_end_time
+    return contents

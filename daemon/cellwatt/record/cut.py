@@ -5,14 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.record.encoder import Encoder, Item, Redeclared
 from cellwatt.record.files import CHUNK
-from cellwatt.record.folder import listing
+from cellwatt.record.folder import files_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.openfile import OpenFile
 from cellwatt.record.reader import Recording
@@ -44,17 +44,32 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: flo
 
     Raises ``RecordingError`` where nothing was recorded in that span or the file cannot be written.
     """
-    files = [kept.path for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", f".mcap{PART}"))]
+    files = [kept.path for kept in files_of(folder, cell)]
     if not files:
         raise RecordingError(f"{folder}: no recordings of cell {cell}")
     recording = Recording.open(files).between(start, end)
-    header = replace(_newest(recording, start, end), number=0)
+    within = [i for i, (_, first, last) in enumerate(recording.spans) if first <= end and last >= start]
+    header = replace(recording.spans[within[-1] if within else -1][0], number=0)
+    file = write_file(to, header, recording.items(), reserve)
+    contents = file.contents
+    if not contents.chunks:
+        raise RecordingError(f"{folder}: nothing of cell {cell} was recorded from {utc(start)} to {utc(end)}")
+    lost = tuple(map(str, recording.damage))
+    sources = tuple(recording.paths[i] for i in within)
+    return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, sources, lost)
+
+
+def write_file(to: Path, header: Header, items: Iterable[tuple[Header, Item]], reserve: float = 0.0) -> OpenFile:
+    """Write items, each with the header of its recording, to the file ``to``: there whole, or where it is empty not.
+
+    Raises ``RecordingError`` where it cannot be written.
+    """
     try:
         to.parent.mkdir(parents=True, exist_ok=True)
         to.with_name(to.name + PART).unlink(missing_ok=True)
         file = OpenFile(to, header)
         try:
-            _fill(file, recording.items(), reserve)
+            _fill(file, items, reserve)
             if file.contents.chunks:
                 file.finish()
                 file.publish()
@@ -62,22 +77,10 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: flo
             file.discard()
     except OSError as error:
         raise RecordingError(f"{to} cannot be written: {why(error)}") from error
-    contents = file.contents
-    if not contents.chunks:
-        raise RecordingError(f"{folder}: nothing of cell {cell} was recorded from {utc(start)} to {utc(end)}")
-    lost = tuple(map(str, recording.damage))
-    within = zip(recording.paths, recording.spans, strict=True)
-    sources = tuple(path for path, (_, first, last) in within if first <= end and last >= start)
-    return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, sources, lost)
+    return file
 
 
-def _newest(recording: Recording, start: int, end: int) -> Header:
-    """The header of the last file with something of the span, else of the last one."""
-    within = [header for header, first, last in recording.spans if first <= end and last >= start]
-    return (within or [recording.spans[-1][0]])[-1]
-
-
-def _fill(file: OpenFile, items: Iterator[tuple[Header, Item]], reserve: float) -> None:
+def _fill(file: OpenFile, items: Iterable[tuple[Header, Item]], reserve: float) -> None:
     session, encoder = -1, Encoder(file)
     for header, item in items:
         if header.session != session:  # numbers of samples begin anew

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from mcap.opcode import Opcode
 from mcap.records import Channel
 
+from cellwatt.channel import Stream
 from cellwatt.record import messages
 from cellwatt.record.container import FRAMED_MESSAGE
 from cellwatt.record.encoder import FRAME_TOPIC, Item
@@ -71,16 +72,20 @@ def tracks_of(channels: Mapping[int, Channel]) -> tuple[dict[int, Track], list[s
     return found, wrong
 
 
-def items(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[Item]:
-    """The items of a chunk's records in order, of the channels in ``wanted`` that ``tracks`` knows.
-
-    Raises ``ValueError`` where a record does not fit its channel.
-    """
-    return (item for _, item in numbered(data, tracks, wanted))
+def streams_of(tracks: Iterable[Track]) -> dict[str, tuple[Stream, ...]]:
+    """The streams of samples by source, in the order of the sources' names."""
+    found: dict[str, dict[str, Stream]] = {}
+    for track in tracks:
+        if isinstance(track.rows, SampleRows):
+            found.setdefault(track.rows.source, {}).setdefault(track.rows.stream.name, track.rows.stream)
+    return {source: tuple(streams.values()) for source, streams in sorted(found.items())}
 
 
 def numbered(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[tuple[int, Item]]:
-    """The same with their numbers, of blocks that of the first row. Raises ``ValueError``."""
+    """The items of a chunk's records in order, of the channels in ``wanted`` that ``tracks`` knows, with their numbers.
+
+    The number of a block is that of its first row. Raises ``ValueError`` where a record does not fit its channel.
+    """
     at, end = 0, len(data)
     while at + FRAMED_MESSAGE.size <= end:
         opcode, length, channel, sequence, _, _ = FRAMED_MESSAGE.unpack_from(data, at)

@@ -13,17 +13,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Final, TypeVar
 
 from cellwatt.errors import RecordingError
-from cellwatt.record.header import DAMAGED, FileName, plain_cell
+from cellwatt.record.header import DAMAGED, PART, FileName, plain_cell
 from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import RecordSettings
 
 _ADVICE: Final = "choose another folder, or let that user write there"
-_UNKNOWN: Final = (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL)
-"""Answers of file systems that know no files without a name."""
-_BLOCK: Final = bytes(4096)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +48,11 @@ def obstacles(settings: RecordSettings) -> Obstacles:
 
 def _tried(folder: Path) -> str:
     """Reason for which a file cannot be made and written in a folder; empty if it can."""
-    if not os.access(folder, os.W_OK | os.X_OK):
-        return os.strerror(errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES)
     try:
-        file = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600)
-        try:
-            os.write(file, _BLOCK)
-        finally:
-            os.close(file)
+        with TemporaryFile(buffering=0, dir=folder) as file:
+            file.write(bytes(4096))
     except OSError as error:
-        return "" if error.errno in _UNKNOWN else str(error.strerror)
+        return str(error.strerror)
     return ""
 
 
@@ -86,57 +79,38 @@ LOCK: Final = ".cellwatt.lock"
 _LONGEST = 200  # bytes of what stands in the lock
 
 
-class Claim:
-    """The lock on a folder; it belongs to the process that calls, not to those it forks.
-
-    One of them may die and be begun again, and one that outlives the caller holds up nobody.
-    """
-
-    def __init__(self, folder: Path, cell: str) -> None:
-        self._folder, self._cell = folder, cell
-        self._lock: int | None = None
-
-    def take(self) -> None:
-        """Hold the folder, made where it is missing. Raises ``RecordingError`` where another process has it.
-
-        Where the file system takes no lock, or is read-only or full, recording goes on without and the log says so.
-        """
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            # Not by its name but as it is: a file that somebody put in its place must not be opened or changed.
-            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-            lock = os.open(self._folder / LOCK, flags, 0o640)
-            try:
-                _take(lock, self._folder, self._cell)
-            except BaseException:
-                os.close(lock)
-                raise
-        except OSError as error:
-            if self._folder.is_dir():  # otherwise the recorder says why it cannot be made
-                log.warning("%s cannot be locked against a second daemon: %s", self._folder, error.strerror)
-        else:
-            self.release()
-            self._lock = lock
-
-    def release(self) -> None:
-        """Hold nothing."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
-
-
 @contextmanager
-def claimed(folder: Path | None, cell: str) -> Iterator[Claim | None]:
-    """Hold a folder against others who would record into it; ``None`` holds nothing. Raises as ``Claim.take``."""
-    if folder is None:
-        yield None
-        return
-    claim = Claim(folder, cell)
+def claimed(folder: Path | None, cell: str) -> Iterator[None]:
+    """Hold a folder, made where it is missing, against others who would record into it; ``None`` holds nothing.
+
+    The lock belongs to the process that calls, not to those it forks: one of them may die and be begun again, and one
+    that outlives the caller holds up nobody. Raises ``RecordingError`` where another process has the folder. Where the
+    file system takes no lock, or is read-only or full, recording goes on without and the log says so.
+    """
+    lock = None if folder is None else _lock(folder, cell)
     try:
-        claim.take()
-        yield claim
+        yield
     finally:
-        claim.release()
+        if lock is not None:
+            os.close(lock)
+
+
+def _lock(folder: Path, cell: str) -> int | None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # Not by its name but as it is: a file that somebody put in its place must not be opened or changed.
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+        lock = os.open(folder / LOCK, flags, 0o640)
+        try:
+            _take(lock, folder, cell)
+        except BaseException:
+            os.close(lock)
+            raise
+    except OSError as error:
+        if folder.is_dir():  # otherwise the recorder says why it cannot be made
+            log.warning("%s cannot be locked against a second daemon: %s", folder, error.strerror)
+        return None
+    return lock
 
 
 def _take(lock: int, folder: Path, cell: str) -> None:
@@ -190,6 +164,11 @@ def listing(folder: Path, cell: str) -> list[RecordFile]:
             closed = path.suffix in (".mcap", DAMAGED)
             found.append(RecordFile(path, status.st_size, status.st_mtime, closed, name))
     return sorted(found, key=lambda k: (k.name, k.path.name))
+
+
+def files_of(folder: Path, cell: str) -> list[RecordFile]:
+    """Recordings of a cell in the order in which they were recorded."""
+    return [kept for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", f".mcap{PART}"))]
 
 
 S = TypeVar("S", bound=Stored)

@@ -15,10 +15,10 @@ from mcap.records import Header as McapHeader
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from cellwatt.errors import RecordingError
+from cellwatt.record.chunks import read_at
 from cellwatt.record.container import MAGIC, PRELUDE, Contents
 from cellwatt.record.decoder import tracks_of
 from cellwatt.record.header import Header
-from cellwatt.record.scan import read_at
 
 LARGEST: Final = 1 << 28
 """Bytes of a record, packed or not; one of some kB may claim any number."""
@@ -43,10 +43,16 @@ def held(file: FileIO, contents: Contents) -> str:
 
     A file without a summary is read up to its end, or to where it is cut off.
     """
-    if not contents.channels:
-        contents = _declared(file)
-    profile, schemas = _profile(file), contents.schemas
-    return listed(described(profile, each, schemas.get(each.schema_id)) for each in contents.channels.values())
+    profile, found = "", Contents(dict(contents.schemas), dict(contents.channels))
+    with suppress(ValueError):
+        for record in records(file):
+            if isinstance(record, McapHeader):
+                profile = record.profile
+            elif isinstance(record, Schema | Channel):
+                found.define([record])
+            if contents.channels:
+                break
+    return listed(described(profile, each, found.schemas.get(each.schema_id)) for each in found.channels.values())
 
 
 def described(profile: str, channel: Channel, schema: Schema | None) -> str:
@@ -98,18 +104,3 @@ def _buffered(file: FileIO) -> BufferedReader:
     """The file from its beginning; mcap closes what it buffers itself."""
     file.seek(0)
     return open(file.fileno(), "rb", closefd=False)
-
-
-def _declared(file: FileIO) -> Contents:
-    """Schemas and channels among the records, as far as they can be read."""
-    found = Contents()
-    with suppress(ValueError):
-        found.define(record for record in records(file) if isinstance(record, Schema | Channel))
-    return found
-
-
-def _profile(file: FileIO) -> str:
-    with suppress(ValueError):
-        first = next(records(file))
-        return first.profile if isinstance(first, McapHeader) else ""
-    return ""

@@ -52,8 +52,12 @@ class Header:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Header:
-        """The header back from its JSON; raises ``ValueError`` where it is none."""
-        return _HEADER.validate_json(text)
+        """The header back from its JSON; raises ``ValueError`` in one line where it is none."""
+        try:
+            return _HEADER.validate_json(text)
+        except ValueError as error:
+            said = " ".join(str(error).split())[:200]
+            raise ValueError(f"the header is not one this version knows: {said}") from error
 
 
 _HEADER: TypeAdapter[Header] = TypeAdapter(Header)

@@ -8,23 +8,26 @@ import threading
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from io import FileIO
-from itertools import islice, takewhile
+from itertools import takewhile
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from cellwatt.batch import Batch
 from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
 from cellwatt.frames import Frames, cut
-from cellwatt.record import decoder, seal
+from cellwatt.record.chunks import read_summary
 from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
-from cellwatt.record.encoder import FRAME_TOPIC, topic_of
+from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.folder import RecordFile, listing
-from cellwatt.record.reader import chunk_data, numbered_items
-from cellwatt.record.survey import Survey, read_summary, survey
+from cellwatt.record.reader import numbered_items
+from cellwatt.record.seal import Seal
+from cellwatt.record.seal import read as read_seal
+from cellwatt.record.survey import Survey, survey
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
 
@@ -46,7 +49,7 @@ class FileIndex:
     end: int
     messages: int
     firsts: Mapping[str, tuple[int, int]]
-    seal: Mapping[str, Any] | None = None
+    seal: Seal | None = None
     """Signature of the cell for it, see ``record.seal``."""
 
 
@@ -57,19 +60,18 @@ def tracks_in(contents: Contents) -> dict[int, Track]:
 
 def look_at(kept: RecordFile) -> FileIndex:
     """Read what a file says of itself; one that its writer left open waits for its repair."""
-    nothing = FileIndex(kept, "unreadable", 0, 0, 0, {})
     try:
         if kept.path.suffix == ".mcap":
             found: Survey = survey(kept.path, chunks=False)
             known = index_of(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
-            return replace(known, seal=seal.read(kept.path))
+            return replace(known, seal=read_seal(kept.path))
         if not kept.closed:
             with open_file(kept.path) as file:
                 summary = read_summary(file, chunks=False)
             return index_of(kept, summary, "closing") if summary else FileIndex(kept, "left open", 0, 0, 0, {})
     except (OSError, ValueError, RecordingError):
         pass
-    return nothing
+    return FileIndex(kept, "unreadable", 0, 0, 0, {})
 
 
 def index_of(kept: RecordFile, contents: Contents, state: str) -> FileIndex:
@@ -79,31 +81,8 @@ def index_of(kept: RecordFile, contents: Contents, state: str) -> FileIndex:
 
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class _Numbered:
-    """A result or event with its number: a block of one."""
-
-    sequence: int
-    item: Result | Event
-
-    def __len__(self) -> int:
-        return 1
-
-
-Block = TypeVar("Block", bound=Batch | Frames | _Numbered)
-
-
-@dataclass(frozen=True, slots=True)
-class _Topic(Generic[Block]):
-    """A topic or series and the kind of the blocks that are filed under it."""
-
-    name: str
-    kind: type[Block]
-
-
-_FRAMES = _Topic(FRAME_TOPIC, Frames)
+Numbered = tuple[int, Item]
+"""A result or event and its number, or a block and the number of its first row."""
 
 
 class History:
@@ -123,15 +102,17 @@ class History:
 
         Reads files and may wait for a flush: never call it on the event loop. Raises ``RepairingError``.
         """
-        return self._asked(_Topic(topic_of(source, stream), Batch), session, first, count)
+        found = self._asked(topic_of(source, stream), session, first, count)
+        return [item for _, item in found if isinstance(item, Batch)]
 
     def frames(self, session: int, first: int, count: int) -> list[Frames]:
         """Recorded frames, as ``history``."""
-        return self._asked(_FRAMES, session, first, count)
+        return [item for _, item in self._asked(FRAME_TOPIC, session, first, count) if isinstance(item, Frames)]
 
     def results(self, series: str, session: int, first: int, count: int) -> list[tuple[int, Result | Event]]:
         """Recorded results or events of a series with their numbers, as ``history``."""
-        return [(each.sequence, each.item) for each in self._asked(_Topic(series, _Numbered), session, first, count)]
+        found = self._asked(series, session, first, count)
+        return [(number, item) for number, item in found if isinstance(item, Result | Event)]
 
     def recordings(self) -> list[dict[str, Any]]:
         """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
@@ -145,18 +126,19 @@ class History:
                     "bytes": known.kept.size,
                     "messages": known.messages,
                     "state": known.state,
-                    **({} if known.seal is None else {"seal": known.seal}),
+                    **({} if known.seal is None else {"seal": asdict(known.seal)}),
                 }
                 for known in self._settled(self._files)
             ]
 
-    def _asked(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
+    def _asked(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
         repairing = self._recorder.repairing(session)
         with self._lock:
-            found = self._settled(lambda: self._find(topic, session, first, count))
-            if _end(found, first) < first + count and self._recorder.flush(FLUSH_TIMEOUT):
-                found = self._settled(lambda: self._find(topic, session, first, count))
-        if repairing and (not found or found[0].sequence > first):
+            found = self._settled(lambda: self._find(name, session, first, count))
+            end = found[-1][0] + _length(found[-1][1]) if found else first
+            if end < first + count and self._recorder.flush(FLUSH_TIMEOUT):
+                found = self._settled(lambda: self._find(name, session, first, count))
+        if repairing and (not found or found[0][0] > first):
             raise RepairingError(f"what was recorded from {first} on is being repaired: ask again in a while")
         return found
 
@@ -191,34 +173,27 @@ class History:
         except FileNotFoundError:
             return []
 
-    def _find(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
+    def _find(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
         """What is left of what is asked for; if nothing is, as many rows of those after it."""
-        files = [f for f in self._files() if f.kept.name.session == session and topic.name in f.firsts]
-        files = files[max(bisect_right(files, first, key=lambda f: f.firsts[topic.name][1]) - 1, 0) :]
-        if found := self._from_files(files, topic, first, first + count):
-            return found
-        later = next(filter(None, (self._from_file(f, topic, first, sys.maxsize, 1) for f in files)), None)
-        return self._from_files(files, topic, later[0].sequence, later[0].sequence + count) if later else []
+        files = [f for f in self._files() if f.kept.name.session == session and name in f.firsts]
+        files = files[max(bisect_right(files, first, key=lambda f: f.firsts[name][1]) - 1, 0) :]
+        found = list(self._between(files, name, first, first + count))
+        if not found and (later := next(self._between(files, name, first, sys.maxsize), None)) is not None:
+            found = list(self._between(files, name, later[0], later[0] + count))
+        return found
 
-    def _from_files(self, files: list[FileIndex], topic: _Topic[Block], first: int, stop: int) -> list[Block]:
-        within = takewhile(lambda f: f.firsts[topic.name][1] < stop, files)
-        return [block for known in within for block in self._from_file(known, topic, first, stop)]
-
-    def _from_file(
-        self, known: FileIndex, topic: _Topic[Block], first: int, stop: int, most: int | None = None
-    ) -> list[Block]:
-        channel = known.firsts[topic.name][0]
-        try:
-            chunks, tracks = self._listed(known)
-            with open_file(known.kept.path) as file:
-                holding = chunks.holding(channel)
-                places = range(len(holding))
-                start = bisect_right(places, first, key=lambda i: _first_from(file, holding, i, tracks, channel))
-                blocks = _blocks(file, _from(holding, max(start - 1, 0)), tracks, channel, topic.kind)
-                return list(islice(_between(blocks, first, stop), most))
-        except (OSError, RecordingError):
-            # Renamed, which is noticed and tried again, or removed to make room: what is left is asked for.
-            return []
+    def _between(self, files: Iterable[FileIndex], name: str, first: int, stop: int) -> Iterator[Numbered]:
+        """What is left in some files of a topic or series from ``first`` to before ``stop``."""
+        for known in takewhile(lambda f: f.firsts[name][1] < stop, files):
+            channel = known.firsts[name][0]
+            try:
+                chunks, tracks = self._listed(known)
+                with open_file(known.kept.path) as file:
+                    holding = _Holding(file, chunks.holding(channel), tracks, channel)
+                    for each in takewhile(lambda f: f[0] < stop, holding.since(first)):
+                        yield from _part(each, first, stop)
+            except (OSError, RecordingError):
+                continue  # renamed, which is noticed and tried again, or removed: what is left is asked for
 
     def _listed(self, known: FileIndex) -> tuple[Chunks, dict[int, Track]]:
         """Chunks and tracks of a file; of closed ones the last few are kept."""
@@ -235,51 +210,35 @@ class History:
         return self._chunks[path]
 
 
-def _end(blocks: Sequence[Batch | Frames | _Numbered], first: int) -> int:
-    return blocks[-1].sequence + len(blocks[-1]) if blocks else first
+@dataclass(frozen=True, slots=True)
+class _Holding:
+    """The chunks of a file in which a topic or series has something."""
+
+    file: FileIO
+    chunks: Sequence[Chunk]
+    tracks: Mapping[int, Track]
+    channel: int
+
+    def since(self, first: int) -> Iterator[Numbered]:
+        """What begins in the chunk that has the number ``first``, and all behind it."""
+        places = range(len(self.chunks))
+        behind = bisect_right(places, first, key=lambda at: next(self._items(at), (sys.maxsize,))[0])
+        return self._items(max(behind - 1, 0))
+
+    def _items(self, at: int) -> Iterator[Numbered]:
+        """What is in the chunks from ``at`` on; of a damaged chunk nothing."""
+        for place in range(at, len(self.chunks)):  # each made when it is needed: a slice would make them all
+            with suppress(ValueError):
+                yield from numbered_items(self.file, self.chunks[place], self.tracks, {self.channel})
 
 
-def _blocks(
-    file: FileIO, chunks: Iterable[Chunk], tracks: Mapping[int, Track], channel: int, kind: type[Block]
-) -> Iterator[Block]:
-    """The blocks of one topic in some chunks; of a damaged chunk none."""
-    for chunk in chunks:
-        try:
-            found = numbered_items(file, chunk, tracks, {channel})
-        except ValueError:
-            continue
-        blocks = (_Numbered(n, item) if isinstance(item, Result | Event) else item for n, item in found)
-        yield from (block for block in blocks if isinstance(block, kind))
+def _part(each: Numbered, first: int, stop: int) -> Iterator[Numbered]:
+    """What of it has numbers from ``first`` to before ``stop``."""
+    number, item = each
+    low, high = max(first - number, 0), min(stop - number, _length(item))
+    if low < high:
+        yield number + low, cut(item, low, high) if isinstance(item, Batch | Frames) else item
 
 
-def _first_from(file: FileIO, chunks: Sequence[Chunk], at: int, tracks: Mapping[int, Track], channel: int) -> int:
-    """The sequence number with which a topic goes on in the first chunk from ``at`` on that can be read."""
-    for chunk in _from(chunks, at):
-        try:
-            for number, _ in decoder.numbered(chunk_data(file, chunk), tracks, {channel}):
-                return number
-        except ValueError:
-            continue
-    return sys.maxsize
-
-
-def _from(chunks: Sequence[Chunk], at: int) -> Iterator[Chunk]:
-    """Those from ``at`` on, each made when it is needed: a slice would make them all."""
-    return (chunks[place] for place in range(at, len(chunks)))
-
-
-def _between(blocks: Iterable[Block], first: int, stop: int) -> Iterator[Block]:
-    for block in blocks:
-        if block.sequence >= stop:
-            return
-        part = trim(block, first, stop)
-        if part is not None:
-            yield part
-
-
-def trim(block: Block, first: int, stop: int) -> Block | None:
-    """The part of a block with sequence numbers from ``first`` to before ``stop``."""
-    low, high = max(first - block.sequence, 0), min(stop - block.sequence, len(block))
-    if low >= high:
-        return None
-    return block if isinstance(block, _Numbered) else cut(block, low, high)
+def _length(item: Item) -> int:
+    return len(item) if isinstance(item, Batch | Frames) else 1

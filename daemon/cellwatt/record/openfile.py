@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import zstandard
-from mcap.records import AttachmentIndex, Channel, Schema
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from cellwatt.files import sync_folder, write_all
@@ -160,7 +160,9 @@ class OpenFile:
         if self._defined:
             self._repeat_at = len(self.contents.chunks) + REPEAT_AFTER
         if self._defined or len(self.contents.chunks) == self._repeat_at:
-            front, indexed = definitions_copy(self.contents, self.size)
+            records = (*self.contents.schemas.values(), *self.contents.channels.values())
+            copy = b"".join(map(record_bytes, records))
+            front, indexed = attachment(DEFINITIONS, "application/octet-stream", 0, copy, self.size)
         index = {channel: b"".join(pairs) for channel, pairs in self._index.items()}
         body, chunk = chunk_bytes(b"".join(self._pieces), index, self.size + len(front), self._compressor)
         self._write(front + body)
@@ -218,9 +220,3 @@ class OpenFile:
     def _write(self, data: bytes) -> None:
         write_all(self._file, data)
         self.size += len(data)
-
-
-def definitions_copy(contents: Contents, offset: int) -> tuple[bytes, AttachmentIndex]:
-    """All definitions of a file as an attachment to be written at ``offset``."""
-    records = (*contents.schemas.values(), *contents.channels.values())
-    return attachment(DEFINITIONS, "application/octet-stream", 0, b"".join(map(record_bytes, records)), offset)

@@ -11,24 +11,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.batch import Batch, Tick
-from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import Places, paths_of
 from cellwatt.frames import Frames, concatenate, cut
 from cellwatt.progress import aside, steps
 from cellwatt.record import decoder
-from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
+from cellwatt.record.chunks import LARGEST_RECORD, open_chunk, read_at
 from cellwatt.record.container import RECORD, Chunk
-from cellwatt.record.decoder import Track, tracks_of
+from cellwatt.record.decoder import Track, streams_of, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.messages import TOPICS, Health, time_of
 from cellwatt.record.rows import FrameRows, SampleRows
 from cellwatt.record.samples import Samples, join
-from cellwatt.record.scan import Damage, read_at
+from cellwatt.record.scan import Damage
 from cellwatt.record.survey import (
     Survey,
     identity_of,
@@ -74,7 +72,7 @@ class Recording:
         self.header: Header = self._files[0].header
         self.start = min(f.contents.start for f in self._files)
         self.end = max(f.contents.end for f in self._files)
-        self.streams = self._streams()
+        self.streams = streams_of(self._all_tracks())
         self._unfinished = [f for f in self._files if not f.closed and f.path.name.endswith(PART)]
         self._span: tuple[int, int] | None = None
         self.keeps: object = None
@@ -128,11 +126,6 @@ class Recording:
             return {c.name: c.unit for c in self.layout.channels}
         raw = ((source, c) for source, streams in self.streams.items() for s in streams for c in s.channels)
         return {f"{source}.{c.name}": c.unit for source, c in raw}
-
-    @property
-    def times(self) -> NDArray[np.datetime64]:
-        """Times (n,) of the frames, UTC, as ``datetime64[ns]``; reads all frames."""
-        return np.concatenate([np.empty(0, np.int64), *(f.time for f in self.frames())]).view("datetime64[ns]")
 
     @property
     def counts(self) -> dict[str, int]:
@@ -328,13 +321,6 @@ class Recording:
 
     def _all_tracks(self) -> Iterator[Track]:
         return (track for tracks in self._tracks for track in tracks.values())
-
-    def _streams(self) -> dict[str, tuple[Stream, ...]]:
-        found: dict[str, dict[str, Stream]] = {}
-        for track in self._all_tracks():
-            if isinstance(track.rows, SampleRows):
-                found.setdefault(track.rows.source, {}).setdefault(track.rows.stream.name, track.rows.stream)
-        return {source: tuple(streams.values()) for source, streams in sorted(found.items())}
 
 
 def chunk_data(file: FileIO, chunk: Chunk) -> bytes:

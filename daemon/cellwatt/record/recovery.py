@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
 from collections.abc import Mapping
@@ -11,21 +10,16 @@ from io import FileIO
 from pathlib import Path
 
 from cellwatt.files import open_file, sync_folder, write_all
-from cellwatt.record.chunks import open_chunk, walk
-from cellwatt.record.container import (
-    PRELUDE,
-    RECORD,
-    Chunk,
-    Contents,
-    attachment,
-    closing,
-    message_indexes,
-    record_bytes,
-)
-from cellwatt.record.header import DAMAGED, PART, FileName, Header, plain_cell
-from cellwatt.record.openfile import HEADER, definitions_copy, lock
-from cellwatt.record.scan import Damage, Scan, read_at, scan
+from cellwatt.record.chunks import read_at
+from cellwatt.record.container import closing
+from cellwatt.record.decoder import tracks_of
+from cellwatt.record.encoder import Encoder
+from cellwatt.record.header import DAMAGED, PART, FileName, plain_cell
+from cellwatt.record.openfile import OpenFile, lock
+from cellwatt.record.reader import numbered_items
+from cellwatt.record.scan import Damage, Scan, scan
 from cellwatt.record.survey import guess_header
+from cellwatt.results import Event, Result
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,36 +152,24 @@ def _close_behind(file: FileIO, found: Scan) -> None:
 
 
 def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
-    """Copy every whole chunk into a new file beside the old one."""
+    """Write all that can be read into a new file beside the old one."""
+    tracks, _ = tracks_of(found.contents.channels)
     temporary = target.with_name(f".{target.name}.new")
-    header = found.header or guess_header(found.path, found.contents)
+    temporary.with_name(temporary.name + PART).unlink(missing_ok=True)  # of a crash in the middle of it
+    out = OpenFile(temporary, found.header or guess_header(found.path, found.contents))
     try:
-        with FileIO(temporary, "wb") as out:
-            contents = _copy(file, found, header, out)
-            write_all(out, closing(contents, out.tell()))
-            os.fsync(out.fileno())
+        encoder = Encoder(out)
+        for chunk in found.contents.chunks:
+            try:
+                items = numbered_items(file, chunk, tracks, tracks)
+            except ValueError as error:
+                found.damage.append(Damage(found.path, chunk.offset, chunk.length, str(error)))
+                continue
+            for number, item in items:
+                encoder.add(item, number if isinstance(item, Result | Event) else None)
+            out.write_chunk()
+        out.finish()
+        out.publish()
         temporary.rename(target)
-    except OSError:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
-
-
-def _copy(file: FileIO, found: Scan, header: Header, out: FileIO) -> Contents:
-    old, new = found.contents, Contents()
-    new.schemas, new.channels, new.counts = old.schemas, old.channels, old.counts
-    new.start, new.end = old.start, old.end
-    body, index = attachment(HEADER, "application/json", header.session, header.to_json().encode(), len(PRELUDE))
-    write_all(out, PRELUDE + body)
-    definitions = b"".join(map(record_bytes, (*old.schemas.values(), *old.channels.values())))
-    body, second = definitions_copy(old, out.tell())
-    # In front of all chunks, because the chunk that brought them may be the one that is lost.
-    write_all(out, body + definitions)
-    new.attachments = [index, second]
-    for chunk in old.chunks:
-        record = read_at(file, chunk.length, chunk.offset)
-        at = out.tell()
-        indexes, places = message_indexes(walk(open_chunk(record[RECORD.size :]).data).index(), at + chunk.length)
-        write_all(out, record + indexes)
-        new.chunks.append(Chunk(at, *chunk[1:6], places, len(indexes)))
-    return new
+    finally:
+        out.discard()

@@ -10,14 +10,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from cellwatt import protobuf
-from cellwatt.batch import Batch, Float
+from cellwatt.batch import Batch
 from cellwatt.channel import Channel, Stream
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.protobuf import Field, Kind
@@ -132,77 +132,77 @@ def _placement(field: Field, channels: int) -> tuple[str, tuple[int, ...], bytes
     return form, (), protobuf.tag(field.number, wire)
 
 
-def _bits(values: Float) -> NDArray[np.uint64]:
-    return np.ascontiguousarray(values, np.float64).view(np.uint64)
+class BlockRows:
+    """Blocks of one kind as records of one MCAP channel; the same for samples and frames.
 
-
-def _values(rows: Rows) -> Float:
-    return np.ascontiguousarray(rows["values"]["bits"]).view(np.float64)
-
-
-def _whole(sequence: int, first: int) -> int:
-    """A sequence number from its low 32 bits and an earlier one less than 2³² before it."""
-    return first + (sequence - first & 0xFFFFFFFF)
-
-
-class BlockRows(Protocol):
-    """Blocks of one kind as records of one MCAP channel; the same for samples and frames."""
+    ``fixed`` are the fields of every record of this kind, before those of its ``channels``; ``about`` names the kind.
+    """
 
     fixed: tuple[Field, ...]
-    """Fields of every record of this kind, before those of its ``channels``."""
-    channels: tuple[Channel | FrameChannel, ...]
+
+    def __init__(self, declared: Stream | Layout, about: str, *fixed: tuple[Field, ...]) -> None:
+        self.channels: tuple[Channel | FrameChannel, ...] = declared.channels
+        self._declared, self._about = declared, about
+        self._types = [RowType(fields, len(self.channels)) for fields in fixed]
 
     @property
     def declaration(self) -> dict[str, str]:
         """Text that ``declared_rows`` reads."""
-        ...
+        return {"declaration": json.dumps(asdict(self._declared))}
 
-    def fits(self, block: Any, /) -> bool:
-        """Tell whether a block is of this kind."""
-        ...
+    def fits(self, block: Batch | Frames) -> bool:
+        """Tell whether a block is of this kind; most often it has the same object, which spares comparing channels."""
+        declared = block.stream if isinstance(block, Batch) else block.layout
+        return declared is self._declared or declared == self._declared
 
-    def encode(self, block: Any, channel: int, /) -> Rows:
-        """The records of a block."""
-        ...
+    def encode(self, block: Batch | Frames, channel: int) -> Rows:
+        """The records of a block; those it was read from, if it has them, differ in the channel alone."""
+        of_device = None
+        if isinstance(block, Batch):
+            if block.rows is not None:
+                rows = np.frombuffer(bytearray(block.rows.tobytes()), block.rows.dtype)
+                rows["channel"] = channel
+                return rows
+            of_device = block.device_time
+        rows = self._types[0 if of_device is None else 1].rows(len(block), channel, block.sequence)
+        rows["log_time"] = np.ascontiguousarray(block.time, np.int64).view(np.uint64)
+        rows["publish_time"] = block.arrival & 0xFFFFFFFFFFFFFFFF if isinstance(block, Batch) else rows["log_time"]
+        rows["bound"] = block.bound
+        rows["quality"] = block.quality
+        rows["values"]["bits"] = np.ascontiguousarray(block.values, np.float64).view(np.uint64)
+        if of_device is not None:
+            rows["device_time"] = of_device
+        return rows
+
+    def _decoded(self, data: bytes, offset: int, length: int, first: int) -> tuple[Rows, dict[str, Any]]:
+        """The records of the block that begins at ``offset``, and what samples and frames have of them."""
+        row_type = next((t for t in self._types if t.size - 9 == length), None)
+        if row_type is None:
+            raise ValueError(f"a message of {length} bytes does not fit {self._about}")
+        rows = row_type.block(data, offset)
+        return rows, {
+            # The record has the low 32 bits of a number.
+            "sequence": first + (int(rows["sequence"][0]) - first & 0xFFFFFFFF),
+            "time": rows["log_time"].astype(np.int64),
+            "bound": rows["bound"].astype(np.int64),
+            "values": np.ascontiguousarray(rows["values"]["bits"]).view(np.float64),
+            "quality": rows["quality"].astype(np.uint8),
+        }
 
 
-class SampleRows:
+class SampleRows(BlockRows):
     """Batches of one stream as records of one MCAP channel."""
 
-    fixed: tuple[Field, ...] = SAMPLE_FIELDS
+    fixed = SAMPLE_FIELDS
 
     def __init__(self, source: str, stream: Stream) -> None:
-        self.source = source
-        self.stream = stream
-        self.channels: tuple[Channel | FrameChannel, ...] = stream.channels
-        self._timed = RowType(SAMPLE_FIELDS, len(self.channels))
-        self._untimed = RowType(SAMPLE_FIELDS[1:], len(self.channels))
+        super().__init__(stream, f"{source}/{stream.name}", SAMPLE_FIELDS[1:], SAMPLE_FIELDS)
+        self.source, self.stream = source, stream
 
     @property
     def declaration(self) -> dict[str, str]:
         """See ``BlockRows.declaration``."""
-        return {"source": self.source, "stream": self.stream.name, "declaration": json.dumps(asdict(self.stream))}
-
-    def fits(self, batch: Batch) -> bool:
-        """See ``BlockRows.fits``; most often it is the same object, which spares comparing every channel."""
-        return self.stream is batch.stream or self.stream == batch.stream
-
-    def encode(self, batch: Batch, channel: int) -> Rows:
-        """The records of a batch; those it was read from, if it has them, differ in the channel alone."""
-        if batch.rows is not None:
-            rows = np.frombuffer(bytearray(batch.rows.tobytes()), batch.rows.dtype)
-            rows["channel"] = channel
-            return rows
-        row_type = self._untimed if batch.device_time is None else self._timed
-        rows = row_type.rows(len(batch), channel, batch.sequence)
-        rows["log_time"] = np.ascontiguousarray(batch.time, np.int64).view(np.uint64)
-        rows["publish_time"] = batch.arrival & 0xFFFFFFFFFFFFFFFF
-        rows["bound"] = batch.bound
-        rows["quality"] = batch.quality
-        rows["values"]["bits"] = _bits(batch.values)
-        if batch.device_time is not None:
-            rows["device_time"] = batch.device_time
-        return rows
+        return {"source": self.source, "stream": self.stream.name, **super().declaration}
 
     def decode(self, data: bytes, offset: int, length: int, first: int, *, keep: bool = False) -> tuple[Batch, int]:
         """The batch whose records begin at ``offset``, and where they end.
@@ -211,69 +211,28 @@ class SampleRows:
         ``keep`` the batch has its rows, and with them all of ``data``.
         Raises ``ValueError`` where the record is not of this stream.
         """
-        row_type = next((t for t in (self._timed, self._untimed) if t.size - 9 == length), None)
-        if row_type is None:
-            raise ValueError(f"a message of {length} bytes does not fit {self.source}/{self.stream.name}")
-        rows = row_type.block(data, offset)
-        batch = Batch(
-            source=self.source,
-            stream=self.stream,
-            sequence=_whole(int(rows["sequence"][0]), first),
-            arrival=int(rows["publish_time"][:1].astype(np.int64)[0]),
-            time=rows["log_time"].astype(np.int64),
-            bound=rows["bound"].astype(np.int64),
-            values=_values(rows),
-            quality=rows["quality"].astype(np.uint8),
-            device_time=rows["device_time"].astype(np.int64) if row_type is self._timed else None,
-        )
+        rows, told = self._decoded(data, offset, length, first)
+        arrival = int(rows["publish_time"][:1].astype(np.int64)[0])
+        device_time = rows["device_time"].astype(np.int64) if "device_time" in (rows.dtype.names or ()) else None
+        batch = Batch(self.source, self.stream, arrival=arrival, device_time=device_time, **told)
         if keep:
             object.__setattr__(batch, "rows", rows)
         return batch, offset + rows.nbytes
 
 
-class FrameRows:
+class FrameRows(BlockRows):
     """Frames of one layout as records of one MCAP channel."""
 
-    fixed: tuple[Field, ...] = FRAME_FIELDS
+    fixed = FRAME_FIELDS
 
     def __init__(self, layout: Layout) -> None:
+        super().__init__(layout, f"frames of {len(layout.channels)} channels", FRAME_FIELDS)
         self.layout = layout
-        self.channels: tuple[Channel | FrameChannel, ...] = layout.channels
-        self._type = RowType(FRAME_FIELDS, len(layout.channels))
-
-    @property
-    def declaration(self) -> dict[str, str]:
-        """See ``BlockRows.declaration``."""
-        return {"declaration": json.dumps(asdict(self.layout))}
-
-    def fits(self, frames: Frames) -> bool:
-        """See ``BlockRows.fits``."""
-        return self.layout is frames.layout or self.layout == frames.layout
-
-    def encode(self, frames: Frames, channel: int) -> Rows:
-        """The records of a block of frames."""
-        rows = self._type.rows(len(frames), channel, frames.sequence)
-        rows["log_time"] = np.ascontiguousarray(frames.time, np.int64).view(np.uint64)
-        rows["publish_time"] = rows["log_time"]
-        rows["quality"] = frames.quality
-        rows["bound"] = frames.bound
-        rows["values"]["bits"] = _bits(frames.values)
-        return rows
 
     def decode(self, data: bytes, offset: int, length: int, first: int) -> tuple[Frames, int]:
         """The frames whose records begin at ``offset``, and where they end. Raises ``ValueError``."""
-        if self._type.size - 9 != length:
-            raise ValueError(f"a message of {length} bytes does not fit frames of {len(self.layout.channels)} channels")
-        rows = self._type.block(data, offset)
-        frames = Frames(
-            layout=self.layout,
-            sequence=_whole(int(rows["sequence"][0]), first),
-            time=rows["log_time"].astype(np.int64),
-            values=_values(rows),
-            quality=rows["quality"].astype(np.uint8),
-            bound=rows["bound"].astype(np.int64),
-        )
-        return frames, offset + rows.nbytes
+        rows, told = self._decoded(data, offset, length, first)
+        return Frames(self.layout, **told), offset + rows.nbytes
 
 
 def rows_of(block: Batch | Frames) -> SampleRows | FrameRows:

@@ -7,8 +7,6 @@ byte by byte, and what lies between is reported.
 from __future__ import annotations
 
 import os
-import struct
-import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from io import FileIO
@@ -28,6 +26,8 @@ from cellwatt.record.chunks import (
     open_chunk,
     parse,
     parse_attachment,
+    read_at,
+    read_summary,
     walk,
 )
 from cellwatt.record.container import (
@@ -35,7 +35,6 @@ from cellwatt.record.container import (
     COMPRESSION,
     MAGIC,
     RECORD,
-    TAIL,
     Chunk,
     Contents,
     attachment_index,
@@ -44,8 +43,6 @@ from cellwatt.record.container import (
 from cellwatt.record.header import Header
 from cellwatt.record.openfile import DEFINITIONS, HEADER
 
-LARGEST_SUMMARY = 1 << 28
-"""Bytes behind the data of a file: definitions, and some 300 for each chunk."""
 _WINDOW = 1 << 20
 _LAST_OPCODE = int(max(Opcode))
 _LOW = 0xFFFFFFFF
@@ -92,16 +89,6 @@ class Scan:
     def torn(self) -> bool:
         """All damage lies behind the last whole record."""
         return all(d.offset >= self.end for d in self.damage)
-
-
-def read_at(file: FileIO, length: int, offset: int) -> bytes:
-    """Up to ``length`` bytes, as far as the file goes; none where the disk cannot read them."""
-    try:
-        # A damaged file may ask for any length: what is not there takes no memory.
-        there = os.fstat(file.fileno()).st_size - offset
-        return os.pread(file.fileno(), min(length, there), offset) if there > 0 else b""
-    except OSError:
-        return b""
 
 
 def scan(file: FileIO, path: Path) -> Scan:
@@ -203,31 +190,19 @@ class _Scanner:
         elif opcode in DEFINED:
             contents.define(definition(opcode, body))
         elif opcode == Opcode.DATA_END:
-            self._closing(at)
+            self.found.closed = read_summary(self._file) is not None
+            if not self.found.closed:
+                self._damaged(at, self.found.size - at, "the summary is damaged")
         else:
             raise ValueError("a record stands where none of its kind belongs")
 
     def _attachment(self, at: int, body: bytes) -> None:
         read = parse_attachment(body)
         if read.name == HEADER:
-            self.found.header = header_of(read.data)
+            self.found.header = Header.from_json(read.data)
         elif read.name == DEFINITIONS:
             self.found.contents.define(definitions(read.data))
         self.found.contents.attachments.append(attachment_index(read, at, RECORD.size + len(body)))
-
-    def _closing(self, at: int) -> None:
-        """Compare the checksum of everything behind the data."""
-        start = at + RECORD.size + 4
-        if self.found.size - start > LARGEST_SUMMARY:
-            self._damaged(at, self.found.size - at, "the summary is larger than any of a recording")
-            return
-        rest = read_at(self._file, self.found.size - start, start)
-        footer = rest[-TAIL : -len(MAGIC) - 4]
-        crc = zlib.crc32(footer, zlib.crc32(rest[:-TAIL]))
-        if not rest.endswith(struct.pack("<I", crc) + MAGIC) or footer[:1] != bytes([Opcode.FOOTER]):
-            self._damaged(at, self.found.size - at, "the summary is damaged")
-            return
-        self.found.closed = True
 
     def _note_numbers(self, listed: Walk) -> None:
         for channel, counted in listed.counts().items():
@@ -288,11 +263,3 @@ def _check_times(index: dict[int, bytes], start: int, end: int) -> None:
     times = np.concatenate([np.frombuffer(pairs, "<u8")[::2] for pairs in index.values()] or [np.zeros(1, "<u8")])
     if int(times.min()) != start or int(times.max()) != end:
         raise ValueError("a chunk's times are wrong")
-
-
-def header_of(data: bytes) -> Header:
-    """The header from its attachment; raises ``ValueError`` where it is none."""
-    try:
-        return Header.from_json(data)
-    except ValueError as error:
-        raise ValueError(f"the header is not one this version knows: {' '.join(str(error).split())[:200]}") from error

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from pydantic import TypeAdapter
 
@@ -43,6 +43,9 @@ class Seal:
         return (RECORDING, self.file, str(self.bytes), self.sha256, self.state)
 
 
+_SEAL: Final = TypeAdapter(Seal)
+
+
 def seal_of(recording: Path) -> Path:
     """Path of a recording's seal."""
     return recording.with_name(recording.name + SUFFIX)
@@ -60,10 +63,13 @@ def write(recording: Path, state: State, signer: Signer) -> None:
     replace_text(seal_of(target), json.dumps(asdict(made)))
 
 
-def read(recording: Path) -> dict[str, Any] | None:
-    """Return the content of a recording's seal, unchecked; ``None`` if there is none."""
-    found = _read(recording)
-    return None if found is None else asdict(found)
+def read(recording: Path) -> Seal | None:
+    """A recording's seal, unchecked; ``None`` if there is none that can be read."""
+    try:
+        with seal_of(recording).open("rb") as file:
+            return _SEAL.validate_json(file.read(_LARGEST))
+    except (OSError, ValueError):
+        return None
 
 
 def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State | None, str]]:
@@ -80,7 +86,7 @@ def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State 
         raise RecordingError(f"{', '.join(map(str, given))}: no recordings (*.mcap) there")
     for file in sorted(files):
         problem = _problem(file, verifier)
-        found = _read(file)
+        found = read(file)
         yield file, None if problem or found is None else found.state, problem
     for path in _missing(files):
         yield path, None, "is missing, though there are files of the same session before and after it"
@@ -88,7 +94,7 @@ def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State 
 
 def _problem(file: Path, verifier: Verifier) -> str:
     """Return the faults of a file; none if it is what its cell signed."""
-    seal = _read(file)
+    seal = read(file)
     if seal is None:
         return "is not finished, so it is not signed yet" if file.name.endswith(PART) else "is not signed"
     if not verifier.holds(_hex(seal.signature), *seal.parts):
@@ -113,17 +119,6 @@ def _missing(files: Iterable[Path]) -> Iterator[Path]:
     for (folder, session, cell), numbers in there.items():
         for number in sorted(set(range(min(numbers), max(numbers))) - numbers):
             yield folder / str(FileName(session, number, cell))
-
-
-_SEAL: Final = TypeAdapter(Seal)
-
-
-def _read(recording: Path) -> Seal | None:
-    try:
-        with seal_of(recording).open("rb") as file:
-            return _SEAL.validate_json(file.read(_LARGEST))
-    except (OSError, ValueError):
-        return None
 
 
 def _digest(path: Path) -> tuple[int, str]:

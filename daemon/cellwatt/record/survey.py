@@ -6,29 +6,22 @@ Files may be written, closed, repaired and removed meanwhile.
 from __future__ import annotations
 
 import os
-import struct
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import FileIO
 from pathlib import Path
 
-from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Statistics
-
-from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
 from cellwatt.progress import steps
-from cellwatt.record.chunks import LARGEST_RECORD, definition, parse, parse_attachment, records_in
-from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
-from cellwatt.record.decoder import tracks_of
+from cellwatt.record.chunks import LARGEST_RECORD, parse_attachment, read_at, read_summary
+from cellwatt.record.container import RECORD, Contents
+from cellwatt.record.decoder import streams_of, tracks_of
 from cellwatt.record.foreign import ForeignError, held, is_foreign
 from cellwatt.record.header import PART, FileName, Header
 from cellwatt.record.openfile import HEADER
-from cellwatt.record.rows import SampleRows
-from cellwatt.record.scan import LARGEST_SUMMARY, Damage, Scan, header_of, read_at, scan
+from cellwatt.record.scan import Damage, Scan, scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,49 +56,10 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
         raise RecordingError(f"{path}: holds nothing that is a recording")
     header = found.header or guess_header(path, contents)
     sound = found.end if path.name.endswith(PART) else found.size + 1
-    damage = (*(d for d in found.damage if d.offset < sound), *_undeclared(path, contents))
+    # Of channels whose declaration is damaged nothing is read; the others are.
+    undeclared = (Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
+    damage = (*(d for d in found.damage if d.offset < sound), *undeclared)
     return Survey(path, found.size, header, contents, damage, found.closed, (status.st_dev, status.st_ino))
-
-
-def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:
-    """Channels whose declaration is damaged; the others are read."""
-    return tuple(Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
-
-
-def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
-    """The summary at a file's end; ``None`` where there is none or its checksum is wrong. Raises ``OSError``."""
-    size = os.fstat(file.fileno()).st_size
-    tail = read_at(file, TAIL, max(size - TAIL, 0))
-    if len(tail) < TAIL or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
-        return None
-    start, _, crc = struct.unpack_from("<QQI", tail, RECORD.size)
-    if not 0 < start <= size - TAIL or size - TAIL - start > LARGEST_SUMMARY:
-        return None
-    summary = read_at(file, size - TAIL - start, start)
-    if crc and zlib.crc32(tail[: RECORD.size + 16], zlib.crc32(summary)) != crc:
-        return None
-    try:
-        return _contents(summary, chunks=chunks)
-    except (ValueError, struct.error):
-        return None
-
-
-def _contents(summary: bytes, *, chunks: bool) -> Contents:
-    contents = Contents()
-    for opcode, at, length in records_in(summary):
-        if opcode == Opcode.CHUNK_INDEX and not chunks:
-            continue
-        body = summary[at : at + length]
-        contents.define(definition(opcode, body))
-        if opcode == Opcode.CHUNK_INDEX:
-            contents.chunks.append(read_chunk_index(body))
-        elif opcode == Opcode.ATTACHMENT_INDEX:
-            contents.attachments.append(parse(AttachmentIndex, body))
-        elif opcode == Opcode.STATISTICS:
-            statistics = parse(Statistics, body)
-            contents.counts.update(statistics.channel_message_counts)
-            contents.start, contents.end = statistics.message_start_time, statistics.message_end_time
-    return contents
 
 
 def _header(file: FileIO, contents: Contents) -> Header | None:
@@ -113,7 +67,7 @@ def _header(file: FileIO, contents: Contents) -> Header | None:
         if index.name == HEADER:
             record = read_at(file, min(index.length, LARGEST_RECORD), index.offset)
             try:
-                return header_of(parse_attachment(record[RECORD.size :]).data)
+                return Header.from_json(parse_attachment(record[RECORD.size :]).data)
             except ValueError:
                 return None
     return None
@@ -121,10 +75,7 @@ def _header(file: FileIO, contents: Contents) -> Header | None:
 
 def guess_header(path: Path, contents: Contents) -> Header:
     """Header of a file that lost it: its name tells cell and session, its channels the streams."""
-    streams: dict[str, tuple[Stream, ...]] = {}
-    for track in tracks_of(contents.channels)[0].values():
-        if isinstance(track.rows, SampleRows):
-            streams[track.rows.source] = (*streams.get(track.rows.source, ()), track.rows.stream)
+    streams = streams_of(tracks_of(contents.channels)[0].values())
     name = FileName.parse(path.name) or FileName(contents.start, 0, path.stem)
     return Header(site="", cell=name.cell, session=name.session, number=name.number, streams=streams)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Protocol
 
+from cellwatt.progress.terminal import aligned
 from cellwatt.report.numbers import decimals_for, fixed, unit
 
 
@@ -79,16 +80,7 @@ class Table:
 
     def text(self) -> str:
         """The same for a terminal: its label, then a line a row, numbers to the right."""
-        rows = [self.heads, *self.rows]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = (
-            "  ".join(
-                cell.rjust(width) if i else cell.ljust(width)
-                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
-        )
-        return "\n".join([self.label, *(line.rstrip() for line in lines)])
+        return "\n".join([self.label, *aligned([self.heads, *self.rows], numbers=True)])
 
 
 @dataclass(frozen=True)

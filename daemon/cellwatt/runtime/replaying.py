@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -18,23 +17,6 @@ from cellwatt.results import Result
 from cellwatt.runtime.chain import Chain
 
 Entry = Batch | Tick
-
-
-def paced(entries: Iterable[Entry], speed: float) -> Iterator[Entry]:
-    """Entries at the pace they were recorded at, ``speed`` times as fast; 0: as fast as they are taken."""
-    if speed <= 0:
-        yield from entries
-        return
-    start: tuple[int, float] | None = None
-    for entry in entries:
-        at = entry.time if isinstance(entry, Tick) else entry.arrival
-        if start is None:
-            start = (at, time.monotonic())
-        due = start[1] + (at - start[0]) * 1e-9 / speed
-        pause = due - time.monotonic()
-        if pause > 0:
-            time.sleep(pause)
-        yield entry
 
 
 def replay_frames(

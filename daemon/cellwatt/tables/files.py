@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import logging
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -155,7 +154,7 @@ def _csv(path: Path) -> Table:
     if columns.num_rows != len(records):
         raise ValueError(f"it has {len(records)} rows, of which {columns.num_rows} can be told apart: see its quotes")
     found = [cells_of(pa.chunked_array(column), rows.separator) for column in columns.columns]
-    return _placed(path, rows, numbers, columns.columns, _without_groups(found, columns.columns), units)
+    return _placed(path, rows.names, columns.columns, _without_groups(found, columns.columns), units, numbers)
 
 
 def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]:
@@ -180,19 +179,21 @@ def _without_groups(found: Sequence[Cells], columns: Sequence[Any]) -> Sequence[
 
 def _placed(
     path: Path,
-    rows: Rows,
-    numbers: Sequence[int],
+    written: Sequence[str],
     columns: Sequence[Any],
     found: Sequence[Cells],
     units: Mapping[str, str],
+    numbers: Sequence[int] | None = None,
 ) -> Table:
-    """The named columns as a table; without the rows that have no time."""
+    """The named columns as a table, without the rows that have no time; ``numbers`` are those of a text's rows."""
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
-    names = [name or _of_index(cells, rows.names) for name, cells in zip(rows.names, found, strict=True)]
-    letters = dict(zip(names, map(letters_of, range(len(names))), strict=True))
+    names = [name or _of_index(cells, written) for name, cells in zip(written, found, strict=True)]
+    letters = {} if numbers is None else dict(zip(names, map(letters_of, range(len(names))), strict=True))
+    clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
+    table = Table(path, values, unfit, units, None if numbers is None else np.asarray(numbers), letters, clocks)
     dates = [cells.values for cells in found if cells.kind == "date" and cells.values is not None]
-    for i, (name, cells) in enumerate(zip(names, found, strict=True)):
+    for name, cells, column in zip(names, found, columns, strict=True):
         if name and names.count(name) > 1:
             places = [letters_of(k) for k, other in enumerate(names) if other == name]
             unfit[name] = f"is there {len(places)} times, as columns {', '.join(places)}: keep one"
@@ -200,11 +201,10 @@ def _placed(
             day = dates[0] if cells.kind == "clock" and len(dates) == 1 else 0.0
             values[name] = cells.values % DAY + day if np.ndim(day) else cells.values
         elif name:
-            word = str(columns[i][cells.row])[:_LONGEST]
+            word = str(column[cells.row])[:_LONGEST]
             wanted = ", expected numbers" if cells.fault == TEXT else ""
-            unfit[name] = f"{cells.fault}, first {word!r} in row {numbers[cells.row]}, column {letters_of(i)}{wanted}"
-    clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
-    return timed(Table(path, values, unfit, units, np.asarray(numbers), letters, clocks))
+            unfit[name] = f"{cells.fault}, first {word!r} in {table.place(name, cells.row)}{wanted}"
+    return timed(table)
 
 
 def _of_index(cells: Cells, names: Sequence[str]) -> str:
@@ -239,56 +239,27 @@ def _arrow(path: Path, table: pa.Table) -> Table:
     names = [name.strip() for name in table.column_names]
     if not table.num_rows:
         raise RecordingError(f"{path}: has no rows")
-    columns: dict[str, NDArray[np.float64]] = {}
-    unfit: dict[str, str] = {}
-    times = Counter(names)
-    for name, column in zip(names, table.columns, strict=True):
-        if times[name] > 1:
-            unfit[name] = f"is there {times[name]} times: keep one"
-        elif (numbers := _numbers(column)) is not None:
-            columns[name] = numbers
-        elif name:
-            unfit[name] = _first_word(column)
     units = {name: (field.metadata or {}).get(b"unit", b"") for name, field in zip(names, table.schema, strict=True)}
-    moments = tuple(name for name, column in zip(names, table.columns, strict=True) if _is_moment(column.type))
     told = {name: unit.decode() for name, unit in units.items() if unit}
-    return timed(Table(path, columns, unfit, told, clocks=moments))
+    return _placed(path, names, table.columns, [_typed(column) for column in table.columns], told)
 
 
-def _is_moment(kind: Any) -> bool:
+def _typed(column: Any) -> Cells:
+    """Content of a column that has a type; texts are read as those of a text table."""
     import pyarrow as pa
 
-    return bool(pa.types.is_timestamp(kind))
-
-
-def _numbers(column: Any) -> NDArray[np.float64] | None:
-    """A column as float64, times of day as s; None where it holds no numbers."""
-    import pyarrow as pa
-
-    kind, scale = column.type, 1.0
+    kind = column.type
     if pa.types.is_dictionary(kind):
         column, kind = column.cast(kind.value_type), kind.value_type
     if pa.types.is_timestamp(kind):
-        column, scale = column.cast(pa.timestamp("ns")).cast(pa.int64()), 1e-9
-    elif not any(of(kind) for of in (pa.types.is_floating, pa.types.is_integer, pa.types.is_null, pa.types.is_boolean)):
-        return None
+        ns = column.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
+        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64), "moment")
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return cells_of(column.cast(pa.string()), "")
+    if not any(of(kind) for of in (pa.types.is_floating, pa.types.is_integer, pa.types.is_null, pa.types.is_boolean)):
+        return Cells(None, fault=TEXT)
     # Unsafe: counters of ns beyond 2⁵³ lose their last digits.
-    return scale * np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64)
-
-
-def _first_word(column: Any) -> str:
-    """Place and content of the first cell in a column of text that is no number."""
-    words = ((row, str(cell.as_py())) for row, cell in enumerate(column) if cell.is_valid)
-    row, word = next(((row, word) for row, word in words if not _is_number(word)), (0, str(column.type)))
-    return f"{TEXT}, first {word[:_LONGEST]!r} in row {row + 1}, expected numbers"
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return Cells(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64))
 
 
 def _line(error: object) -> str:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
-from functools import cache
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -25,10 +24,6 @@ _TIME: Final = re.compile(
     r"(?:(?:(?<=\d)[T ,]\s*|^)(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}))?(?:[.,](?P<fraction>\d{1,12}))?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
 )
-
-
-class _NoDateError(Exception):
-    """Numbers of no day."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +57,8 @@ def times_of(column: Any) -> Times | None:
     if len(kinds) > 1 or sum(m is not None for m in matches) + column.null_count < len(column):
         return None
     ((dated, timed),) = kinds
-    try:
-        seconds = _days(matches) * DAY if dated else np.zeros(len(matches))
-    except _NoDateError:
+    seconds = _days(matches) if dated else np.zeros(len(matches))
+    if seconds is None:
         return None
     if timed:
         seconds = seconds + np.array([np.nan if m is None else _of_day(m) for m in matches])
@@ -99,24 +93,19 @@ def _offset(zone: str | None) -> float:
     return (-1.0 if zone[0] == "-" else 1.0) * (3600.0 * int(digits[:2]) + 60.0 * int(digits[2:]))
 
 
-def _days(matches: Sequence[re.Match[str] | None]) -> Float:
-    """Days (N,) since 1970."""
+def _days(matches: Sequence[re.Match[str] | None]) -> Float | None:
+    """Midnights (N,) in s since 1970; None where a date is of no day."""
     written = {match["date"] for match in matches if match is not None}
     day_first = _day_first(written)
-
-    @cache
-    def day(text: str) -> int:
+    days: dict[str, float] = {}
+    for text in written:
         a, b, c = (int(part) for part in re.split(r"[-./]", text))
-        if a > 31:
-            year, month, number = a, b, c
-        else:
-            year, month, number = (c, b, a) if day_first else (c, a, b)
+        year, month, day = (a, b, c) if a > 31 else (c, b, a) if day_first else (c, a, b)
         try:
-            return date(year + 2000 if year < 100 else year, month, number).toordinal() - EPOCH
-        except ValueError as error:
-            raise _NoDateError from error
-
-    return np.array([np.nan if match is None else day(match["date"]) for match in matches], np.float64)
+            days[text] = DAY * (date(year + 2000 if year < 100 else year, month, day).toordinal() - EPOCH)
+        except ValueError:
+            return None
+    return np.array([np.nan if match is None else days[match["date"]] for match in matches])
 
 
 def _day_first(written: Iterable[str]) -> bool:

@@ -74,16 +74,6 @@ def test_page_as_json():
     assert host["description"].startswith("Address of the controller")
 
 
-def test_markdown():
-    lines = run("arm", "--markdown").output.splitlines()
-    assert lines[:3] == [
-        "| key | type | default | meaning |",
-        "|---|---|---|---|",
-        "| `host` | text | required | Address of the controller. A name works too. |",
-    ]
-    assert "| `client` | native \\| library | `native` | Who speaks the protocol. |" in lines
-
-
 def test_unknown_name():
     result = run("amr")
     assert result.exit_code == 2

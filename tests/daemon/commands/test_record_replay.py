@@ -91,7 +91,3 @@ def test_replay_through_a_stage(call: Call, recording: Path, cell: Path) -> None
     lines = [json.loads(line) for line in call("replay", recording, "--settings", cell, "--json").out.splitlines()]
     assert [line.get("active") for line in lines[:2]] == [True, False]
     assert lines[-1]["results"] == {"alarm": 2}
-
-
-def test_replay_at_a_pace_gives_the_same(call: Call, recording: Path) -> None:
-    assert call("replay", recording, "--verify", "--speed", "1000").out == call("replay", recording, "--verify").out

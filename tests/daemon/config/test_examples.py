@@ -16,7 +16,9 @@ EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 ENVIRONMENT = {"PLANT_ROUTER": "router.example", "ZENOH_PASSWORD": "hunter2hunter2"}
 
 
-@pytest.mark.parametrize("name", ["ur-weld-cell", "yaskawa-line", "power-only", "plant-router", "fault-networks"])
+@pytest.mark.parametrize(
+    "name", ["ur-weld-cell", "yaskawa-line", "power-only", "plant-router", "fault-networks", "all-drivers"]
+)
 def test_example_is_right(name):
     prepared = prepare(load(EXAMPLES / f"{name}.yaml", ENVIRONMENT))
     assert prepared.layout.channels

@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 import yaml
 from click.testing import CliRunner
+from pydantic import BaseModel, Field, SecretStr
 
 from cellwatt.commands.check import command
-from cellwatt.config import load, public_config
+from cellwatt.config import load, public_config, read_settings
 from cellwatt.config.cell import FrameSettings
 from cellwatt.config.document import parse
 from cellwatt.config.fields import fields_of, models_in
@@ -123,6 +124,21 @@ def test_a_wrong_secret_is_not_repeated(tmp_path: Path, text: str) -> None:
         done = CliRunner().invoke(command, arguments)
         assert done.exit_code == 2
         assert "73517351" not in done.output
+
+
+class Login(BaseModel):
+    password: SecretStr = Field(min_length=20)
+
+
+class Logins(BaseModel):
+    logins: dict[str, Login]
+
+
+def test_a_wrong_secret_of_any_file_is_not_repeated(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(f"logins: {{ann: {{password: {SECRET}}}}}\n")
+    with pytest.raises(ConfigError, match=r"found \*\*\*, expected at least 20") as caught:
+        read_settings(tmp_path / "map.yaml", Logins)
+    assert SECRET not in str(caught.value)
 
 
 def test_every_setting_that_sounds_like_a_secret_is_declared_as_one() -> None:

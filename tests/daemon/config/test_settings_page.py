@@ -10,9 +10,9 @@ import yaml
 
 from cellwatt.config.cell import CellName, FrameSettings
 from cellwatt.config.installed import installed
-from cellwatt.config.reference import markdown
 from cellwatt.record.settings import RecordSettings
 from cellwatt.units import Units
+from tests.docs.pages import settings_table
 
 pytestmark = pytest.mark.usefixtures("real_parts")
 
@@ -24,7 +24,7 @@ FIRST_GENERATED = "The same as `cellwatt drivers NAME` shows, which also knows w
 def tables() -> dict[str, str]:
     """Table by the name that its comment gives."""
     found = {"the cell": CellName, "frames": FrameSettings, "record": RecordSettings, "units": Units}
-    return {name: markdown(model) for name, model in found.items()}
+    return {name: settings_table(model) for name, model in found.items()}
 
 
 def parts() -> dict[str, str]:
@@ -32,7 +32,7 @@ def parts() -> dict[str, str]:
     ours = [p for p in installed() if p.package == "cellwatt"]
     missing = [f"{p.kind} {p.name}: {p.error}" for p in ours if p.settings is None]
     assert not missing, missing
-    return {f"{p.kind}: {p.name}": markdown(p.settings) for p in ours if p.settings is not None}
+    return {f"{p.kind}: {p.name}": settings_table(p.settings) for p in ours if p.settings is not None}
 
 
 def updated(page: str) -> str:

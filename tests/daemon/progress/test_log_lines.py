@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import pytest
 
 from cellwatt.progress import log_lines
-from cellwatt.progress.log_lines import MOST, Lines
+from cellwatt.progress.log_lines import MOST, LogLines
 
 
 @pytest.fixture
 def written() -> Iterator[tuple[logging.Logger, io.StringIO]]:
-    handler, log = Lines(), logging.Logger("cellwatt.test", logging.INFO)
+    handler, log = LogLines(), logging.Logger("cellwatt.test", logging.INFO)
     handler.setStream(io.StringIO())
     log.addHandler(handler)
     yield log, handler.stream

@@ -10,12 +10,11 @@ import pytest
 from mcap.records import Channel, Schema
 
 from cellwatt.record import Recording
-from cellwatt.record.chunks import parse_attachment
+from cellwatt.record.chunks import parse_attachment, read_at
 from cellwatt.record.decoder import track_of, tracks_of
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import Header
 from cellwatt.record.openfile import OpenFile
-from cellwatt.record.scan import header_of, read_at
 
 from .making import ARM, CELL, HEADER, SESSION, batch_of, name_of
 
@@ -36,7 +35,7 @@ GOOD = json.loads(HEADER.to_json())
 )
 def test_a_header_that_is_none(text):
     with pytest.raises(ValueError, match="the header is not one") as error:
-        header_of(text.encode())
+        Header.from_json(text.encode())
     assert "\n" not in str(error.value)
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from cellwatt.errors import RepairingError
+from cellwatt.frames import cut
 from cellwatt.record import History, Recorder, Recording, RecordSettings
 from cellwatt.record.header import PART
-from cellwatt.record.history import trim
 from cellwatt.record.survey import survey
 from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Prediction, Task
@@ -51,7 +51,8 @@ async def test_just_what_was_asked_for(history, first, count):
     found = await ask(history, "arm", "rtde", SESSION, first, count)
     assert numbers(found) == list(range(first, first + count))
     for batch in found:
-        truth = trim(batch_of(batch.sequence // 10 * 10, 10), batch.sequence, batch.sequence + len(batch))
+        inside = batch.sequence % 10
+        truth = cut(batch_of(batch.sequence - inside, 10), inside, inside + len(batch))
         # A part of a batch was made known when the whole of it was.
         assert same_batch(batch, truth)
 
@@ -114,7 +115,8 @@ async def test_just_the_frames_that_were_asked_for(recorder, tmp_path):
     found = await asyncio.to_thread(history.frames, SESSION, 95, 20)
     assert numbers(found) == list(range(95, 115))
     for frames in found:
-        truth = trim(frames_of(frames.sequence // 10 * 10, 10), frames.sequence, frames.sequence + len(frames))
+        inside = frames.sequence % 10
+        truth = cut(frames_of(frames.sequence - inside, 10), inside, inside + len(frames))
         assert frames.layout == truth.layout
         for name in ("time", "values", "quality", "bound"):
             assert bits(getattr(frames, name)) == bits(getattr(truth, name))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
+from cellwatt.record import folder
 from cellwatt.record.folder import Obstacles, obstacles
 from cellwatt.record.settings import EvidenceSettings, RecordSettings, default_folder
 
@@ -24,7 +27,8 @@ def test_a_file_in_the_way(tmp_path: Path) -> None:
 
 
 def test_a_folder_of_somebody_else_as_root_sees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda path, mode: mode == os.F_OK and os.path.lexists(path))
+    refused = Mock(side_effect=PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
+    monkeypatch.setattr(folder, "TemporaryFile", refused)
     monkeypatch.setenv("USER", "anna")
     told = obstacles(RecordSettings(folder=tmp_path / "record")).refusal
     assert f"cannot be made in {tmp_path} by user anna" in told
@@ -54,7 +58,7 @@ def test_a_folder_that_takes_no_byte(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("user", "environment", "folder"),
+    ("user", "environment", "expected"),
     [
         (0, {}, "/var/lib/cellwatt/weld"),
         (1000, {}, "/home/anna/.local/state/cellwatt/weld"),
@@ -65,11 +69,11 @@ def test_a_folder_that_takes_no_byte(tmp_path: Path) -> None:
     ],
 )
 def test_the_folder_where_none_is_named(
-    monkeypatch: pytest.MonkeyPatch, user: int, environment: dict[str, str], folder: str
+    monkeypatch: pytest.MonkeyPatch, user: int, environment: dict[str, str], expected: str
 ) -> None:
     for name in ("STATE_DIRECTORY", "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
     for name, value in {"HOME": "/home/anna", **environment}.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(os, "geteuid", lambda: user)
-    assert default_folder("weld") == Path(folder)
+    assert default_folder("weld") == Path(expected)

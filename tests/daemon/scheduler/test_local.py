@@ -123,8 +123,8 @@ def test_the_option_refuses_what_names_none_before_the_command_begins(text: str)
         raise AssertionError
 
     done = CliRunner().invoke(command, ["--scheduler", text])
-    assert done.exit_code == 2
-    assert f"{text!r} names no scheduler: expected local, or local:2" in done.output
+    assert isinstance(done.exception, ConfigError)
+    assert str(done.exception).startswith(f"{text!r} names no scheduler: expected local, or local:2")
 
 
 def test_without_one_the_work_is_serial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

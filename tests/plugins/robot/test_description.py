@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cellwatt.config.reference import markdown
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.robot import RobotDescription, load_robot
+from tests.docs.pages import settings_table
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "robots.md"
 
@@ -77,7 +77,7 @@ def test_every_key_is_on_the_page():
 
 def page():
     text = PAGE.read_text(encoding="utf-8")
-    return text[: text.index("| key |")] + markdown(RobotDescription) + "\n"
+    return text[: text.index("| key |")] + settings_table(RobotDescription) + "\n"
 
 
 if __name__ == "__main__":

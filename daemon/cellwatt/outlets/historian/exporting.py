@@ -1,7 +1,7 @@
 """The process that brings the record into a lake, each row exactly once: ``python -m`` this module, told on stdin.
 
-It is a process of its own since Parquet and S3 block, and take memory that the daemon then has back. What is about to
-be written is on disk before it is: where that was not finished the same file is written again.
+It is a process of its own since Parquet and S3 block, and take memory that the daemon then has back. That a file is
+begun is on disk before it is: where that was not finished, the lake tells by its names how far it reaches.
 """
 
 from __future__ import annotations
@@ -22,28 +22,21 @@ from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
 from cellwatt.outlets.historian.pieces import Piece, Reached, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
-from cellwatt.outlets.historian.store import BucketStore, FolderStore, Store, s3_options
+from cellwatt.outlets.historian.store import Store, s3_options
 from cellwatt.outlets.past import ARCHIVED
 from cellwatt.units import Units
 
 FILE: Final = "historian-lake.json"
 
 
-class Intent(BaseModel):
-    """A file of a table that is about to be written, up to ``end``."""
-
-    table: str
-    end: Reached
-
-
 class Progress(BaseModel):
-    """How far each table in the lake ``lake`` reaches."""
+    """How far each table in the lake ``lake`` reaches; with an ``intent`` it may have a file beyond that."""
 
     model_config = ConfigDict(extra="forbid")
 
     lake: str
     reached: dict[str, Reached] = {}
-    intent: Intent | None = None
+    intent: Any = None
 
     def save(self, folder: Path) -> None:
         """Bring it to disk, whole or not at all. Raises ``OutletError``."""
@@ -82,61 +75,43 @@ class Export:
     def __init__(self, record: Path, site: str, cell: str, settings: LakeSettings, store: Store) -> None:
         self._record, self._site, self._cell = record, site, cell
         self._settings, self._store = settings, store
-        self._progress = load(record, settings.folder) or self._found()
+        self._progress = load(record, settings.folder) or Progress(lake=settings.folder, intent=True)
+        if self._progress.intent:
+            self._look()
 
     def run(self) -> Iterator[Done]:
         """Write all that is new; give each file when it is done. Raises ``OutletError``."""
-        if self._progress.intent is not None:
-            yield from self._again(self._progress.intent.table, self._progress.intent.end)
         for table in ("frames", *(ARCHIVED if self._settings.results else ())):
             while (piece := self._next(table)) is not None:
                 yield self._commit(table, piece)
                 if piece.last:  # what comes meanwhile is for the next run: it would never end, in files of a few rows
                     break
 
-    def _next(self, table: str, until: Reached | None = None) -> Piece | None:
+    def _next(self, table: str) -> Piece | None:
         cell, after = (self._record, self._site, self._cell), self._progress.reached.get(table)
-        if table == "frames":
-            return next_frames(*cell, self._settings, after, until)
-        return next_results(*cell, table, after, until)
+        return next_frames(*cell, self._settings, after) if table == "frames" else next_results(*cell, table, after)
 
     def _commit(self, table: str, piece: Piece) -> Done:
         if piece.table is not None:
-            self._progress.intent = Intent(table=table, end=piece.end)
+            self._progress.intent = True
             self._progress.save(self._record)
             self._store.put(piece.path, parquet(piece.table, self._about(table)))
-        self._reach(table, piece.end)
-        return Done(table, piece.rows, piece.lost)
-
-    def _reach(self, table: str, end: Reached) -> None:
-        self._progress.reached[table] = end
+        self._progress.reached[table] = piece.end
         self._progress.intent = None
         self._progress.save(self._record)
-
-    def _again(self, table: str, end: Reached) -> Iterator[Done]:
-        """Write the file that was begun, once more and as it was to be."""
-        piece = self._next(table, end)
-        if piece is not None and piece.end == end:
-            yield self._commit(table, piece)
-        else:  # the record has removed it meanwhile: what is there is there
-            before = self._progress.reached.get(table)
-            self._reach(table, end)
-            there = self._found().reached.get(table)
-            if (there is None or there < end) and table == "frames" and before is not None:
-                yield Done(table, 0, max(end.number - before.number, 0))
+        return Done(table, piece.rows, piece.lost)
 
     def _about(self, table: str) -> dict[str, Any]:
         units = {} if self._settings.units == Units() else {"units": self._settings.units.model_dump()}
         return {"site": self._site, "cell": self._cell, "table": table, **units}
 
-    def _found(self) -> Progress:
-        """Progress by the names of the files in the lake, where what is known of it is lost."""
-        progress = Progress(lake=self._settings.folder)
+    def _look(self) -> None:
+        """Go on behind the files that are in the lake, by their names."""
         for table in ("frames", *ARCHIVED):
+            known = self._progress.reached.get(table)
             found = map(_reached, self._store.names(root(table, self._site, self._cell)))
-            if reached := [one for one in found if one is not None]:
-                progress.reached[table] = max(reached)
-        return progress
+            if reached := [one for one in (known, *found) if one is not None]:
+                self._progress.reached[table] = max(reached)
 
 
 def _reached(path: str) -> Reached | None:
@@ -157,12 +132,12 @@ LOCK: Final = "historian-lake.lock"
 def store_of(settings: LakeSettings, folder: Path) -> Store:
     """The place of a lake; a folder that is not absolute begins at ``folder``."""
     if not settings.remote:
-        return FolderStore(folder / settings.folder)
+        return Store(folder / settings.folder)
     keys = None
     if settings.access_key is not None and settings.secret_key is not None:
         keys = settings.access_key.get_secret_value(), settings.secret_key.get_secret_value()
     ca = None if settings.ca is None else str(folder / settings.ca)
-    return BucketStore(settings.folder, s3_options(settings.endpoint, settings.region, keys, ca))
+    return Store(settings.folder, s3_options(settings.endpoint, settings.region, keys, ca))
 
 
 def work(told: dict[str, Any]) -> None:

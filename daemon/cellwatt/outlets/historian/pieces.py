@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import Any, Final, TypeVar
 from urllib.parse import quote
@@ -19,8 +20,9 @@ import pydantic_core
 
 from cellwatt.channel import Quality
 from cellwatt.frames import Frames, cut
-from cellwatt.outlets.past import ARCHIVED, Archived, files_of, opened
+from cellwatt.outlets.past import ARCHIVED, Archived, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
+from cellwatt.record.folder import files_of
 from cellwatt.record.messages import time_of
 from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Energy, Task
@@ -105,104 +107,48 @@ def day_of(time: int) -> str:
     return datetime.fromtimestamp(time // 10**9, UTC).strftime("%Y-%m-%d")
 
 
-class _Rows:
-    """Rows of one file: of one session, one layout and one day."""
-
-    def __init__(self, selection: Selection, session: int, first: Frames, until: Reached | None) -> None:
-        self.picker = Picker(selection, first.layout)
-        self.session, self.first = session, first.sequence
-        self.rows: list[Row] = []
-        self.full = False
-        self.seen = Reached(session, first.sequence - 1)
-        self._gaps: list[tuple[int, int]] = []
-        self._until = until.number if until is not None else None
-        self._most = max(1, VALUES // (len(self.picker.units) + 4))
-
-    def fits(self, session: int, block: Frames) -> bool:
-        layout = self.picker.layout
-        return session == self.session and (block.layout is layout or block.layout == layout)
-
-    def add(self, block: Frames) -> None:
-        if block.sequence > self.seen.number + 1:
-            self._gaps.append((block.sequence, block.sequence - self.seen.number - 1))
-        self.seen = Reached(self.session, block.sequence + len(block) - 1, time=int(block.time[-1]))
-        self.take(list(self.picker.rows(block)))
-
-    def take(self, rows: list[Row]) -> None:
-        for row in rows:
-            beyond = self._until is not None and row.sequence > self._until
-            other_day = bool(self.rows) and row.time // _DAY != self.rows[0].time // _DAY
-            self.full = self.full or beyond or other_day or len(self.rows) >= self._most
-            if self.full:
-                return
-            self.rows.append(row)
-
-    def lost(self, end: Reached, before: Reached | None) -> int:
-        ahead = self.first - before.number - 1 if before is not None and before.session == self.session else 0
-        return ahead + sum(n for at, n in self._gaps if at <= end.number)
-
-
-def next_frames(
-    folder: Path, site: str, cell: str, selection: Selection, after: Reached | None, until: Reached | None = None
-) -> Piece | None:
-    """The next file of frames; up to ``until`` where that was begun before. ``None`` where no row is whole yet."""
-    rows: _Rows | None = None
-    over = False
-    for session, block in frames_after(folder, cell, after):
-        if rows is None:
-            rows = _Rows(selection, session, block, until)
-        if over := not rows.fits(session, block):
-            break
-        rows.add(block)
-        if rows.full:
-            break
-    if rows is None:
+def next_frames(folder: Path, site: str, cell: str, selection: Selection, after: Reached | None) -> Piece | None:
+    """The next file of frames: of one session, layout and day. ``None`` where no row is whole yet."""
+    blocks = frames_after(folder, cell, after)
+    session, first = next(blocks, (0, None))
+    if first is None:
         return None
-    if over and not rows.full:
-        rows.take(list(rows.picker.rest()))
-    if not rows.rows and not over:
-        return None
-    return _framed(rows, site, cell, after, over)
-
-
-def _framed(rows: _Rows, site: str, cell: str, after: Reached | None, over: bool) -> Piece:
-    if not rows.rows:  # none of its channels is asked for
-        return Piece("", 0, None, rows.seen, 0)
-    last = rows.rows[-1]
+    picker, rows, over = Picker(selection, first.layout), list[Row](), False
+    most = max(1, VALUES // (len(picker.units) + 4))
+    seen = after if after is not None and after.session == session else Reached(session, first.sequence - 1)
+    gaps: list[tuple[int, int]] = []
+    for at, block in chain([(session, first)], blocks):
+        if over := at != session or block.layout != picker.layout:
+            rows += picker.rest()
+            break
+        gaps.append((block.sequence, block.sequence - seen.number - 1))
+        seen = Reached(session, block.sequence + len(block) - 1, time=int(block.time[-1]))
+        rows += picker.rows(block)
+        if len(rows) > most or (rows and rows[-1].time // _DAY > rows[0].time // _DAY):
+            break
+    if not rows:  # where it is over none of its channels is asked for
+        return Piece("", 0, None, seen) if over else None
+    kept = [row for row in rows[:most] if row.time // _DAY == rows[0].time // _DAY]
+    last, full = kept[-1], len(kept) < len(rows)
     # All frames of a session or layout that is over are dealt with, also those behind the last row.
-    end = (
-        rows.seen
-        if over and not rows.full
-        else Reached(rows.session, last.sequence, time=min(last.time, rows.seen.time))
-    )
-    table = frame_table(rows.rows, rows.picker.units, rows.session)
-    name = f"{rows.session}_{rows.first}_{last.sequence}.parquet"
+    end = seen if over and not full else Reached(session, last.sequence, time=min(last.time, seen.time))
+    name = f"{session}_{first.sequence}_{last.sequence}.parquet"
     path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
-    return Piece(path, len(rows.rows), table, end, rows.lost(end, after), last=not (over or rows.full))
+    lost = sum(n for at, n in gaps if at <= end.number)
+    return Piece(path, len(kept), frame_table(kept, picker.units, session), end, lost, last=not (over or full))
 
 
-def next_results(
-    folder: Path, site: str, cell: str, table: str, after: Reached | None, until: Reached | None = None
-) -> Piece | None:
-    """The next file of alarms, tasks or energies; up to ``until`` where that was begun before."""
-    kept = list(_alike(results_after(folder, cell, ARCHIVED[table], after), until))
+def next_results(folder: Path, site: str, cell: str, table: str, after: Reached | None) -> Piece | None:
+    """The next file of alarms, tasks or energies: of one file of the record and one day."""
+    found = islice(results_after(folder, cell, ARCHIVED[table], after), RESULTS)
+    _, alike = next(groupby(found, lambda r: (r[0].session, r[0].number, time_of(r[1]) // _DAY)), (None, ()))
+    kept = list(alike)
     if not kept:
         return None
     (first, result), (last, _) = kept[0], kept[-1]
     name = f"{first.session}_{first.number}_{first.count}_{last.count}.parquet"
     path = f"{root(table, site, cell)}/day={day_of(time_of(result))}/{name}"
     return Piece(path, len(kept), result_table(table, [r for _, r in kept], first.session), last)
-
-
-def _alike(found: Iterator[tuple[Reached, Archived]], until: Reached | None) -> Iterator[tuple[Reached, Archived]]:
-    """The first of the results that are of one file of the record and one day."""
-    kept: tuple[int, int, int] | None = None
-    for n, (reached, result) in enumerate(found):
-        about = reached.session, reached.number, time_of(result) // _DAY
-        kept = kept or about
-        if about != kept or n >= RESULTS or (until is not None and reached.count > until.count):
-            return
-        yield reached, result
 
 
 _TIME: Final = pa.timestamp("ns", tz="UTC")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -12,58 +13,40 @@ from cellwatt.errors import OutletError, why
 from cellwatt.files import replace_bytes
 
 
-class FolderStore:
-    """A lake in a folder: files are written under another name, brought to disk, and renamed.
+class Store:
+    """A lake in a folder, or by ``options`` in a bucket of S3.
 
-    All methods raise ``OutletError`` where the place cannot be reached.
+    In a folder files are written under another name, brought to disk, and renamed; in S3 a file is one object, which
+    others see when it is whole. All methods raise ``OutletError`` where the place cannot be reached.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, place: Path | str, options: Mapping[str, Any] | None = None) -> None:
+        from pyarrow import fs
+
+        self._place, self._remote = str(place).removeprefix("s3://").rstrip("/"), options is not None
+        self._all_below = partial(fs.FileSelector, allow_not_found=True, recursive=True)
+        self._fs = fs.LocalFileSystem()
+        if options is not None:
+            self._fs = fs.S3FileSystem(allow_delayed_open=True, background_writes=False, **options)
 
     def put(self, path: str, content: bytes) -> None:
-        """Write a file, in place of one that is there."""
-        target = self._folder / path
+        """Write a file, in place of one that is there; paths are those within the lake."""
+        target = f"{self._place}/{path}"
         with _told(target):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            replace_bytes(target, content)
+            if not self._remote:
+                Path(target).parent.mkdir(parents=True, exist_ok=True)
+                replace_bytes(Path(target), content)
+                return
+            with self._fs.open_output_stream(target) as out:
+                out.write(content)
 
     def names(self, folder: str) -> list[str]:
         """Names of the files in a folder and those below, relative to it, sorted; none where it is not there."""
-        root = self._folder / folder
+        root = f"{self._place}/{folder}"
         with _told(root):
-            return sorted(str(path.relative_to(root)) for path in root.rglob("*.parquet") if path.is_file())
-
-
-class BucketStore:
-    """A lake in S3: a file is one object, which others see when it is whole."""
-
-    def __init__(self, place: str, options: Mapping[str, Any]) -> None:
-        from pyarrow import fs
-
-        self._place = place.removeprefix("s3://").rstrip("/")
-        self._fs = fs.S3FileSystem(allow_delayed_open=True, background_writes=False, **options)
-        self._fs_module = fs
-
-    def put(self, path: str, content: bytes) -> None:
-        """See ``FolderStore.put``."""
-        with _told(path), self._fs.open_output_stream(self._at(path)) as out:
-            out.write(content)
-
-    def names(self, folder: str) -> list[str]:
-        """See ``FolderStore.names``."""
-        root = self._at(folder)
-        with _told(folder):
-            found = self._fs.get_file_info(self._fs_module.FileSelector(root, allow_not_found=True, recursive=True))
+            found = self._fs.get_file_info(self._all_below(root))
         kept = (info.path for info in found if info.is_file and info.path.endswith(".parquet"))
         return sorted(path.removeprefix(f"{root}/") for path in kept)
-
-    def _at(self, path: str) -> str:
-        return f"{self._place}/{path}"
-
-
-Store = FolderStore | BucketStore
-"""Files by their paths within the lake."""
 
 
 def s3_options(

@@ -72,7 +72,7 @@ _MOST_ENERGIES: Final = 10_000
 Sample = tuple[tuple[str, ...], float]
 
 
-class Meter:
+class Meter(Collector):
     """Takes frames, energies and health; ``samples`` gives the series of each metric, at most ``most`` of one.
 
     ``channels`` are the patterns of channels whose power is told, ``session`` is the daemon's start, UTC ns.
@@ -145,6 +145,10 @@ class Meter:
         out["cellwatt_series_left_out"] = [(name, n) for name, n in left.items() if n]
         return out
 
+    def collect(self) -> Iterator[Metric]:
+        """Families that have series, in the order of the catalogue."""
+        return (_filled(CATALOGUE[name], samples) for name, samples in self.samples().items() if samples)
+
     def _all(self) -> Iterator[Reading]:
         yield Reading("build", (__version__,), 1.0)
         yield Reading("session_start_time_seconds", (), 1e-9 * self._session)
@@ -182,19 +186,6 @@ if find_spec("aiohttp") is None:  # only the process that serves imports it, but
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
 
 
-class MeterCollector(Collector):
-    """Gives the families of a meter."""
-
-    def __init__(self, meter: Meter) -> None:
-        self._meter = meter
-
-    def collect(self) -> Iterator[Metric]:
-        """Families that have series, in the order of the catalogue."""
-        for name, samples in self._meter.samples().items():
-            if samples:
-                yield _filled(CATALOGUE[name], samples)
-
-
 def _filled(family: Family, samples: Sequence[Sample]) -> Metric:
     if family.type == "info":
         info = InfoMetricFamily(family.name, family.help)
@@ -211,7 +202,7 @@ def _filled(family: Family, samples: Sequence[Sample]) -> Metric:
 def exposed(meter: Meter, accept: str) -> tuple[bytes, str]:
     """Text and its content type; ``accept`` is the reader's header: OpenMetrics, or Prometheus' own text."""
     encode, content_type = choose_encoder(accept)
-    return encode(MeterCollector(meter)), content_type
+    return encode(meter), content_type
 
 
 class MetricsOutlet(Apart[MetricsSettings]):

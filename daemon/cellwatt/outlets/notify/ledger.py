@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import threading
 from collections.abc import Collection
 from pathlib import Path
 from typing import Final
@@ -34,7 +33,6 @@ class Ledger:
         """Lines that this version did not write."""
         self._changed = True
         self._turn = asyncio.Lock()
-        self._writing = threading.Lock()
 
     def read(self) -> None:
         """Read the file, if there is one. Blocks."""
@@ -84,14 +82,13 @@ class Ledger:
                 raise
 
     def _write(self, path: Path, content: bytes) -> None:
-        with self._writing:
-            try:
-                replace_bytes(path, content, 0o600)
-            except OSError as error:
-                self._changed = True
-                problem = f"{path} cannot be written, so a restart may send again: {why(error)}"
-                if problem != self.problem:
-                    log.warning("%s", problem)
-                self.problem = problem
-            else:
-                self.problem = None
+        try:
+            replace_bytes(path, content, 0o600)
+        except OSError as error:
+            self._changed = True
+            problem = f"{path} cannot be written, so a restart may send again: {why(error)}"
+            if problem != self.problem:
+                log.warning("%s", problem)
+            self.problem = problem
+        else:
+            self.problem = None

@@ -43,14 +43,6 @@ def sign(secret: str, message_id: str, timestamp: int, body: bytes) -> str:
     return "v1," + base64.b64encode(hmac.digest(key_of(secret), signed, hashlib.sha256)).decode()
 
 
-def headers(secret: str | None, message_id: str, timestamp: int, body: bytes) -> dict[str, str]:
-    """Headers of one attempt; without a secret there is no signature."""
-    found = {ID: message_id, TIMESTAMP: str(timestamp)}
-    if secret is not None:
-        found[SIGNATURE] = sign(secret, message_id, timestamp, body)
-    return found
-
-
 PUSH: Final = 3800
 """Bytes of a text that is pushed to telephones; ntfy makes a file of more than 4096."""
 LONGEST_WAIT: Final = 3600.0
@@ -111,8 +103,9 @@ def request(settings: Web, about: About, message: Message, now: int) -> tuple[by
     if token is not None:
         head["Authorization"] = f"Bearer {token.get_secret_value()}"
     if isinstance(settings, WebhookSettings):
-        secret = None if settings.secret is None else settings.secret.get_secret_value()
-        head |= headers(secret, message.id, now, content)
+        head |= {ID: message.id, TIMESTAMP: str(now)}
+        if settings.secret is not None:
+            head[SIGNATURE] = sign(settings.secret.get_secret_value(), message.id, now, content)
     return content, head
 
 

@@ -18,7 +18,7 @@ from cellwatt import OutletError
 from cellwatt.outlets.historian import exporting
 from cellwatt.outlets.historian.exporting import FILE, LOCK, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
-from cellwatt.outlets.historian.store import FolderStore
+from cellwatt.outlets.historian.store import Store
 from cellwatt.units import Units
 from tests.daemon.outlets.historian.made import ANOTHER, CELL, DAY, SESSION, SITE, START, Recorded, S, row_truth
 from tests.patience import PATIENCE
@@ -33,7 +33,7 @@ def lake(tmp_path: Path) -> Path:
 
 def export(record: Path, lake: Path, store: Any = None, **settings: Any) -> list[exporting.Done]:
     made = LakeSettings(folder=str(lake), **settings)
-    return list(Export(record, SITE, CELL, made, store or FolderStore(lake)).run())
+    return list(Export(record, SITE, CELL, made, store or Store(lake)).run())
 
 
 def table_of(lake: Path, table: str = "frames") -> list[dict[str, Any]]:
@@ -97,7 +97,7 @@ def test_results_tell_what_they_told(record: Path, lake: Path) -> None:
 def test_a_run_ends_though_the_record_grows(record: Path, lake: Path) -> None:
     growing = Recorded(record).seconds(3)
 
-    class Slow(FolderStore):
+    class Slow(Store):
         def put(self, path: str, content: bytes) -> None:
             super().put(path, content)
             growing.seconds(1, results=False)
@@ -174,7 +174,7 @@ class Killed(BaseException):
     """The process is gone at once."""
 
 
-class Doomed(FolderStore):
+class Doomed(Store):
     """A lake whose writer is killed at its n-th step: before or after a file is there, or in the middle of it."""
 
     def __init__(self, folder: Path, steps: int) -> None:
@@ -263,7 +263,7 @@ def test_a_file_begun_whose_frames_are_gone_is_given_up_and_counted(
     growing = Recorded(record).seconds(2)
     export(record, lake, results=False)
     growing.seconds(2).rotate()
-    saves[:] = [store := Doomed(lake, steps=2)]  # its intent is on disk, its file is not
+    saves[:] = [store := Doomed(lake, steps=2)]  # that a file is begun is on disk, the file is not
     with pytest.raises(Killed):
         export(record, lake, store, results=False)
     saves.clear()

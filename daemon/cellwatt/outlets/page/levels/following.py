@@ -16,13 +16,12 @@ from mcap.opcode import Opcode
 
 from cellwatt.files import open_file
 from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Digest, Gathering
-from cellwatt.record.chunks import LARGEST_RECORD, definitions, parse_attachment
+from cellwatt.record.chunks import LARGEST_RECORD, definitions, parse_attachment, read_at
 from cellwatt.record.container import CHUNK_HEAD, MAGIC, RECORD, Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.openfile import DEFINITIONS
 from cellwatt.record.reader import numbered_items
-from cellwatt.record.scan import read_at
 from cellwatt.record.survey import open_recording, survey
 
 _LAST: Final = int(max(Opcode))
