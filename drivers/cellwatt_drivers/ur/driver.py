@@ -104,7 +104,8 @@ class UrDriver(Driver[UrSettings]):
             compare(s.host, s.port, fastest, s.timeout, inlet.now, inlet.account, self._intake)
         )
         try:
-            await rtde.begin(session, version, self._selection, rate, self._intake, s.timeout)
+            session.say = self._intake.message
+            await rtde.begin(session, version, self._selection, rate, self._intake.take, s.timeout)
             await rtde.attend(session, self._intake, s.timeout)
         finally:
             comparing.cancel()
