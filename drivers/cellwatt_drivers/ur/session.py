@@ -35,8 +35,8 @@ Take = Callable[[Float, Float, int | None, int], None]
 class Session:
     """Frames in and out of one connection. ``where`` names it in errors, ``now`` is the cell's time, ns.
 
-    With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather together; while
-    more than ``AT_ONCE`` wait, no more is read. What the controller says in words goes to ``say``. ``closed`` is done
+    With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather together;
+    while more than ``AT_ONCE`` wait, no more is read. What the controller says in words goes to ``say``. ``closed`` is done
     once the connection is gone, with the error if there is one.
     """
 
