@@ -11,7 +11,7 @@ from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.message import Order
-from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
+from cellwatt.outlets.mqtt.payload import DataType, decode, encode, metric
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings, SparkplugSettings
 from fuzz.items import SESSION
@@ -43,9 +43,8 @@ def run(data: bytes) -> None:
                 found = heard(topic, payload, retained)
                 assert isinstance(found, Order) or all(m.topic == topic and not m.payload for m in found)
         with suppress(ProtocolError):
-            for name, alias, value in decode(payload):
+            for name, value in decode(payload):
                 assert name is None or isinstance(name, str)
-                assert alias is None or 0 <= alias < 1 << 64
                 assert value is None or isinstance(value, float | int | bool | str)
 
 
@@ -55,8 +54,8 @@ def _message(topic: str, payload: bytes, retained: bool = False) -> bytes:
 
 def seeds() -> Iterable[bytes]:
     """Commands, the host that comes and goes, an alarm that the broker keeps."""
-    again = Metric(DataType.BOOLEAN, True, 5, name="Node Control/Rebirth", declared=True)
-    other = Metric(DataType.STRING, "x", 5, alias=7, unit="W", declared=True)
+    again = metric(DataType.BOOLEAN, True, 5, name="Node Control/Rebirth", declared=True)
+    other = metric(DataType.STRING, "x", 5, alias=7, unit="W", declared=True)
     online = _message(STATE, b'{"online": true, "timestamp": 5}')
     yield online + _message(COMMAND, encode([again, other], 5, 1))
     yield online + _message(STATE, b'{"online": false, "timestamp": 6}') + _message(STATE, b"OFFLINE")

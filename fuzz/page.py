@@ -18,7 +18,7 @@ from yarl import URL
 
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.access import Gate
-from cellwatt.outlets.page.app import Assets, Page
+from cellwatt.outlets.page.app import Page
 from cellwatt.outlets.page.archive import Archive, Desk, P, T
 from cellwatt.outlets.page.cells import Cell, OneCell
 from cellwatt.outlets.page.feed import Feed
@@ -41,12 +41,12 @@ class _Hub(Hub):
     async def serve(
         self,
         request: web.Request,
-        channels: Sequence[str] | None,
+        channels: Sequence[str],
         rate: float,
         login: object = None,
         first: Sequence[bytes] = (),
     ) -> web.Response:
-        assert channels is None or len(channels) <= 102
+        assert len(channels) <= 102
         assert 0.1 <= rate <= 25.0
         return web.Response()
 
@@ -73,7 +73,7 @@ def _page() -> tuple[web.Application, bytes]:
         raise CellwattError("no")
 
     cell = Cell(feed, Archive(None, "weld", None, _Desk()), order)
-    page = Page(settings, Gate(settings, sessions), OneCell(cell), Assets(), browsers)
+    page = Page(settings, Gate(settings, sessions), OneCell(cell), browsers)
     application = page.application()
     application.freeze()
     return application, sessions.csrf(TOKEN).encode()

@@ -1,4 +1,4 @@
-"""Messages between the daemon and the processes that serve for outlets, both ways."""
+"""What the daemon reads of a process that serves for an outlet."""
 
 from __future__ import annotations
 
@@ -8,15 +8,11 @@ from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
-from cellwatt.errors import OutletError, ProtocolError
+from cellwatt.errors import OutletError
 from cellwatt.outlets.apart import wire
-from cellwatt.outlets.apart.daemon import Daemon, Shown
 from cellwatt.outlets.apart.wire import Kind
-from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.outlet import PageOutlet, PageSettings
-from cellwatt.outlets.page.streams import Browsers, Hub
-from cellwatt.results import Event
-from fuzz.items import LAYOUT, MESSAGES, SESSION, frames, same
+from fuzz.items import SESSION
 from fuzz.target import Target
 
 
@@ -31,15 +27,12 @@ class _Writer:
 
 
 def run(data: bytes) -> None:
-    """What one side reads until the other closes: as the process that serves, then as the daemon."""
-    asyncio.run(_both(data))
+    """All until the process closes."""
+    asyncio.run(_run(data))
 
 
-async def _both(data: bytes) -> None:
+async def _run(data: bytes) -> None:
     writer: Any = _Writer()
-    feed = Feed("plant", "weld", Hub(Browsers(1)))
-    with suppress(ProtocolError):
-        await Daemon(_reader(data), writer).hear(Shown(feed.take_frames))
     view: Any = SimpleNamespace(acknowledge=_done, shelve=_done, unshelve=_done)
     outlet = PageOutlet("page", PageSettings(), view)
     with suppress(OutletError):
@@ -59,17 +52,12 @@ def _reader(data: bytes) -> asyncio.StreamReader:
 
 
 def seeds() -> Iterable[bytes]:
-    """A cell that tells all, and a process that lives, orders and fails."""
-    items = [message for message in MESSAGES if isinstance(message, Event)]
-    block = frames(0, 3)
-    assert same(wire.read_layout(wire.layout(LAYOUT)[wire.HEAD.size :]), LAYOUT)
-    yield wire.layout(LAYOUT) + wire.frames(block) + b"".join(wire.item(item) for item in items)
-    yield wire.json_message(Kind.HEALTH, {"state": "ok"}) + wire.json_message(Kind.ANSWER, {"number": 0, "error": None})
+    """A process that lives, orders and fails."""
     order = {"number": 1, "what": "shelve", "alarm": "a1", "name": "Ada", "note": "", "until": SESSION}
-    yield wire.json_message(Kind.ALIVE, {"counts": {"browsers refused": 1}}) + wire.json_message(Kind.ORDER, order)
-    yield wire.json_message(Kind.FAILED, {"error": "no"})
-    yield wire.json_message(Kind.ALIVE, {"counts": ["a"]})
-    yield wire.json_message(Kind.ORDER, [])
+    yield wire.said(Kind.ALIVE, {"counts": {"browsers refused": 1}}) + wire.said(Kind.ORDER, order)
+    yield wire.said(Kind.FAILED, {"error": "no"})
+    yield wire.said(Kind.ALIVE, {"counts": ["a"]})
+    yield wire.said(Kind.ORDER, [])
 
 
 TARGET = Target(run, seeds, 2048)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.batch import Float
 
 
 def white_noise(values: Float, order: int = 3) -> Float:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from cellwatt.errors import ConfigError, ModelError
+from cellwatt.errors import ConfigError, ModelError, why
 from cellwatt.files import check_file
 
 T = TypeVar("T")
@@ -99,7 +99,7 @@ class OnnxFile:
         try:
             yield
         except OSError as error:
-            raise self.refused(f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
+            raise self.refused(f"it cannot be read: {why(error).lower()}") from error
         except Exception as error:  # onnxruntime's errors share no other root
             raise self.refused(f"{what}: {_reason(error)}") from error
 

@@ -27,7 +27,7 @@ from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run, writ
 from tests.plugins.models.making import Mlp, metadata
 from tests.plugins.models.power.emulated_arm import write_case
 
-codes_of = train_command._codes_of
+codes_of = train_command.train_codes
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 
 
@@ -148,10 +148,10 @@ def test_train_power(workers: str, one_moment: None, tmp_path: Path) -> None:
 def test_a_training_survives_a_worker_that_is_killed(cell: Path, tmp_path: Path) -> None:
     """A process that trains networks is killed once, in the middle of the work."""
     mark = tmp_path / "killed"
-    given = ["train", "--kind", "codes", "--reference", cell / "reference.yaml", "--robot", cell]
+    given = ["train", "--reference", cell / "reference.yaml", "--robot", cell]
     here = called(faults, *given, "--out", tmp_path / "a")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train_command, "_codes_of", partial(killed_once, mark))
+        patch.setattr(train_command, "train_codes", partial(killed_once, mark))
         there = called(faults, *given, "--out", tmp_path / "b", "--scheduler", "local:2")
     assert mark.exists()
     assert there.replace(str(tmp_path / "b"), str(tmp_path / "a")) == here

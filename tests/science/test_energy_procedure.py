@@ -10,7 +10,7 @@ import pytest
 from cellwatt_plugins.energy.campaign import disaggregate
 from cellwatt_plugins.energy.fixed import AtRest, steady_power
 from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
-from cellwatt_plugins.energy.procedure.recorded import Recorded
+from cellwatt_plugins.energy.procedure.recorded import motion_of, power_of
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
 from tests.plugins.energy.running import MEASURED
 
@@ -38,11 +38,13 @@ def measured(robot, folder, seed=1):
     taped.state("released", made.fixed + 0.1)
     for payload in (0.0, plant.cube.payload):
         taped.programme(payload, *plant.programme(payload, speeds, REPETITIONS, taped.rng))
-    recorded = Recorded(taped.write(), arm)
+    recording = taped.write()
     for name, span in taped.states.items():
-        cut_state(recorded, span, folder / f"{name}.parquet")
+        cut_state(power_of(recording.between(*span)), folder / f"{name}.parquet")
     for payload, span in taped.programmes.items():
-        runs = cut_programme(recorded, arm, span, payload, speeds, REPETITIONS, REPETITIONS, folder)
+        part = recording.between(*span)
+        recorded = motion_of(part, arm), power_of(part)
+        runs = cut_programme(arm, *recorded, payload, speeds, REPETITIONS, REPETITIONS, folder)
         assert all(run.written and not run.refused for run in runs)
     return plant, disaggregated(arm, folder)
 

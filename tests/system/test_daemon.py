@@ -8,42 +8,17 @@ import select
 import socket
 import struct
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
-from cellwatt.config import load
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.emulation.cell import devices_of, places
-from cellwatt.emulation.cell import running as devices_running
 from cellwatt.record import Recording
-from cellwatt.registry import available
 from tests.patience import eventually
 from tests.system.running import Audience, Daemon, balanced, free_port, running
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
-
-
-@pytest.mark.slow
-async def test_every_driver_runs_in_one_daemon(tmp_path: Path) -> None:
-    example = Path(__file__).parents[2] / "examples" / "all-drivers.yaml"
-    sources = yaml.safe_load(example.read_text())["sources"]
-    assert {s["driver"] for s in sources.values()} | {"franka"} == set(available("cellwatt.drivers"))
-    devices = devices_of(load(example, {}), free=True)
-    async with devices_running(devices, time.time()) as emulators:
-        for (_, name, key), value in places(devices, emulators).items():
-            sources[name][key] = value
-        async with running(tmp_path, yaml.safe_dump({"sources": sources})) as (daemon, audience):
-            await audience.until(lambda a: a.all_up() and a.source("ur")["received"] > 1500)
-            assert await daemon.stop() == 0
-    assert not audience.unbalanced
-    # Streams lose nothing however busy the machine is. Polls that fall due while it stands still are missed.
-    for name in ("ur", "power_board", "abb"):
-        assert not audience.source(name)["dropped"] and not audience.source(name)["missed"].get("gap"), name
-    assert not audience.gaps
 
 
 def ur(name: str, address: str, **settings: str) -> str:

@@ -16,8 +16,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.emulation import EmulatorProcess
+from cellwatt.record import Recording
 from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
-from cellwatt_plugins.energy.procedure.recorded import Recorded, Span
+from cellwatt_plugins.energy.procedure.recorded import motion_of, power_of
 from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import MEASURED
 from tests.system.running import Audience, free_port, running
@@ -166,15 +167,16 @@ def cellwatt(*words: str | Path) -> str:
 def split(folder: Path, robot: Path, day: Day, epoch: float) -> dict:
     """What is cut from the recording, through `disaggregate`: what is in energy.json."""
     arm, out = Arm.load(robot), folder / "campaign"
-    recorded = Recorded(folder / "record", arm)
+    recording = Recording.open(folder / "record")
 
-    def at(begin: float, end: float) -> Span:
-        return Span(round((epoch + begin) * 1e9), round((epoch + end) * 1e9))
+    def at(begin: float, end: float) -> Recording:
+        return recording.between(round((epoch + begin) * 1e9), round((epoch + end) * 1e9))
 
     for name, span in day.states.items():
-        cut_state(recorded, at(*span), out / f"{name}.parquet")
+        cut_state(power_of(at(*span)), out / f"{name}.parquet")
     for payload, span in day.programmes.items():
-        runs = cut_programme(recorded, arm, at(*span), payload, SPEEDS, REPETITIONS, LEAST, out)
+        recorded = motion_of(at(*span), arm), power_of(at(*span))
+        runs = cut_programme(arm, *recorded, payload, SPEEDS, REPETITIONS, LEAST, out)
         assert all(run.written for run in runs), runs
     files = [word for name in day.states for word in (f"--{name}", out / f"{name}.parquet")]
     given = ["--robot", robot, *files, "--runs", out / "runs", "--out", folder / "report"]

@@ -164,4 +164,4 @@ def _foxglove(
 
     where: dict[str, Any] = {"host": settings.host, "port": settings.port} if elsewhere else {}
     with contextlib.suppress(KeyboardInterrupt):
-        serve(link, site, cell, arms=settings.arms, seconds=seconds, verify=verify, tell=click.echo, **where)
+        serve(link, site, cell, seconds=seconds, verify=verify, tell=click.echo, **where)

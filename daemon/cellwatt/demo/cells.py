@@ -1,4 +1,4 @@
-"""The cell of the demo: its settings, what they are filled with, and the files that describe its arm."""
+"""The cells that the demo knows: a small one with a fault, and one with a device of every driver."""
 
 from __future__ import annotations
 
@@ -9,18 +9,60 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cellwatt.config.places import KeyPath
+import yaml
 
-SOURCES = ("arm", "board", "positioner", "mains")
+from cellwatt.config import load
+from cellwatt.config.places import KeyPath
+from cellwatt.errors import ConfigError
+from cellwatt.runtime.assemble import prepare
+
+SOMEWHERE = "127.0.0.1:9"
+"""Stands for an endpoint while none is chosen yet."""
+
+SMALL = ("arm", "board", "positioner", "mains")
 """Of ``demo.yaml``; the positioner and the mains are those of a second arm, …"""
 SPEEDS = {"positioner": 0.8, "mains": 0.8}
 """… which moves at another speed."""
 
 
-def packaged() -> Path:
-    """``demo.yaml``: packaged, or in examples/ of a checkout."""
-    found = Path(str(files("cellwatt"))) / "examples" / "demo.yaml"
-    return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / "demo.yaml"
+def every_driver() -> dict[str, dict[str, Any]]:
+    """Settings of one source per driver, named like the driver, at their usual rates, for emulated devices."""
+    sources: dict[str, dict[str, Any]] = yaml.safe_load(packaged("all-drivers.yaml").read_text())["sources"]
+    sources["abb"]["egm_port"] = _free_udp_port()
+    return sources | {"franka": {"driver": "franka", "host": "127.0.0.1"}}
+
+
+def usable(sources: Mapping[str, dict[str, Any]], folder: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """The sources whose drivers can be loaded here, and the reason for each of the others."""
+    found, lacking = {}, {}
+    for name, source in sources.items():
+        try:
+            prepare(load(write(folder, {name: source}, SOMEWHERE), {}))
+        except ConfigError as error:
+            lacking[name] = "; ".join(problem.message for problem in error.problems) or str(error)
+        else:
+            found[name] = source
+    return found, lacking
+
+
+def write(folder: Path, sources: Mapping[str, Mapping[str, Any]], endpoint: str) -> Path:
+    """The settings file of a cell with these sources, recorded and published."""
+    cell = {
+        "site": "demo",
+        "cell": "demo",
+        "sources": dict(sources),
+        "record": {"folder": str(folder), "keep": "1 GB"},
+        "zenoh": {"listen": [f"tcp/{endpoint}"]},
+    }
+    file = folder / "cell.yaml"
+    file.write_text(yaml.safe_dump(cell, sort_keys=False))
+    return file
+
+
+def packaged(name: str = "demo.yaml") -> Path:
+    """An example: packaged, or in examples/ of a checkout."""
+    found = Path(str(files("cellwatt"))) / "examples" / name
+    return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / name
 
 
 def shape_file() -> Path:
@@ -52,3 +94,10 @@ def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"127.0.0.1:{probe.getsockname()[1]}"
+
+
+def _free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port

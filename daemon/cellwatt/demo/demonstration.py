@@ -15,7 +15,7 @@ from typing import Any
 from cellwatt.config import load
 from cellwatt.demo import cells, fault, processes, simulation
 from cellwatt.demo.seen import Seen
-from cellwatt.demo.summary import delivery_problems, sources_of, summary
+from cellwatt.demo.summary import delivery_problems, sources_of, summary, summary_of_every_driver
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
@@ -49,7 +49,7 @@ class Demonstration:
         self._stopped = self._stopped or why
         self._stopping.set()
 
-    async def run(self) -> dict[str, Any]:
+    async def small(self) -> dict[str, Any]:
         """Run four devices and hook a spring on an elbow; return the summary, JSON-ready.
 
         Raises ``CellwattError`` when a process does not start.
@@ -57,35 +57,74 @@ class Demonstration:
         endpoint, page = cells.free_endpoint(), cells.free_endpoint()
         self.say(f"the daemon and four emulated devices are starting; then in a browser: http://{page}")
         file = cells.packaged()
-        devices = devices_of(
-            load(file, cells.environment(self.folder, endpoint, page, {})), free=True, speeds=cells.SPEEDS
-        )
+        config = load(file, cells.environment(self.folder, endpoint, page, {}))
+        devices = devices_of(config, free=True, speeds=cells.SPEEDS)
+        hooked: float | None = None
         async with running(devices, self.epoch) as emulators:
             told = cells.environment(self.folder, endpoint, page, places(devices, emulators))
-            async with processes.daemon(file, self.folder, told) as daemon, processes.subscriber(endpoint) as watching:
-                reading = asyncio.create_task(self._read(watching))
-                try:
-                    await self._until_running(daemon, watching)
-                    hooked = await self._hook(emulators, page)
-                    daemon.send_signal(signal.SIGTERM)
-                    await asyncio.wait_for(daemon.wait(), STOP)
-                    await self._until_delivered()
-                finally:
-                    with contextlib.suppress(ProcessLookupError):
-                        watching.terminate()
-                    await asyncio.wait([reading], timeout=5)
-                    reading.cancel()
-            kept = {name: await emulator.kept() for name, emulator in emulators.items()}
-        found = summary(self.seen, kept, hooked, daemon.returncode)
-        if self._stopped:
-            problems = [f"the demo was ended early: {self._stopped}", *found["problems"]]
-            return {**found, "ok": False, "problems": problems}
-        return found
+
+            async def play() -> None:
+                nonlocal hooked
+                hooked = await self._hook(emulators, page)
+
+            code = await self._follow(processes.daemon(file, self.folder, told), endpoint, play)
+            kept = await _kept(emulators)
+        return self._with_end(summary(self.seen, kept, hooked, code))
+
+    async def every_driver(self) -> dict[str, Any]:
+        """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.
+
+        Raises ``CellwattError`` when a process does not start.
+        """
+        endpoint = cells.free_endpoint()
+        sources, lacking = cells.usable(cells.every_driver(), self.folder)
+        devices = devices_of(load(cells.write(self.folder, sources, endpoint), {}), free=True)
+        async with running(devices, self.epoch) as emulators:
+            for (_, name, key), value in places(devices, emulators).items():
+                sources[str(name)][str(key)] = value
+
+            async def play() -> None:
+                self.say(f"{len(devices)} devices run for {self.seconds:.0f} s")
+                await self._pause(self.seconds)
+
+            code = await self._follow(
+                processes.daemon(cells.write(self.folder, sources, endpoint), self.folder), endpoint, play
+            )
+            sent = {name: dict(await emulator.counts()) for name, emulator in emulators.items()}
+            kept = await _kept(emulators)
+        return self._with_end(summary_of_every_driver(self.seen, kept, sources, lacking, sent, code))
+
+    def _with_end(self, found: dict[str, Any]) -> dict[str, Any]:
+        if not self._stopped:
+            return found
+        return {**found, "ok": False, "problems": [f"the demo was ended early: {self._stopped}", *found["problems"]]}
 
     async def _pause(self, seconds: float) -> None:
         """Sleep, but for no longer than the demo is to run."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._stopping.wait(), max(0.0, seconds))
+
+    async def _follow(
+        self,
+        run: contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process],
+        endpoint: str,
+        play: Callable[[], Any],
+    ) -> int | None:
+        """Run daemon and subscriber for the demo's duration, then end both; return the daemon's exit code."""
+        async with run as daemon, processes.subscriber(endpoint) as watching:
+            reading = asyncio.create_task(self._read(watching))
+            try:
+                await self._until_running(daemon, watching)
+                await play()
+                daemon.send_signal(signal.SIGTERM)
+                await asyncio.wait_for(daemon.wait(), STOP)
+                await self._until_delivered()
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    watching.terminate()
+                await asyncio.wait([reading], timeout=5)
+                reading.cancel()
+            return daemon.returncode
 
     async def _hook(self, emulators: Mapping[str, EmulatorProcess], page: str) -> float | None:
         """Hook the spring on, at the latest halfway; return its UTC time, s, or None where the demo ended before."""
@@ -150,6 +189,11 @@ class Demonstration:
             message = json.loads(line)
             self.seen.add(message)
             self.show(message)
+
+
+async def _kept(emulators: Mapping[str, EmulatorProcess]) -> dict[str, float]:
+    """Time, s, for which each emulator was kept from running by this PC."""
+    return {name: await emulator.kept() for name, emulator in emulators.items()}
 
 
 async def _ended(tasks: Sequence[asyncio.Task[None]]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from cellwatt.demo import fault
-from cellwatt.demo.cells import SOURCES
+from cellwatt.demo.cells import SMALL
 from cellwatt.demo.seen import Seen
 from cellwatt.slots import HOST
 
@@ -19,7 +19,7 @@ def summary(seen: Seen, kept: Mapping[str, float], hooked: float | None, exit_co
     """Summarise a run: sources, and the fault hooked on at ``hooked``, UTC s. ``kept`` is as in ``sources_of``."""
     sources = sources_of(seen, kept)
     told = None if hooked is None else fault.told(seen, hooked)
-    problems = problems_of(seen, sources, SOURCES, exit_code)
+    problems = problems_of(seen, sources, SMALL, exit_code)
     if told is not None:
         problems += fault.problems_of(told, busy=any(source["host_stalled"] for source in sources.values()))
     if not seen.predictions:
@@ -42,6 +42,28 @@ def _meter(seen: Seen) -> dict[str, Any] | None:
     """Last message about the analyzer, with its figures."""
     told = [a for a in seen.alarms if a["kind"] == "meter_timing"]
     return {"statement": told[-1]["statement"], **told[-1]["evidence"]} if told else None
+
+
+def summary_of_every_driver(
+    seen: Seen,
+    kept: Mapping[str, float],
+    devices: Collection[str],
+    lacking: Mapping[str, str],
+    emulated: Mapping[str, Mapping[str, int]],
+    exit_code: int | None,
+) -> dict[str, Any]:
+    """Summarise the cell of all drivers: sources, their emulators' counts, and drivers left out with the reason."""
+    sources = sources_of(seen, kept)
+    problems = problems_of(seen, sources, devices, exit_code)
+    for name, source in sources.items():
+        source["emulated"] = dict(emulated.get(name, {}))
+    return {
+        "ok": not problems,
+        "problems": problems,
+        "left_out": dict(lacking),
+        "sources": sources,
+        "frames": seen.samples["frame"],
+    }
 
 
 def sources_of(seen: Seen, kept: Mapping[str, float]) -> dict[str, dict[str, Any]]:

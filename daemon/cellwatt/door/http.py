@@ -9,7 +9,7 @@ from typing import Final
 
 from aiohttp import ClientPayloadError, web
 from aiohttp.http_exceptions import HttpProcessingError
-from aiohttp.typedefs import Handler, Middleware
+from aiohttp.typedefs import Handler
 
 from cellwatt.door.port import Limits, Port
 from cellwatt.door.settings import Listening
@@ -49,7 +49,7 @@ class HttpDoor:
             max_field_size=_LONGEST,
             max_headers=_MOST,
         )
-        app.middlewares.append(self._bounded())  # within those that word errors
+        app.middlewares.append(self._bounded)  # within those that word errors
         self._port = Port(lambda: self._protocol(), limits)
         self.counts = self._port.counts
 
@@ -84,18 +84,15 @@ class HttpDoor:
         assert server is not None
         return server()
 
-    def _bounded(self) -> Middleware:
-        @web.middleware
-        async def bounded(request: web.Request, handler: Handler) -> web.StreamResponse:
-            with self._port.busy(request.transport):
-                if request.body_exists and request.match_info.handler != self._reader:
-                    try:
-                        async with asyncio.timeout(BODY):
-                            await request.read()
-                    except (ConnectionError, ClientPayloadError) as error:
-                        raise web.HTTPBadRequest(text="the body of the request broke off") from error
-                    except TimeoutError:
-                        raise web.HTTPRequestTimeout(text="the body of the request did not come in time") from None
-                return await handler(request)
-
-        return bounded
+    @web.middleware
+    async def _bounded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        with self._port.busy(request.transport):
+            if request.body_exists and request.match_info.handler != self._reader:
+                try:
+                    async with asyncio.timeout(BODY):
+                        await request.read()
+                except (ConnectionError, ClientPayloadError) as error:
+                    raise web.HTTPBadRequest(text="the body of the request broke off") from error
+                except TimeoutError:
+                    raise web.HTTPRequestTimeout(text="the body of the request did not come in time") from None
+            return await handler(request)

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from cellwatt.door.port import peer_of
@@ -29,55 +29,34 @@ MOST: Final = 10_000
 """Addresses and names that are remembered; the oldest goes."""
 
 
-class Tries:
-    """Failed tries by address and by name; times are monotonic, s."""
-
-    def __init__(self) -> None:
-        self._failed: OrderedDict[str, tuple[int, float]] = OrderedDict()
-
-    def wait(self, who: Sequence[str], now: float) -> float:
-        """Time in s that a try by any of ``who`` has to wait; 0 for none."""
-        return max((self._wait(key, now) for key in who), default=0.0)
-
-    def begin(self, who: Sequence[str], now: float) -> None:
-        """Count a try as failed until ``succeed`` says otherwise: those that run side by side count, too."""
-        for key in who:
-            failed, last = self._failed.pop(key, (0, now))
-            self._failed[key] = (1 if now - last > FORGOTTEN else failed + 1, now)
-        while len(self._failed) > MOST:
-            self._failed.popitem(last=False)
-
-    def succeed(self, who: Sequence[str]) -> None:
-        """Forget what failed before."""
-        for key in who:
-            self._failed.pop(key, None)
-
-    def _wait(self, key: str, now: float) -> float:
-        failed, last = self._failed.get(key, (0, -math.inf))
-        if failed < FREE:
-            return 0.0
-        return max(0.0, last + min(LONGEST, 2.0 ** min(failed - FREE, 30)) - now)
-
-
 class Guard:
     """The tries at one door, the same at every door; ``counts`` are for health, which raises the alarm.
 
     A try counts for its peer and its account, the name that it claims. A try from this PC counts for its account
     alone: behind a proxy on this PC everybody has its address. ``account`` is empty where one token is for all.
+    ``clock`` is monotonic, s.
     """
 
-    def __init__(self, door: str, counts: Counter[str]) -> None:
-        self._door, self._counts = door, counts
-        self._tries = Tries()
+    def __init__(self, door: str, counts: Counter[str], clock: Callable[[], float] = time.monotonic) -> None:
+        self._door, self._counts, self._clock = door, counts, clock
+        self._failed: OrderedDict[str, tuple[int, float]] = OrderedDict()
+        """Tries that failed, and the time of the last, by peer and by account."""
 
     def begin(self, address: str, account: str) -> float:
-        """Begin a try; it counts as failed until ``succeed``. Return the time in s that it has to wait instead."""
-        now, who = time.monotonic(), self._who(address, account)
-        if wait := self._tries.wait(who, now):
+        """Begin a try; it counts as failed until ``succeed``: those that run side by side count, too.
+
+        Return the time in s that it has to wait instead.
+        """
+        now, who = self._clock(), _who(address, account)
+        if wait := max(self._wait(key, now) for key in who):
             self._counts[REFUSED] += 1
-        else:
-            self._tries.begin(who, now)
-        return wait
+            return wait
+        for key in who:
+            failed, last = self._failed.pop(key, (0, now))
+            self._failed[key] = (1 if now - last > FORGOTTEN else failed + 1, now)
+        while len(self._failed) > MOST:
+            self._failed.popitem(last=False)
+        return 0.0
 
     def fail(self, address: str, account: str) -> None:
         """Count a try that failed, and log it."""
@@ -87,11 +66,18 @@ class Guard:
 
     def succeed(self, address: str, account: str) -> None:
         """Forget the tries that failed before."""
-        self._tries.succeed(self._who(address, account))
+        for key in _who(address, account):
+            self._failed.pop(key, None)
 
-    @staticmethod
-    def _who(address: str, account: str) -> Sequence[str]:
-        peer = peer_of(address)
-        if stays_here(peer):
-            return (f"account {account}",)
-        return (f"peer {peer}", f"account {account}") if account else (f"peer {peer}",)
+    def _wait(self, key: str, now: float) -> float:
+        failed, last = self._failed.get(key, (0, -math.inf))
+        if failed < FREE:
+            return 0.0
+        return max(0.0, last + min(LONGEST, 2.0 ** min(failed - FREE, 30)) - now)
+
+
+def _who(address: str, account: str) -> Sequence[str]:
+    peer = peer_of(address)
+    if stays_here(peer):
+        return (f"account {account}",)
+    return (f"peer {peer}", f"account {account}") if account else (f"peer {peer}",)

@@ -6,14 +6,16 @@ calls Zenoh.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import math
 import threading
 import time
 import zlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
+from concurrent.futures import Future, InvalidStateError
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -37,7 +39,6 @@ from cellwatt.outlets.zenoh.received import (
 )
 from cellwatt.outlets.zenoh.signing import MessageVerifier
 from cellwatt.results import Alarm, Event, Result
-from cellwatt.subscriber.mailbox import Mailbox
 
 if TYPE_CHECKING:
     import zenoh
@@ -75,6 +76,85 @@ class Message:
         return len(content) if isinstance(content, Batch | Frames) else 1
 
 
+class Mailbox:
+    """A queue from threads to other threads and event loops: first in, first out; ``take`` waits while it is empty.
+
+    ``put`` never waits: who puts looks at ``full`` first, which is true from ``limit`` items or 256 MB on.
+    After ``end`` nothing can be put; takers get what is left and then ``None``, or the error it was ended with.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._items: deque[tuple[Message, int]] = deque()
+        self._bytes = 0
+        self._waiters: list[Future[None]] = []
+        self._lock = threading.Lock()
+        self._ended = False
+        self._error: BaseException | None = None
+
+    @property
+    def full(self) -> bool:
+        """True if there is no room."""
+        return len(self._items) >= self._limit or self._bytes >= _QUEUE_BYTES
+
+    def put(self, item: Message, size: int = 0) -> None:
+        """Add an item of ``size`` bytes; discard it if the mailbox was ended."""
+        with self._lock:
+            if self._ended:
+                return
+            self._items.append((item, size))
+            self._bytes += size
+        self._wake()
+
+    def end(self, error: BaseException | None = None) -> None:
+        """End the mailbox; the reason of the first call counts."""
+        with self._lock:
+            if not self._ended:
+                self._ended, self._error = True, error
+        self._wake()
+
+    def take(self, timeout: float | None = None) -> Message | None:
+        """Take the next item. Raises ``TimeoutError`` if none arrives within ``timeout`` s."""
+        end = math.inf if timeout is None else time.monotonic() + timeout
+        while isinstance(found := self._next(), Future):
+            try:
+                found.result(None if timeout is None else max(end - time.monotonic(), 0.0))
+            except TimeoutError:
+                raise TimeoutError(f"nothing came within {timeout} s") from None
+            finally:
+                found.cancel()
+        return found
+
+    async def take_async(self) -> Message | None:
+        """Take the next item on an event loop, without a time-out."""
+        while isinstance(found := self._next(), Future):
+            await asyncio.wrap_future(found)
+        return found
+
+    def _next(self) -> Message | Future[None] | None:
+        """The next item, ``None`` at the end, or what is done once there may be one."""
+        with self._lock:
+            if self._items:
+                item, size = self._items.popleft()
+                self._bytes -= size
+                return item
+            if self._error is not None:
+                raise self._error
+            if self._ended:
+                return None
+            waiter: Future[None] = Future()
+            self._waiters = [*(w for w in self._waiters if not w.done()), waiter]
+            return waiter
+
+    def _wake(self) -> None:
+        if self._waiters:
+            with self._lock:
+                waiters, self._waiters = self._waiters, []
+            for waiter in waiters:
+                with contextlib.suppress(InvalidStateError):  # it was given up
+                    waiter.set_result(None)
+
+
 class Inbox:
     """Puts messages that ``witness`` accepts in order and into ``mailbox``, and sets ``look`` if some may be missing.
 
@@ -90,7 +170,7 @@ class Inbox:
         self.counts = counts
         self._schemas: dict[str, dict[int, bytes]] = {}
         """The last schema of each topic, by its CRC-32."""
-        self.mailbox: Mailbox[Message] = Mailbox(queue_size, _QUEUE_BYTES)
+        self.mailbox = Mailbox(queue_size)
         self.lock = threading.Lock()
         self.look = threading.Event()
         self._wants_health = health

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import secrets
 import threading
 import time
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from cellwatt.errors import ConfigError, OutletError
 from cellwatt.outlets.zenoh.follow import Following, Positions
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, KINDS, CellKeys
-from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.link import LinkSettings, close_session, open_beside, open_session
 from cellwatt.outlets.zenoh.signing import MessageVerifier
 from cellwatt.subscriber.inbox import EVERYTHING, Inbox, Message
 
@@ -110,29 +109,28 @@ class Subscriber:
 
     def open(self) -> None:
         """Open the session and subscribe; blocks. Raises ``OutletError``."""
-        import pyarrow  # noqa: F401  # so that the first message does not wait for it
+        self._begin(open_session(self._link))
 
-        self._session = open_session(self._link, self._stopped.is_set)
+    def _begin(self, session: zenoh.Session) -> None:
+        self._session = session
         for wanted in dict.fromkeys((*self._want, HEALTH)):
-            self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._inbox.on_sample)
+            session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._inbox.on_sample)
         self._inbox.look.set()
         self._asking.start()
 
     def close(self) -> None:
         """Close the session; consumers that wait for messages return."""
-        import zenoh
-
         self._stopped.set()
         self._inbox.look.set()
         self._inbox.mailbox.end()
         if self._session is not None:
-            with contextlib.suppress(zenoh.ZError):  # closed already
-                self._session.close()  # type: ignore[no-untyped-call]
+            close_session(self._session)
         if self._asking.is_alive():
             self._asking.join()
 
     def _work(self) -> None:
         """Ask the cell for everything that is missing, until ``close``."""
+        import pyarrow  # noqa: F401  # so that the first message does not wait for it
         import zenoh
 
         inbox = self._inbox
@@ -202,16 +200,12 @@ class Subscriber:
         self.close()
 
     async def __aenter__(self) -> Subscriber:
-        opening = asyncio.ensure_future(asyncio.to_thread(self.__enter__))
         try:
-            return await asyncio.shield(opening)
-        except asyncio.CancelledError:
-            self._stopped.set()
-            await asyncio.wait([opening])
-            if not opening.cancelled():
-                opening.exception()  # the task that waited for it is gone
+            self._begin(await open_beside(self._link))
+        except BaseException:
             await asyncio.to_thread(self.close)
             raise
+        return self
 
     async def __aexit__(self, *_: object) -> None:
         await asyncio.to_thread(self.close)

@@ -30,7 +30,6 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
         "torque": "tau torque actual_current_as_torque qfrc_actuator actuator_force applied_torque effort joint_torque "
         "joint_effort measured_effort dof_torque dof_force tau_j",
         "torque_ratio": "torque_percent torque_ratio",
-        "torque_spread": "torque_spread",
         "current": "current actual_current",
         "temperature": "temperature joint_temperatures",
         "target_position": "target_q target_position q_d",
@@ -68,7 +67,6 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     **dict.fromkeys(("acceleration", "target_acceleration"), _ACCELERATION),
     "torque": {**TABLE["torque"], **TABLE["force"]},
     "torque_ratio": {"1": _ONE, "%": _PERCENT, "percent": _PERCENT},
-    "torque_spread": {"Nm": TABLE["torque"]["Nm"], "1": _ONE},
     "current": TABLE["current"],
     "temperature": {
         **_TEMPERATURE,

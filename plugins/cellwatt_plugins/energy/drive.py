@@ -7,6 +7,7 @@ mechanical power (eq. 11) leaves out what the motors themselves lose.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,6 +49,16 @@ class Drive:
     def weights(self) -> Float:
         """Weights (5 n,) of the features in the power on the bus."""
         return np.concatenate([self.torque, self.copper, self.switching, self.eddy, self.hysteresis])
+
+
+def effort(names: Collection[str], arm: Arm) -> tuple[str, Float]:
+    """Quantity that tells torques among the channels ``names`` of an arm, and Nm (n,) of one of its unit.
+
+    Where the arm gives no torques, its currents times ``torque_constant`` are.
+    """
+    if "joint_1.torque" in names or "joint_1.current" not in names:
+        return "torque", np.ones(arm.joints)
+    return "current", arm.column("torque_constant")
 
 
 def features(arm: Arm, torque: Float, velocity: Float) -> Float:

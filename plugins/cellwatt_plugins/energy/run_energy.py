@@ -29,33 +29,24 @@ UNEXPLAINED = 0.2
 """Share of the braking power by which the analyzer may contradict the model before the split is refused."""
 
 
-@dataclass(frozen=True)
-class Mechanical:
-    """Energies (R,) J, one a repetition, that do not depend on the analyzer's reading."""
-
-    losses: Float
-    """L_M by joint, (R, n)."""
-    positive: Float
-    """E_M+."""
-    negative: Float
-    """Negative mechanical energy: what eq. 11 takes for E_RB."""
-    regeneration: Float
-    """Burnt in the chopper."""
-
-
 def edges(one: Observed) -> tuple[Float, Float]:
     """Beginnings and ends (R,) s, robot's clock."""
     return np.array([r.start for r in one.repetitions]), np.array([r.end for r in one.repetitions])
 
 
-def mechanical(one: Observed, drive: Drive) -> Mechanical:
-    """Mechanical groups and regeneration of each repetition (eqs 4, 5, 10, 11, 18)."""
+def mechanical(one: Observed, drive: Drive) -> dict[str, Float]:
+    """Groups (R,) J, one a repetition, that do not depend on the analyzer's reading (eqs 4, 5, 10, 11, 18)."""
     n = len(drive.torque)
     power = one.feature[:, :n] * drive.torque
     chopper = chopper_power(drive, bus_power(drive, one.feature))
     columns = np.column_stack([power, np.maximum(power, 0.0).sum(axis=1), np.maximum(-power, 0.0).sum(axis=1), chopper])
     energy = one.integral(columns).between(*edges(one))
-    return Mechanical(energy[:, :n], energy[:, n], energy[:, n + 1], energy[:, n + 2])
+    return {
+        "mechanical_losses": energy[:, :n].sum(axis=1),
+        "positive_mechanical": energy[:, n],
+        "regeneration_upper_bound": energy[:, n + 1],
+        "regeneration": energy[:, n + 2],
+    }
 
 
 def total_energy(one: Observed, drive: Drive) -> Float:
@@ -109,25 +100,20 @@ def run_energy(one: Observed, learnt: Learnt) -> RunEnergy:
 def _groups(one: Observed, learnt: Learnt) -> dict[str, float]:
     drive, fixed = learnt.drive, learnt.fixed
     seconds = float(np.mean([repetition.seconds for repetition in one.repetitions]))
-    moved = mechanical(one, drive)
+    moved = {group: float(each.mean()) for group, each in mechanical(one, drive).items()}
     total = float(total_energy(one, drive).mean())
     electronics = electronics_energy(fixed.controller, fixed.robot_electronics, seconds)
     brakes = brake_energy(fixed.brakes, seconds)
-    losses = float(moved.losses.sum(axis=1).mean())
-    electrical = electrical_losses(total, electronics, brakes, losses)
-    regeneration, positive = float(moved.regeneration.mean()), float(moved.positive.mean())
+    electrical = electrical_losses(total, electronics, brakes, moved["mechanical_losses"])
     return {
         "seconds": seconds,
         "total": total,
         "electronics": electronics,
         "brakes": brakes,
-        "mechanical_losses": losses,
         "electrical_losses_with_regeneration": electrical,
-        "electrical_losses": electrical - regeneration,
-        "regeneration": regeneration,
-        "regeneration_upper_bound": float(moved.negative.mean()),
-        "positive_mechanical": positive,
-        "motion_efficiency_percent": motion_efficiency(positive, total),
+        "electrical_losses": electrical - moved["regeneration"],
+        "motion_efficiency_percent": motion_efficiency(moved["positive_mechanical"], total),
+        **moved,
     }
 
 
@@ -136,30 +122,25 @@ def _uncertainty(one: Observed, learnt: Learnt) -> dict[str, float | None]:
     fixed, drive = learnt.fixed, learnt.drive
     drawn = [mechanical(one, draw) for draw in learnt.draws]
     own = mechanical(one, drive)
+    moved = {group: _combined([each[group] for each in drawn], values) for group, values in own.items()}
     totals = total_energy(one, drive)
     each = np.array([r.seconds for r in one.repetitions])
     seconds, edge = float(each.mean()), float(np.mean([r.uncertainty for r in one.repetitions]))
     power_e = float(np.hypot(fixed.controller_uncertainty, fixed.robot_electronics_uncertainty))
     rest, at_edges = fixed.electronics + fixed.brakes, _power_at_edges(one, drive)
-    losses = _combined([d.losses.sum(axis=1) for d in drawn], own.losses.sum(axis=1))
-    regeneration = _combined([d.regeneration for d in drawn], own.regeneration)
-    positive = _combined([d.positive for d in drawn], own.positive)
     # Edges move total, electronics and brakes alike; what remains of them is the power that holds the arm there.
     by_power = float(np.hypot(power_e, fixed.brakes_uncertainty)) * seconds
-    scatter = _scatter(totals - rest * each - own.losses.sum(axis=1))
-    left = float(np.linalg.norm([by_power, edge * (at_edges - rest), losses, scatter]))
+    scatter = _scatter(totals - rest * each - own["mechanical_losses"])
+    left = float(np.linalg.norm([by_power, edge * (at_edges - rest), moved["mechanical_losses"], scatter]))
     return {
         "seconds": edge,
         "total": float(np.hypot(_scatter(totals), edge * at_edges)),
         "electronics": float(np.hypot(power_e * seconds, edge * fixed.electronics)),
         "brakes": float(np.hypot(fixed.brakes_uncertainty * seconds, edge * fixed.brakes)),
-        "mechanical_losses": losses,
         "electrical_losses_with_regeneration": left,
-        "electrical_losses": float(np.hypot(left, regeneration)),
-        "regeneration": regeneration,
-        "regeneration_upper_bound": _combined([d.negative for d in drawn], own.negative),
-        "positive_mechanical": positive,
-        "motion_efficiency_percent": motion_efficiency(positive, float(totals.mean())),
+        "electrical_losses": float(np.hypot(left, moved["regeneration"])),
+        "motion_efficiency_percent": motion_efficiency(moved["positive_mechanical"], float(totals.mean())),
+        **moved,
     }
 
 

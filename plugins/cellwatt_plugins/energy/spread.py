@@ -7,8 +7,6 @@ groups alike, is one column; only so the groups' errors add up to that of the me
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,37 +25,24 @@ GROUPS = (
     "regeneration",
     "unexplained",
 )
-"""Groups of a task's energy: together they are its total."""
+"""Groups of a task's energy: together they are its total. ``stored`` is ΔE_K + ΔE_P of the arm without payload: 0 where
+the task ends where it began. ``unexplained`` is measured energy that is in no group, within its uncertainty where all
+is well."""
 ELECTRONICS, BRAKES, STORED, MECHANICAL, ELECTRICAL, REGENERATION, UNEXPLAINED = range(len(GROUPS))
 TOTAL = UNEXPLAINED
 """Column of the measured total in tables that do not hold the unexplained, which follows from the others."""
 
 
-@dataclass(frozen=True)
-class Causes:
-    """Further causes of uncertainty of a task's groups, one standard deviation each, J."""
+def group_covariance(known: Known, level: Level, feature: Float, step: float, causes: Float) -> Float:
+    """(7, 7) J² of ``GROUPS``, of a task whose samples every ``step`` s have ``feature`` (N, 5 n).
 
-    model: float
-    """Error of the drive's model: in the electrical losses."""
-    stored: float
-    """Of what the path lifted: what is not stored was lost on the way, so that mechanical losses change against it."""
-    total: float
-    """Of the measured total alone."""
-    meter: Float
-    """(7,) by the meter's class, which moves all groups and the total (last) alike."""
-
-
-def group_covariance(known: Known, level: Level, feature: Float, step: float, causes: Causes) -> Float:
-    """(7, 7) J² of ``GROUPS``, of a task whose samples every ``step`` s have ``feature`` (N, 5 n)."""
+    ``causes`` (7, k) J are further ones, one standard deviation each: how each moves the groups, and the total (last).
+    """
     slope = group_slopes(known, level, feature, step)
     covariance = slope @ known.covariance @ slope.T + _sampled(known.drive, feature, step)
-    seconds = step * len(feature)
-    columns = np.zeros((len(GROUPS), 5))
-    columns[ELECTRONICS, 0] = level.scatter * seconds
-    columns[ELECTRICAL, 1] = causes.model
-    columns[[STORED, MECHANICAL], 2] = causes.stored, -causes.stored
-    columns[TOTAL, 3] = causes.total
-    columns[:, 4] = causes.meter
+    drifting = np.zeros(len(GROUPS))
+    drifting[ELECTRONICS] = level.scatter * step * len(feature)
+    columns = np.column_stack([drifting, causes])
     covariance = covariance + columns @ columns.T
     return np.asarray(_LEFT @ covariance @ _LEFT.T)
 

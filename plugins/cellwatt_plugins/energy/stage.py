@@ -92,16 +92,13 @@ class EnergyStage(Stage[EnergySettings]):
         self._book = AlarmBook()
 
     def _find(self, layout: Layout) -> list[int]:
-        """Columns of positions, velocities, torques and power. Raises ``ConfigError``.
+        """Columns of positions, velocities, torques and power. Raises ``ConfigError``."""
+        from cellwatt_plugins.energy.drive import effort
 
-        Where the arm gives no torques, its currents times ``torque_constant`` are, as in a campaign.
-        """
         columns: list[int] = []
-        own = [c for c in layout.channels if self.settings.arm in (None, c.source) and c.short.startswith("joint_")]
-        joints = {c.short.rsplit(".", 1)[1] for c in own}
-        by_current = "torque" not in joints and "current" in joints
-        self._gain = self._arm.column("torque_constant") if by_current else np.ones(self._arm.joints)
-        for quantity in ("position", "velocity", "current" if by_current else "torque"):
+        own = {c.short for c in layout.channels if self.settings.arm in (None, c.source)}
+        given, self._gain = effort(own, self._arm)
+        for quantity in ("position", "velocity", given):
             found = layout.joints(quantity, self.settings.arm)
             if len(found) != self._arm.joints:
                 raise ConfigError(
@@ -209,7 +206,7 @@ class EnergyStage(Stage[EnergySettings]):
             start=task.start,
             end=task.end,
             total=energy.total,
-            groups=energy.groups(),
+            groups=energy.groups,
             uncertainty=energy.uncertainty,
             positive_mechanical=energy.positive_mechanical,
             motion_efficiency_percent=energy.motion_efficiency_percent,
@@ -219,11 +216,12 @@ class EnergyStage(Stage[EnergySettings]):
 
     def _balance(self, task: Task, energy: TaskEnergy) -> list[Alarm]:
         """Raise or clear ``energy_balance``: energy that is in no group."""
-        evidence = {"unexplained_J": energy.unexplained, "uncertainty_J": energy.uncertainty, "total_J": energy.total}
-        share = 100 * energy.unexplained / energy.total
+        unexplained = energy.groups["unexplained"]
+        evidence = {"unexplained_J": unexplained, "uncertainty_J": energy.uncertainty, "total_J": energy.total}
+        share = 100 * unexplained / energy.total
         text = f"{task.name}: {share:+.1f} % of its energy is in no group"
         alarm = self._alarm("energy_balance", "warning", task, text, evidence)
-        if abs(energy.unexplained) > ODD * energy.uncertainty:
+        if abs(unexplained) > ODD * energy.uncertainty:
             return self._book.raise_(alarm, after=CONFIRM, update=False)
         text = f"Resolved: the energy of {task.name} is in the groups again"
         return self._book.clear(alarm.id, task.end, text, evidence=evidence)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,16 @@ from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, su
 from cellwatt_plugins.energy.electronics import Level, at_campaign
 from cellwatt_plugins.energy.equations import brake_energy, motion_efficiency
 from cellwatt_plugins.energy.known import Known
-from cellwatt_plugins.energy.spread import GROUPS, UNEXPLAINED, Causes, deviations, group_covariance
+from cellwatt_plugins.energy.spread import (
+    ELECTRICAL,
+    GROUPS,
+    MECHANICAL,
+    STORED,
+    TOTAL,
+    UNEXPLAINED,
+    deviations,
+    group_covariance,
+)
 from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
@@ -38,26 +48,15 @@ class Stretch:
 
 @dataclass(frozen=True)
 class TaskEnergy:
-    """Groups of one task, J; they add up to ``total``."""
+    """Energy of one task, J."""
 
     total: float
-    electronics: float
-    brakes: float
-    stored: float
-    """ΔE_K + ΔE_P of arm without payload: 0 where the task ends where it began."""
-    mechanical_losses: float
-    electrical_losses: float
-    regeneration: float
-    unexplained: float
-    """Measured energy that is in no group; within its uncertainty where all is well."""
+    groups: Mapping[str, float]
+    """Those of ``GROUPS``, which add up to ``total``."""
     positive_mechanical: float
     motion_efficiency_percent: float
     covariance: Float
     """(7, 7) J² of ``GROUPS``: errors of the groups go together."""
-
-    def groups(self) -> dict[str, float]:
-        """Groups that add up to ``total``, by name."""
-        return {name: float(getattr(self, name)) for name in GROUPS}
 
     def group_uncertainty(self) -> dict[str, float]:
         """One standard deviation of each group, J."""
@@ -92,21 +91,17 @@ def task_energy(
     said = float((supply_power(drive, bus) - drive.fixed).sum()) * step
     positive = float(np.maximum(work, 0.0).sum()) * step
     losses, electrical = mechanical - stored, said - mechanical - chopper
-    causes = Causes(
-        model=known.model_error * total,
-        stored=float(np.hypot(MASSES * stored, _payload_lifted(arm, stretch))),
-        total=float(np.hypot(HELD * total, edge)),
-        meter=meter * np.array([electronics, brakes, stored, losses, electrical, chopper, total]),
-    )
+    causes = np.zeros((len(GROUPS), 4))
+    causes[ELECTRICAL, 0] = known.model_error * total
+    # What is not stored was lost on the way.
+    lifted = float(np.hypot(MASSES * stored, _payload_lifted(arm, stretch)))
+    causes[[STORED, MECHANICAL], 1] = lifted, -lifted
+    causes[TOTAL, 2] = np.hypot(HELD * total, edge)
+    causes[:, 3] = meter * np.array([electronics, brakes, stored, losses, electrical, chopper, total])
+    groups = (electronics, brakes, stored, losses, electrical, chopper, total - electronics - brakes - said)
     return TaskEnergy(
         total=total,
-        electronics=electronics,
-        brakes=brakes,
-        stored=stored,
-        mechanical_losses=losses,
-        electrical_losses=electrical,
-        regeneration=chopper,
-        unexplained=total - electronics - brakes - said,
+        groups=dict(zip(GROUPS, groups, strict=True)),
         positive_mechanical=positive,
         motion_efficiency_percent=motion_efficiency(positive, total),
         covariance=group_covariance(known, level, feature, step, causes),

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from pydantic import BaseModel
 
 from cellwatt.config import read_settings
@@ -15,14 +14,12 @@ from cellwatt.errors import ModelError, RecordingError
 from cellwatt.files import Place, Places, paths_of
 from cellwatt.frames import Frames
 from cellwatt.progress import stage
-from cellwatt.registry import stage as find_stage
-from cellwatt.results import Interval, Result, Task
-from cellwatt.stage import CellInfo
+from cellwatt.results import Interval, Task
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.learn import learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
-from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.faults.trace import Trace, one_layout, segmented
 from cellwatt_plugins.robot.description import robot_file
 
 if TYPE_CHECKING:
@@ -163,24 +160,15 @@ def learn_from(
 ) -> tuple[Reference, list[Task]]:
     """Return the reference of some frames, and every task seen in them. Raises ``CellwattError``."""
     blocks = list(blocks)
-    if not blocks:
-        raise RecordingError("no frames in these recordings")
-    layout = blocks[0].layout
-    segment_class: Any = find_stage("segment")
-    settings = segment_class.Settings.model_validate({"arm": arm})
-    segment = segment_class("segment", settings, layout, CellInfo("", "", robot, Path()))
-    columns, channel = list(layout.joints("position", arm)), layout.index(power)
-    if any(frames.layout != layout for frames in blocks):
-        raise RecordingError("the channels or the rate of the frames change from one recording to the next")
-    found: list[Result] = [result for frames in blocks for result in segment.process(frames, ())]
-    found += segment.close()
-    source = layout.channels[columns[0]].source
+    layout = one_layout(blocks)
+    source = layout.channels[layout.joints("position", arm)[0]].source
+    parts = list(segmented(blocks, arm, power, robot))
+    trace = Trace.joined(part for part, _ in parts)
+    found = [result for _, results in parts for result in results]
     tasks = [r for r in found if isinstance(r, Task)]
-    values = np.concatenate([frames.values for frames in blocks])
-    trace = Trace(np.concatenate([frames.time for frames in blocks]), values[:, columns], values[:, channel])
     with stage("learning intervals"):
         learned = learn(layout.step * 1e-9, trace, [r for r in found if isinstance(r, Interval)], tasks)
-    return Reference(1, robot, source, power, len(columns), learned), tasks
+    return Reference(1, robot, source, power, trace.position.shape[1], learned), tasks
 
 
 class _Described(BaseModel):

@@ -50,7 +50,6 @@ from pydantic import ConfigDict, Field
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
-from cellwatt.frames import Layout
 from cellwatt_plugins.faults.cycles.pattern import Pattern as CyclePattern
 from cellwatt_plugins.faults.cycles.stored import StoredModel
 
@@ -171,21 +170,6 @@ def load(path: Path) -> Reference:
     if not path.exists():
         raise ModelError(f"{path}: no such file; learn one with `cellwatt reference`")
     return read_settings(path, Reference, _check, refusal=ModelError, computed=True)
-
-
-def columns_of(
-    reference: Reference, path: Path, layout: Layout, arm: str | None, power: str | None
-) -> tuple[list[int], int]:
-    """Columns of the joints' positions and of the power, as chosen or as in the reference of the file ``path``.
-
-    Raises ``ConfigError`` where a channel is missing or in another unit, ``ModelError`` where the arm has other joints.
-    """
-    known = any(channel.source == reference.arm for channel in layout.channels)
-    positions = list(layout.joints("position", arm or (reference.arm if known else None)))
-    if len(positions) != reference.joints:
-        source = layout.channels[positions[0]].source
-        raise ModelError(f"reference {path}: has {reference.joints} joints, source {source} has {len(positions)}")
-    return positions, layout.index(power or reference.power, "W")
 
 
 def _check(reference: Reference) -> Iterator[tuple[KeyPath, str]]:

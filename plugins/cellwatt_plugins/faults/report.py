@@ -50,7 +50,6 @@ def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints:
         sections=[
             Section("Suspected joints and intervals", suspects, SUSPECTS),
             Section("Faults", _told(cycles, evidence, faulty), EXPLAINED),
-            Section("All faults", [_faults(cycles)] if faulty else []),
             Section("All cycles", [_cycles(cycles)] if cycles else []),
         ],
         provenance=provenance,
@@ -157,28 +156,15 @@ def _residual(each: Evidence, number: int) -> Figure:
     return Figure(f"Power of cycle {number} less that of healthy cycles, with its limits", [[panel]], (190,))
 
 
-def _faults(cycles: Sequence[CycleFinding]) -> Table:
-    heads = ("cycle", "joint", "kind", "intervals", "power, W", "confidence", "alternatives", "what is known")
-    rows = [
-        [
-            str(number),
-            str(fault.joint or "?"),
-            fault.kind.replace("_", " ") + (f" or {fault.or_kind}" if fault.or_kind else ""),
-            ", ".join(map(str, fault.intervals)),
-            fixed(fault.size_watt, 1),
-            fixed(fault.confidence, 4),
-            ", ".join(map(str, fault.alternatives)) or "–",
-            fault.statement,
-        ]
-        for number, cycle in enumerate(cycles, start=1)
-        for fault in cycle.faults
-    ]
-    return Table("All faults", heads, rows)
-
-
 def _cycles(cycles: Sequence[CycleFinding]) -> Table:
-    rows = [
-        [str(n), fixed(c.start, 2), fixed(c.end, 2), c.task, fixed(c.speed, 3), c.status.replace("_", " "), c.note]
-        for n, c in enumerate(cycles, start=1)
-    ]
-    return Table("All cycles", ("cycle", "start, s", "end, s", "task", "speed", "status", "note"), rows)
+    heads = ("cycle", "start, s", "end, s", "task", "speed", "status", "what is known", "confidence", "alternatives")
+    rows = []
+    for n, cycle in enumerate(cycles, start=1):
+        place = [str(n), fixed(cycle.start, 2), fixed(cycle.end, 2), cycle.task, fixed(cycle.speed, 3)]
+        place.append(cycle.status.replace("_", " "))
+        for fault in cycle.faults:
+            others = ", ".join(map(str, fault.alternatives)) or "–"
+            rows.append([*place, fault.statement, fixed(fault.confidence, 4), others])
+        if not cycle.faults:
+            rows.append([*place, cycle.note, "", ""])
+    return Table("All cycles", heads, rows)

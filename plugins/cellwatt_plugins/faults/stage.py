@@ -13,12 +13,11 @@ from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction
 from cellwatt.results import Alarm, Interval, Result
-from cellwatt.stage import CellInfo, Stage, StageSettings
-from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
 from cellwatt_plugins.faults.intervals.alarms import IntervalAlarms
 from cellwatt_plugins.faults.intervals.judge import Judge, Rules
-from cellwatt_plugins.faults.reference import columns_of, load
+from cellwatt_plugins.faults.on_reference import ReferenceSettings, ReferenceStage
 from cellwatt_plugins.faults.trace import Trace
 
 if TYPE_CHECKING:
@@ -33,20 +32,12 @@ MARGIN = 10**9
 """… and so much before."""
 
 
-class FaultsSettings(StageSettings):
+class FaultsSettings(ReferenceSettings):
     """Compares an arm with its healthy reference and names the faulty joint or encoder."""
 
-    reference: Path
-    """File made by ``cellwatt reference``; relative to the cell's file."""
-    arm: str | None = None
-    """Source with the joints; where left out as in the reference, or the only one."""
-    power: str | None = None
-    """Channel of the supply's power; as in the reference where left out."""
     robot: Path | None = None
     """Description of the robot (``robot.yaml``), as given to `cellwatt reference`: whole cycles are judged by the
     physics of the arm, and ``tolerance``, ``confirm`` and ``jitter`` are not used."""
-    tolerance: Tolerance = Tolerance()
-    """Distance from the healthy reference that is still healthy."""
     confirm: int = Field(default=5, ge=2, le=100)
     """Frames in a row that must be outside."""
     jitter: int = Field(default=2, ge=0, le=10)
@@ -57,37 +48,31 @@ class FaultsSettings(StageSettings):
     """Healthy intervals in which the joint moves that clear its alarm."""
 
 
-class FaultsStage(Stage[FaultsSettings]):
+class FaultsStage(ReferenceStage[FaultsSettings]):
     """Gives alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault``, ``new_task``, ``new_speed``."""
 
     Settings = FaultsSettings
     title = "faulty joints and encoders, from power and positions against healthy cycles"
-    needs = ("segment",)
 
     def __init__(self, name: str, settings: FaultsSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
-        path = cell.folder / settings.reference
-        self._reference = load(path)
-        if self._reference.robot and cell.robot and self._reference.robot != cell.robot:
-            raise ModelError(f"reference {path}: is of robot {self._reference.robot}, the cell's robot is {cell.robot}")
-        self._positions, self._power = columns_of(self._reference, path, layout, settings.arm, settings.power)
-        self._source = layout.channels[self._positions[0]].source
         if settings.robot is None and not self._reference.tasks:
-            raise ModelError(f"reference {path}: has whole cycles only: set robot to the description of the robot")
+            raise ModelError(
+                f"reference {self._path}: has whole cycles only: set robot to the description of the robot"
+            )
         rules = Rules(settings.tolerance, settings.confirm, settings.jitter * layout.step * 1e-9)
         self._judge = Judge(self._reference, rules)
         self._alarms = IntervalAlarms(name, self._source, self._reference, settings.clear)
         self._trace = Trace.empty(len(self._positions))
         self._open: Interval | None = None
-        self._cycles = None if settings.robot is None else self._watched(path, cell.folder / settings.robot)
+        self._cycles = None if settings.robot is None else self._watched(cell.folder / settings.robot)
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Alarms that changed with this block."""
+        block, intervals = self._seen(frames, upstream)
         if self._cycles is not None:
-            return self._cycles.process(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
-        block = Trace(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
-        self._trace = self._trace.with_more(block)
-        intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
+            return self._cycles.process(block)
+        self._trace = Trace.joined([self._trace, block])
         out: list[Alarm] = []
         first = int(frames.time[0]) if len(frames) else 0
         for known_at, interval in _when_known(intervals):
@@ -103,14 +88,13 @@ class FaultsStage(Stage[FaultsSettings]):
         """Alarms of the last cycle, where whole cycles are judged."""
         return [] if self._cycles is None else self._cycles.close()
 
-    def _watched(self, path: Path, robot: Path) -> CycleStage:
+    def _watched(self, robot: Path) -> CycleStage:
         """The judge of whole cycles; what it imports is nothing that a cell without ``robot`` needs."""
         from cellwatt_plugins.faults.cycles.known import known_of
         from cellwatt_plugins.faults.cycles.live import CycleStage
 
-        alarms = CycleAlarms(self.name, self._source, self.settings.clear)
-        known = known_of(self._reference, path, robot, self.settings.false_alarms)
-        return CycleStage(known, self.layout.step, alarms)
+        known = known_of(self._reference, self._path, robot, self.settings.false_alarms)
+        return CycleStage(known, self.layout.step, CycleAlarms(self.name, self._source, self.settings.clear))
 
     def _take(self, interval: Interval) -> list[Alarm]:
         """An interval has begun or ended."""

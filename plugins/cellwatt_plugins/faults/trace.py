@@ -1,11 +1,19 @@
-"""The newest frames of one arm, kept as long as an interval in them may still be judged."""
+"""Frames of one arm, and what the segment stage says of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt.frames import Frames, Layout
+from cellwatt.registry import stage as find_stage
+from cellwatt.results import Result
+from cellwatt.stage import CellInfo
 
 Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
@@ -20,6 +28,17 @@ class Trace:
     power: Float
 
     @classmethod
+    def of(cls, frames: Frames, positions: Sequence[int], power: int) -> Trace:
+        """The columns of an arm's positions and of its power."""
+        return cls(frames.time, frames.values[:, list(positions)], frames.values[:, power])
+
+    @classmethod
+    def joined(cls, parts: Iterable[Trace]) -> Trace:
+        """Frames followed by later ones."""
+        time, position, power = zip(*((part.time, part.position, part.power) for part in parts), strict=True)
+        return cls(np.concatenate(time), np.concatenate(position), np.concatenate(power))
+
+    @classmethod
     def empty(cls, joints: int) -> Trace:
         """No frames yet."""
         return cls(np.empty(0, np.int64), np.empty((0, joints)), np.empty(0))
@@ -31,15 +50,33 @@ class Trace:
         """Times of the frames, s from ``onset`` (ns)."""
         return np.asarray((self.time - onset) * 1e-9, dtype=np.float64)
 
-    def with_more(self, other: Trace) -> Trace:
-        """These frames followed by later ones."""
-        return Trace(
-            np.concatenate([self.time, other.time]),
-            np.concatenate([self.position, other.position]),
-            np.concatenate([self.power, other.power]),
-        )
-
     def between(self, start: int, end: int) -> Trace:
         """The frames from ``start`` to ``end`` ns, both included."""
         first, last = np.searchsorted(self.time, start), np.searchsorted(self.time, end, side="right")
         return Trace(self.time[first:last], self.position[first:last], self.power[first:last])
+
+
+def one_layout(blocks: Sequence[Frames]) -> Layout:
+    """The layout of all blocks. Raises ``RecordingError`` where there are none, or it changes."""
+    if not blocks:
+        raise RecordingError("no frames in these recordings")
+    layout = blocks[0].layout
+    if any(block.layout != layout for block in blocks):
+        raise RecordingError("the channels or the rate of the frames change from one recording to the next")
+    return layout
+
+
+def segmented(
+    blocks: Sequence[Frames], arm: str | None, power: str, robot: str | None = None
+) -> Iterator[tuple[Trace, Sequence[Result]]]:
+    """Blocks of one layout, each with what the segment stage says of it; at last what it says of their end.
+
+    ``arm`` is the source with the joints, ``power`` the channel of the power.
+    """
+    layout = one_layout(blocks)
+    kind = find_stage("segment")
+    segment = kind("segment", kind.Settings.model_validate({"arm": arm}), layout, CellInfo("", "", robot, Path()))
+    positions, channel = layout.joints("position", arm), layout.index(power)
+    for frames in blocks:
+        yield Trace.of(frames, positions, channel), segment.process(frames, ())
+    yield Trace.empty(len(positions)), segment.close()

@@ -6,7 +6,7 @@ import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -18,14 +18,10 @@ from cellwatt.files import write_file
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
-from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
-from cellwatt_plugins.faults.paper.network import FaultNetwork
-from cellwatt_plugins.faults.paper.training import CodeNetwork, Sources, train_codes
+from cellwatt_plugins.faults.paper.course import Key, courses_of
+from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
-from cellwatt_plugins.faults.reference import Reference, load
-
-if TYPE_CHECKING:
-    from cellwatt_plugins.faults.cycles.identify import FittedArm
+from cellwatt_plugins.faults.reference import load
 
 Codes = NDArray[np.int8]
 
@@ -67,56 +63,25 @@ def train(
         raise ModelError("the reference has whole cycles only, no intervals to make a table of")
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
-        return recorded(frames_of_files(paths), courses, tolerance, arm, power or reference.power)
+        return recorded(list(frames_of_files(paths)), courses, tolerance, arm, power or reference.power)
 
     told = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
     for joint, found in told.items():
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
-    calm = codes_in(recordings) if recordings else {}
-    sources = Sources(told, None if robot is None else _arm(reference, robot), tolerance)
-    networks = spread(_codes_of, courses, "networks of codes", shared=(sources, seed))
-    report = [_written(trained, calm.get(trained.course.key, []), out) for trained in networks]
+    fitted = None
+    if robot is not None:
+        from cellwatt_plugins.faults.cycles.known import known_of
+
+        fitted = known_of(reference, file, robot).arm
+    sources = Sources(told, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
+    report = []
+    for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
+        if content is not None:
+            about["file"] = str(out / f"{about['task']}-{about['speed']:.2f}-codes.onnx")
+            write_file(Path(about["file"]), content)
+        report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
-
-
-def _codes_of(course: Course, given: tuple[Sources, int]) -> CodeNetwork:
-    return train_codes(course, *given)
-
-
-def _written(trained: CodeNetwork, calm: Sequence[Codes], out: Path) -> dict[str, Any]:
-    """What is told of a network that is written to ``out``; ``calm`` are codes of healthy cycles to try it on."""
-    course, network, path = trained.course, None, None
-    if trained.content is not None:
-        network, path = FaultNetwork(trained.content), out / f"{course.task}-{course.speed:.2f}-codes.onnx"
-        write_file(path, trained.content)
-    return {
-        "file": None if path is None else str(path),
-        "task": course.task,
-        "speed": course.speed,
-        "table": trained.table.tolist(),
-        "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in trained.columns],
-        "named_together": trained.alike,
-        "healthy_cycles": len(calm),
-        "healthy_cycles_with_codes": sum(bool(codes.any()) for codes in calm),
-        "named_in_vain": sum(network is not None and bool(network.joints(codes)) for codes in calm),
-    }
-
-
-def _arm(reference: Reference, robot: Path) -> FittedArm:
-    """The arm of a reference; as described where its power was never fitted."""
-    from cellwatt_plugins.faults.cycles.arm import nominal
-    from cellwatt_plugins.faults.cycles.identify import FittedArm
-    from cellwatt_plugins.faults.cycles.known import restored
-    from cellwatt_plugins.robot import Arm
-
-    arm = Arm.load(robot)
-    if arm.joints != reference.joints:
-        raise ModelError(f"robot {robot} has {arm.joints} joints, the reference {reference.joints}")
-    if reference.power_model is not None:
-        return restored(reference.power_model, reference.cycles, arm).arm
-    parameters = nominal(arm)
-    return FittedArm(arm.body, parameters, np.zeros((len(parameters.packed()),) * 2))
 
 
 def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import Place as FilePlace
 from cellwatt.scheduler import spread
 from cellwatt_plugins.fleet.adjusted import Told
-from cellwatt_plugins.fleet.courses import Courses, Place, courses_of_kind, told_of, usual_speed
+from cellwatt_plugins.fleet.courses import Courses, Place, courses_of_kind, told_of
 from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly, findings_of
 from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
 from cellwatt_plugins.fleet.kinds import FEWEST
@@ -24,13 +23,8 @@ from cellwatt_plugins.robot import RobotDescription
 Float = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class _Cell:
-    """All of one cell."""
-
-    weeks: Sequence[Week]
-    speed: Float
-    told: Mapping[tuple[str, int], Told]
+Says = Mapping[tuple[str, int], Told]
+"""What the repetitions of a cell say, by quantity and joint."""
 
 
 def fleet(
@@ -52,20 +46,22 @@ def fleet(
 
 def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: float = 0.05) -> Fleet:
     """Compare weeks that were read from a lake. Raises ``RecordingError`` where none of them holds anything."""
-    cells = _cells(every)
+    by_cell: dict[str, list[Week]] = {}
+    for week in every:
+        if week.repetitions:
+            by_cell.setdefault(week.cell, []).append(week)
+    cells = {name: (weeks, told_of(weeks)) for name, weeks in by_cell.items()}
     if not cells:
         first = next((s for w in every for s in w.skipped), next(iter(lake.skipped), None))
         raise RecordingError(
             "no recording of the lake can be used" + (f": {first.place}: {first.why}" if first else "")
         )
-    kinds: dict[str, dict[str, _Cell]] = {}
-    for name, cell in cells.items():
-        kinds.setdefault(lake.robots[name].robot, {})[name] = cell
-    groups = [
-        group for kind, own in kinds.items() for group in courses_of_kind(kind, {n: c.told for n, c in own.items()})
-    ]
+    kinds: dict[str, dict[str, Says]] = {}
+    for name, (_, told) in cells.items():
+        kinds.setdefault(lake.robots[name].robot, {})[name] = told
+    groups = [group for kind, own in kinds.items() for group in courses_of_kind(kind, own)]
     results = judged(groups, chance, least)
-    used = sorted({week.week for cell in cells.values() for week in cell.weeks})
+    used = sorted({week.week for weeks, _ in cells.values() for week in weeks})
     return Fleet(
         first=monday(used[0]).isoformat(),
         last=monday(used[-1]).isoformat(),
@@ -74,7 +70,7 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
         least_percent=100 * least,
         tests=sum(len(each.trends) for each in results),
         findings=findings_of(results, lake.robots),
-        cells=[_summary(name, lake.robots, cells.get(name)) for name in lake.robots],
+        cells=[_summary(name, robot, *cells.get(name, ((), {}))) for name, robot in lake.robots.items()],
         skipped=[*lake.skipped, *(skipped for week in every for skipped in week.skipped)],
         notes=_notes(kinds, groups),
         smallest=_smallest(results),
@@ -82,34 +78,20 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
     )
 
 
-def _cells(every: Sequence[Week]) -> dict[str, _Cell]:
-    """Cells with at least one repetition; weeks without any are left out."""
-    by_cell: dict[str, list[Week]] = {}
-    for week in every:
-        if week.repetitions:
-            by_cell.setdefault(week.cell, []).append(week)
-    out = {}
-    for name, weeks in by_cell.items():
-        speed = usual_speed(weeks)
-        out[name] = _Cell(weeks, speed, told_of(weeks, speed))
-    return out
-
-
-def _summary(name: str, robots: Mapping[str, RobotDescription], cell: _Cell | None) -> CellSummary:
-    kind = robots[name].robot
-    if cell is None:
-        return CellSummary(name, kind, 0, 0, 0.0, False, "no recording of it can be used")
-    repetitions = [repetition for week in cell.weeks for repetition in week.repetitions]
+def _summary(name: str, robot: RobotDescription, weeks: Sequence[Week], told: Says) -> CellSummary:
+    if not weeks:
+        return CellSummary(name, robot.robot, 0, 0, 0.0, False, "no recording of it can be used")
+    repetitions = [repetition for week in weeks for repetition in week.repetitions]
     heat = all(repetition.temperature is not None for repetition in repetitions)
-    seconds = sum(week.seconds for week in cell.weeks)
-    few = len(cell.weeks) < LONG_ENOUGH
-    said = f"too few weeks: {len(cell.weeks)}, expected {LONG_ENOUGH} or more" if few else ""
-    still = [j.name for j, s in zip(robots[name].joints, cell.speed, strict=True) if not np.isfinite(s)]
-    said = said or (f"hardly moves: {', '.join(still)}" if still else "")
-    return CellSummary(name, kind, len(cell.weeks), len(repetitions), float(seconds), heat, said)
+    seconds = sum(week.seconds for week in weeks)
+    still = [joint.name for i, joint in enumerate(robot.joints, start=1) if ("friction", i) not in told]
+    said = f"hardly moves: {', '.join(still)}" if still else ""
+    if len(weeks) < LONG_ENOUGH:
+        said = f"too few weeks: {len(weeks)}, expected {LONG_ENOUGH} or more"
+    return CellSummary(name, robot.robot, len(weeks), len(repetitions), float(seconds), heat, said)
 
 
-def _notes(kinds: Mapping[str, Mapping[str, _Cell]], groups: Sequence[Courses]) -> list[str]:
+def _notes(kinds: Mapping[str, Mapping[str, Says]], groups: Sequence[Courses]) -> list[str]:
     out = []
     for kind, cells in sorted(kinds.items()):
         if len(cells) < FEWEST:
@@ -123,7 +105,7 @@ def _notes(kinds: Mapping[str, Mapping[str, _Cell]], groups: Sequence[Courses]) 
         elif len(heated) > 1:
             rest = next(group for group in heated if not group.with_temperature)
             out.append(f"{kind}: {rest.cells} arms without temperature are compared with each other only")
-        if all("energy" not in {q for q, _ in cell.told} for cell in cells.values()):
+        if not any(("energy", 0) in told for told in cells.values()):
             out.append(f"{kind}: no energy: no power is recorded, or no motion comes back to where it began")
     return out
 

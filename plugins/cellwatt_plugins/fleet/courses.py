@@ -45,15 +45,19 @@ class Courses:
         return len({place.cell for place in self.by_place})
 
 
-def usual_speed(weeks: Sequence[Week]) -> Float:
+def _usual_speed(weeks: Sequence[Week]) -> Float:
     """Return the speed (n,) rad/s at which friction is told, the median of the weeks; NaN where none is known."""
     speeds = np.array([week.speed for week in weeks])
     known = np.isfinite(speeds)
     return np.array([np.median(s[k]) if k.any() else np.nan for s, k in zip(speeds.T, known.T, strict=True)])
 
 
-def told_of(weeks: Sequence[Week], speed: Float) -> dict[tuple[str, int], Told]:
-    """Return what the repetitions of one cell say, by quantity and joint (from 1; of the whole arm: 0)."""
+def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Told]:
+    """Return what the repetitions of one cell say, by quantity and joint (from 1; of the whole arm: 0).
+
+    A joint that hardly moves says nothing.
+    """
+    speed = _usual_speed(weeks)
     pairs = [(week, repetition) for week in weeks for repetition in week.repetitions]
     number = programs([repetition.signature for _, repetition in pairs])
     week = np.array([week.week for week, _ in pairs])

@@ -57,7 +57,7 @@ class Stretch:
 def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
     """Read a recording. Raises ``RecordingError``, or ``ConfigError`` where the robot lacks a key."""
     table = read_table(path)
-    position, (torque, _) = table.needed("position", len(robot.joints)), torque_in(table, robot)
+    position, torque = table.needed("position", len(robot.joints)), torque_in(table, robot)
     time = table.rising_time()
     step = float(np.median(np.diff(time)))
     if step > 1 / SLOWEST:

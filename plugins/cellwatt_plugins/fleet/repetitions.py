@@ -85,9 +85,4 @@ def _rests_at_home(stretch: Stretch) -> list[tuple[int, int]]:
     """Rests at the pose that is rested at most often, the first of equals."""
     still = np.all(np.abs(stretch.velocity) < STILL, axis=1)
     rests = [(a, b) for a, b in stretches(still) if (b - a) * stretch.step >= REST]
-    if len(rests) < 2:
-        return []
-    poses = np.array([np.median(stretch.position[a:b], axis=0) for a, b in rests])
-    home = at_one_pose(poses, SAME_POSE, np.ones(len(rests)))
-    chosen = [rest for rest, same in zip(rests, home, strict=True) if same]
-    return chosen if len(chosen) > 1 else []
+    return at_one_pose(stretch.position, rests, SAME_POSE, [1.0] * len(rests))

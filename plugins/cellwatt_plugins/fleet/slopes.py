@@ -73,6 +73,17 @@ class _Medians:
     squares: Float
     """Median of the variances of its joints."""
 
+    @classmethod
+    def of(cls, slopes: _Slopes, groups: Sequence[NDArray[np.bool_]]) -> _Medians:
+        """Return those of some groups of joints."""
+        rows = [
+            (np.median(slopes.values[each]), MEDIAN / each.sum(), np.median(slopes.squares[each]))
+            if each.any()
+            else (0.0, np.inf, 1.0)
+            for each in groups
+        ]
+        return cls(*np.array(rows).T)
+
     def noise(self, own: float) -> Float:
         """Return the variances of the medians where joints differ by ``own`` beyond what their weeks say."""
         return np.asarray(self.shares * (self.squares + own**2))
@@ -90,7 +101,8 @@ def trends_of(own: Mapping[Place, Course], steps: Mapping[Place, Sequence[Step]]
         for joint in {place.joint for place in lines}
     }
     slopes = _Slopes(cells, np.array([each.slope - middle[p.joint] for p, each in lines.items()]), squares)
-    others = _others(slopes)
+    place = np.arange(len(cells))
+    others = _Medians.of(slopes, [(cells == cell) & (place != i) for i, cell in enumerate(cells)])
     joints = _joints_apart(slopes, others)
     arms = _arms_apart(slopes, joints)
     noise = others.noise(joints)
@@ -126,23 +138,6 @@ def _about(weeks: NDArray[np.intp], each: Line) -> Float:
     return np.asarray(inside - inside.mean())
 
 
-def _median(slopes: _Slopes, chosen: NDArray[np.bool_]) -> tuple[float, float, float]:
-    if not chosen.any():
-        return 0.0, np.inf, 1.0
-    return (
-        float(np.median(slopes.values[chosen])),
-        MEDIAN / float(chosen.sum()),
-        float(np.median(slopes.squares[chosen])),
-    )
-
-
-def _others(slopes: _Slopes) -> _Medians:
-    """Medians of the other joints of each one's arm."""
-    count = np.arange(len(slopes.cells))
-    rows = [_median(slopes, (slopes.cells == cell) & (count != i)) for i, cell in enumerate(slopes.cells)]
-    return _Medians(*np.array(rows).T)
-
-
 def _joints_apart(slopes: _Slopes, others: _Medians) -> float:
     """How far joints of sound arms are apart beyond the scatter of their weeks, a standard deviation."""
     shares = np.where(np.isfinite(others.shares), others.shares, 0.0)
@@ -153,10 +148,10 @@ def _joints_apart(slopes: _Slopes, others: _Medians) -> float:
 def _arms_apart(slopes: _Slopes, joints: float) -> float:
     """How far sound arms are apart in what their joints do together, a standard deviation; 0 where too few tell."""
     every = [slopes.cells == cell for cell in np.unique(slopes.cells)]
-    rows = [_median(slopes, arm) for arm in every if arm.sum() >= JOINTS]
-    if len(rows) < FEWEST:
+    known = [arm for arm in every if arm.sum() >= JOINTS]
+    if len(known) < FEWEST:
         return 0.0
-    arms = _Medians(*np.array(rows).T)
+    arms = _Medians.of(slopes, known)
     limit = ODD * float(np.median(np.abs(arms.values))) / MIDDLE
     beyond = float(np.mean(np.clip(arms.values, -limit, limit) ** 2 - arms.noise(joints)))
     return float(np.sqrt(max(beyond, 0.0)))

@@ -46,12 +46,8 @@ class Line:
     error: float
     free: float
     """Degrees of freedom of the error."""
-    start: float
-    """Value of the line in ``first``."""
     first: int
     last: int
-    weeks: int
-    """Weeks with data in it."""
     scatter: float
     """τ."""
 
@@ -103,11 +99,8 @@ def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:
     if free < 3:
         return None
     _, scatter, found, covariance = _likely(course, matrix, rho)
-    free = _remembered(free, rho)
-    first = float(last[0] - course.weeks.mean())
-    start = found[-2] + found[-1] * first
     error = float(np.sqrt(covariance[-1, -1]))
-    return Line(found[-1], error, free, float(start), int(last[0]), int(last[-1]), len(last), scatter)
+    return Line(found[-1], error, _remembered(free, rho), int(last[0]), int(last[-1]), scatter)
 
 
 def steps_in(course: Course, rho: float, chance: float, scatter: float = 0.0) -> list[Step]:

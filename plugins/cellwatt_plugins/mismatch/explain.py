@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +16,21 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_problem
+from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, on_joints, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
-from cellwatt_plugins.mismatch.fit.sides import Torques
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
-from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, Thresholds, by_law
+from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, by_law
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.cascade import Falling, cascade, falling
-from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Retuned, Verdict
-from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.mounting import as_mounted, errors
 from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of
 from cellwatt_plugins.mismatch.verdict.retuned import retuned_of
@@ -91,8 +90,8 @@ class Explained:
         from cellwatt_plugins.mismatch.report.traces import traces_of
 
         made_from = Provenance.here(self.inputs)
-        floor = self.torque.problem.floor
-        floors = floor if self.supply is None else np.append(floor, self.supply.problem.floor)
+        problems = [side.problem for side in (self.torque, self.supply) if side is not None]
+        floors = {p.channel(c)[0]: floor for p in problems for c, floor in enumerate(p.floor.tolist())}
         traces = traces_of(self.runs, self.model, self.torque)
         page = report(self.findings, traces, self.model.robot.robot, floors, made_from)
         if self.runs[0].drive is not None:
@@ -108,7 +107,6 @@ class Explained:
 def explain(
     runs: Sequence[Run],
     base: Baseline,
-    thresholds: Thresholds = DEFAULT,
     notes: Sequence[str] = (),
     seconds: float = np.inf,
     states: Sequence[States] = (),
@@ -122,18 +120,17 @@ def explain(
     with stage("looking how the arm is mounted"):
         upright = errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
-    body = base.arm.body
-    torques = Torques(runs, states)
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        effects, asked = (EFFECTS, thresholds) if states[0].drive is None else (IN_MOTION, by_law(thresholds))
-        torque = search(torques, body.joints, asked, effects, until=limit, powered=powered)
+        effects, asked = (EFFECTS, DEFAULT) if states[0].drive is None else (IN_MOTION, by_law(DEFAULT))
+        make = partial(torque_problem, runs, states)
+        torque = search(make, base.arm.body.joints, asked, effects, until=limit, powered=powered)
     driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
-        supply = None if supplied is None else search(lambda *_: supplied, 1, thresholds, until=until)
+        supply = None if supplied is None else search(lambda *_: supplied, 1, until=until)
     with stage("judging by data left out"):
         findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, tuple(runs))
@@ -170,11 +167,7 @@ def _measurement_errors(torque: Solution) -> list[Float]:
             continue
         coefficients = torque.coefficients(term)
         for part, columns in zip(out, problem.columns(term), strict=True):
-            more = columns @ coefficients
-            if more.ndim == 2:
-                part += more
-            else:
-                part[:, term.joint or 0] += more
+            part += on_joints(columns @ coefficients, term.joint, part.shape[1])
     return out
 
 
@@ -192,20 +185,20 @@ def _findings(
     curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
     size = torque.problem.states[0].robot.tolerances.unexplained
-    limits = Limits(excess=EXCESS if planned else WITHOUT_PLAN, size=size)
+    limits = EXCESS if planned else WITHOUT_PLAN, size
     for solution in sides:
         held, best = LeaveOut(solution.problem, solution.factor), solution.best
-        nominal = _nominal_chi2(solution.problem)
-        own = lack_of_fit(nominal, solution, limits)
+        nominal = solution.problem.chi2(solution.problem.fit([]).residual)
+        own = lack_of_fit(nominal, solution, *limits)
         # What retuning within tolerance would take up, though data left out do not confirm it, is not unknown.
         if own and solution.free is not None:
-            tuned = lack_of_fit(nominal, fitted(solution.free, solution.terms), limits)
+            tuned = lack_of_fit(nominal, fitted(solution.free, solution.terms), *limits)
             own = [u for u in own if any(u.channel == other.channel for other in tuned)]
         falls.append(falling(solution))
         found += findings_of(solution, falls[-1], own, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
             found += unknown_findings(solution, [u for u in own if _looked_at(solution, u)], held)
-        left += [unexplained_channel(u, *_named(solution.problem, u.channel), _looked_at(solution, u)) for u in own]
+        left += [unexplained_channel(u, *solution.problem.channel(u.channel), _looked_at(solution, u)) for u in own]
         curves += curves_of(best, LeaveOut(best.problem, best.factor))
         moved += retuned_of(solution, falls[-1])
         started = upright if mounted is not None and solution is torque else falls[-1].simulation
@@ -247,22 +240,14 @@ def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
     return CURRENT_GAIN if any(run.torque_from == "current" for run in runs) else 0.0
 
 
-def _nominal_chi2(problem: Problem) -> Float:
-    return problem.chi2(problem.fit([]).residual)
-
-
 def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelFit]:
     """Held-out error of each channel: as simulated (C,), retuned, with the model."""
     problem = solution.problem
     refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [
-        ChannelFit(*_named(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
+        ChannelFit(*problem.channel(c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
         for c in (problem.told if problem.side == "torque" else [0])
     ]
-
-
-def _named(problem: Problem, index: int) -> tuple[str, str]:
-    return channel_name(problem, index), channel_unit(problem, index)
 
 
 def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:

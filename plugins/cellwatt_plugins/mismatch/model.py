@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
@@ -14,16 +14,14 @@ from pydantic import BaseModel
 
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.problem import Term, on_joints
 from cellwatt_plugins.mismatch.input.baseline import Baseline
-from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.body import urdf_bytes
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.effect import Effect
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import exact
 from cellwatt_plugins.robot.servo import BY_NAME_IN_MOTION, IN_MOTION
 
 Float = NDArray[np.float64]
@@ -37,6 +35,12 @@ class FittedTerm:
 
     term: Term
     coefficients: Float
+
+    def course(self, states: States) -> Float:
+        """What it adds along a run: (N, n) Nm at the joints, (N,) W of the supply."""
+        term = self.term
+        course = np.asarray(term.effect.columns(states, term.joint, term.shape) @ self.coefficients)
+        return course if term.effect.place == "supply" else on_joints(course, term.joint, states.q.shape[1])
 
 
 @dataclass(frozen=True)
@@ -102,23 +106,17 @@ class Model:
         return Baseline(self.arm(), self.mount, self.lead)
 
 
-def predict(model: Model, motion: Motion) -> Prediction:
-    """Torque and power of a motion that is known exactly; hidden states start cold and at rest."""
-    moved = exact(motion.position, motion.velocity, motion.acceleration)
-    return predict_states(model, States("motion", -1, motion.time, moved, model.baseline.recorded, motion.temperature))
-
-
 def predict_states(model: Model, states: States) -> Prediction:
-    """``predict`` of a motion whose states are already there."""
+    """Torque and power along a motion."""
     mechanical = mechanical_torque(model, states)
     states = states.with_torque(mechanical)
     torque, power = mechanical.copy(), _supply(model, states)
     for fitted in model.terms:
-        effect, joint = fitted.term.effect, fitted.term.joint
+        effect = fitted.term.effect
         if effect.place == "supply":
-            power = power + effect.columns(states, None, fitted.term.shape) @ fitted.coefficients
+            power = power + fitted.course(states)
         elif effect.acts_on == "reading" or (effect.acts_on == "drive" and states.drive is not None):
-            _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
+            torque += fitted.course(states)
     return Prediction(states.time, torque, power)
 
 
@@ -129,15 +127,12 @@ def mechanical_torque(model: Model, states: States) -> Float:
     carried = states.regressor @ retuned.inertial
     for fitted in model.terms:
         if fitted.term.effect.acts_on == "links":
-            carried += fitted.term.effect.columns(states, fitted.term.joint, fitted.term.shape) @ fitted.coefficients
+            carried += fitted.course(states)
     torque = states.nominal + carried + friction + retuned.rotor_inertia * states.qdd
     states = states.with_torque(states.torque, carried)
     for fitted in model.terms:
-        if fitted.term.effect.acts_on == "links":
-            continue
-        effect, joint = fitted.term.effect, fitted.term.joint
-        if effect.acts_on not in ("supply", "reading", "drive"):
-            _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
+        if fitted.term.effect.acts_on not in ("links", "supply", "reading", "drive"):
+            torque += fitted.course(states)
     return np.asarray(torque)
 
 
@@ -147,13 +142,6 @@ def _supply(model: Model, states: States) -> Float:
     return np.asarray(states.nominal_power + model.retuned.standby_power + np.sum(copper, axis=1))
 
 
-def _add(torque: Float, more: Float, joint: int | None) -> None:
-    if more.ndim == 2:
-        torque += more
-    else:
-        torque[:, joint or 0] += more
-
-
 def save_model(model: Model, path: Path) -> None:
     """Write ``model.yaml`` with the URDF beside it."""
     urdf = path.with_name("robot.urdf")
@@ -161,25 +149,19 @@ def save_model(model: Model, path: Path) -> None:
         urdf.write_bytes(urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
-    terms = [
-        {
-            "effect": f.term.effect.name,
-            "joint": None if f.term.joint is None else f.term.joint + 1,
-            "shape": [float(x) for x in f.term.shape],
-            "coefficients": f.coefficients.tolist(),
-        }
-        | (
-            {"in_motion": True}
-            if f.term.effect in IN_MOTION and BY_NAME.get(f.term.effect.name) is not f.term.effect
-            else {}
-        )
-        for f in model.terms
-    ]
+    terms = [_term(fitted) for fitted in model.terms]
     arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount}
     known = {name: values.tolist() for name, values in arrays.items() if values is not None}
     known |= {} if model.lead is None else {"lead": model.lead}
     content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
     path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _term(fitted: FittedTerm) -> dict[str, Any]:
+    effect, joint, shape = fitted.term.effect, fitted.term.joint, [float(x) for x in fitted.term.shape]
+    numbers = {"shape": shape, "coefficients": fitted.coefficients.tolist()}
+    told = {"effect": effect.name, "joint": None if joint is None else joint + 1, **numbers}
+    return told | ({"in_motion": True} if effect in IN_MOTION and BY_NAME.get(effect.name) is not effect else {})
 
 
 class _Retuned(BaseModel):
@@ -225,20 +207,15 @@ def load_model(path: Path) -> Model:
         found = read_settings(file, _File, _known, refusal=ModelError, computed=True)
     except ModelError as error:
         raise ConfigError(f"{error}; models are written by `cellwatt explain`") from error
-    given = found.retuned
-    families = (given.inertial, given.coulomb_friction, given.viscous_friction, given.rotor_inertia, given.resistance)
-    inertial, coulomb, viscous, rotor, resistance = map(_array, families)
+    given: dict[str, Any] = {n: _array(value) if isinstance(value, tuple) else value for n, value in found.retuned}
     terms = [
-        FittedTerm(
-            Term(each.known[each.effect], None if each.joint is None else each.joint - 1, each.shape),
-            _array(each.coefficients),
-        )
+        FittedTerm(Term(each.known[each.effect], each.joint and each.joint - 1, each.shape), _array(each.coefficients))
         for each in found.effects
     ]
     links, gravity, mount = (None if one is None else _array(one) for one in (found.links, found.gravity, found.mount))
     return Model(
         found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf}),
-        Retuned(inertial, coulomb, viscous, rotor, given.standby_power, resistance),
+        Retuned(**given),
         tuple(terms),
         links,
         gravity,

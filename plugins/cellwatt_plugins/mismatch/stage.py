@@ -9,7 +9,6 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +18,14 @@ from cellwatt.files import Place
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Alarm, Interval, Prediction, Result
 from cellwatt.stage import CellInfo, Stage
+from cellwatt_plugins.mismatch.live.alarms import Told, left_out
 from cellwatt_plugins.mismatch.live.band import Band
 from cellwatt_plugins.mismatch.live.history import History
-from cellwatt_plugins.mismatch.live.intake import Intake, intake
+from cellwatt_plugins.mismatch.live.intake import intake, streamed
 from cellwatt_plugins.mismatch.live.motions import Motions
 from cellwatt_plugins.mismatch.live.settings import MismatchSettings
-from cellwatt_plugins.mismatch.live.streamed import streamed
 from cellwatt_plugins.mismatch.live.watch import ChannelWatch
-from cellwatt_plugins.mismatch.live.window import Stretch, Window
-
-if TYPE_CHECKING:
-    from cellwatt_plugins.mismatch.live.explainer import Explainer
-    from cellwatt_plugins.mismatch.live.simulation import Simulation
-    from cellwatt_plugins.mismatch.model import Model
+from cellwatt_plugins.mismatch.live.window import Stretch, Window, bridged
 
 Float = NDArray[np.float64]
 
@@ -56,13 +50,22 @@ class MismatchStage(Stage[MismatchSettings]):
 
     def __init__(self, name: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
+        try:
+            from cellwatt_plugins.mismatch.live.explainer import Explainer
+            from cellwatt_plugins.mismatch.live.simulation import Simulation, open_model, servos
+        except ImportError as error:
+            raise ConfigError(
+                f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[explain]'"
+            ) from error
         streams = any(channel.source == settings.simulation for channel in layout.channels)
-        robot, model = _model(name, "robot" if streams else settings.simulation, settings, layout, cell)
+        robot, joints = _robot(settings, cell), len(layout.joints("position", settings.arm))
+        model = open_model("robot" if streams else settings.simulation, robot, cell.folder, joints)
         self._intake = intake(name, layout, settings.arm, settings.power, model.arm().description)
         self._streamed = streamed(name, settings.simulation, layout, self._intake)
         places = self._intake.places
         hold = settings.command_rate and 1 / settings.command_rate
-        self._servos, self._simulation = _simulation(robot, model, layout.step * 1e-9, self._intake, hold)
+        file, servo = servos(robot, model) if self._intake.driven else (None, None)
+        self._simulation = Simulation(model, layout.step * 1e-9, "temperature" in places, servo, hold)
         needed = [places[q] for q in ("position", "velocity", "command") if q in places]
         motion = [column for place in needed for column in range(place.start, place.stop)]
         self._window = Window(motion, layout.step, self._simulation.lead)
@@ -73,20 +76,26 @@ class MismatchStage(Stage[MismatchSettings]):
         self._band = Band(settings.band, self._intake.judged, layout.step * 1e-9)
         self._watch = ChannelWatch(name, self._intake.source, settings.band.confirm)
         self._intervals: deque[Interval] = deque(maxlen=WAITING)
-        self._explainer = _explainer(self)
+        self._explainer: Explainer | None = None
+        if settings.explain is not None:
+            folder = (cell.folder / settings.explain.folder) if settings.explain.folder else Path("mismatch")
+            explained = settings.explain.model_copy(update={"folder": Path(folder).absolute()})
+            parts = (self._intake, self._simulation.model.robot, self._simulation.known)
+            self._explainer = Explainer(name, cell.cell, explained, *parts, self._streamed is not None, file)
         self._unsaid = self._simulation.left_out
         self.counts: Counter[str] = Counter()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Predictions that are ready with this block, and the alarms that changed."""
-        self._intervals.extend(r for r in upstream if isinstance(r, Interval) and self._counts_for_us(r))
+        ours = (r for r in upstream if isinstance(r, Interval) and r.source == self._intake.source)
+        self._intervals.extend(r for r in ours if r.closed and r.complete and r.moving)
         if not len(frames):
             return ()
         out: list[Result] = self._say_once(int(frames.time[0]))
         sequence = frames.sequence + np.arange(len(frames))
         rows = self._intake.rows(frames)
         if self._streamed is not None:
-            rows = np.column_stack([rows, self._streamed.rows(frames)])
+            rows = np.column_stack([rows, frames.values[:, self._streamed]])
         for stretches in self._window.feed(frames.time, sequence, rows):
             out += map(self._compare, stretches)
             out += self._judge()
@@ -101,18 +110,9 @@ class MismatchStage(Stage[MismatchSettings]):
             self._explainer.stop()
         return ()
 
-    def _counts_for_us(self, interval: Interval) -> bool:
-        return (
-            interval.source == self._intake.source and interval.closed and interval.complete and bool(interval.moving)
-        )
-
     def _say_once(self, now: int) -> list[Result]:
         names, self._unsaid = self._unsaid, ()
-        if not names:
-            return []
-        from cellwatt_plugins.mismatch.live.alarms import left_out
-
-        return [left_out(self.name, self._intake.source, names, now)]
+        return [left_out(Told(self.name, self._intake.source, now, now), names)] if names else []
 
     def _compare(self, stretch: Stretch) -> Prediction:
         """Simulate a stretch; what is new in it goes into the history beside what was measured."""
@@ -143,12 +143,16 @@ class MismatchStage(Stage[MismatchSettings]):
         if self._streamed is not None:
             return stretch.values[:, self._width :], None
         places = self._intake.places
-        temperature = _whole(stretch.values[:, places["temperature"]]) if "temperature" in places else None
-        velocity, command = (stretch.values[:, places[q]] if q in places else None for q in ("velocity", "command"))
+        velocity, command, temperature = (
+            stretch.values[:, places[q]] if q in places else None for q in ("velocity", "command", "temperature")
+        )
+        if temperature is not None:
+            known = np.isfinite(temperature).any(axis=0).all()
+            temperature = bridged(temperature, range(temperature.shape[1])) if known else None
         time = (stretch.time - stretch.time[0]) * 1e-9
-        said = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature, command)
+        said, driven = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature, command)
         parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
-        return np.column_stack(parts), said.driven
+        return np.column_stack(parts), driven
 
     def _judge(self) -> list[Alarm]:
         """Alarms that change with the intervals whose frames have all been simulated."""
@@ -182,50 +186,11 @@ class MismatchStage(Stage[MismatchSettings]):
         return [*range(torque.start, torque.stop), *([places["power"].start] if "power" in places else [])]
 
 
-def _model(
-    name: str, simulation: str, settings: MismatchSettings, layout: Layout, cell: CellInfo
-) -> tuple[Place | None, Model]:
-    """Where the robot is described, and the model that the settings name."""
-    try:
-        from cellwatt_plugins.mismatch.live.simulation import open_model
-    except ImportError as error:
-        raise ConfigError(f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[explain]'") from error
-    robot: Place | None = settings.robot and cell.folder / settings.robot
-    if robot is None and cell.robot is not None:
-        beside = cell.folder / cell.robot
-        robot = beside if beside.exists() else cell.robot
-    return robot, open_model(simulation, robot, cell.folder, len(layout.joints("position", settings.arm)))
-
-
-def _simulation(
-    robot: Place | None, model: Model, step: float, intake: Intake, hold: float | None
-) -> tuple[Path | None, Simulation]:
-    """The simulation of an arm, and the MJCF with its servos where their law stands for torque."""
-    from cellwatt_plugins.mismatch.live.simulation import Simulation, servos
-
-    file, servo = servos(robot, model) if intake.driven else (None, None)
-    return file, Simulation(model, step, "temperature" in intake.joints, servo, hold)
-
-
-def _explainer(stage: MismatchStage) -> Explainer | None:
-    settings = stage.settings.explain
-    if settings is None:
+def _robot(settings: MismatchSettings, cell: CellInfo) -> Place | None:
+    """Where the robot is described."""
+    if settings.robot is not None:
+        return cell.folder / settings.robot
+    if cell.robot is None:
         return None
-    from cellwatt_plugins.mismatch.live.explainer import Explainer
-
-    if settings.folder is not None:
-        settings = settings.model_copy(update={"folder": Path(stage.cell.folder / settings.folder)})
-    simulation = stage._simulation
-    parts = (stage._intake, simulation.model.robot, simulation.known, stage._streamed is not None, stage._servos)
-    return Explainer(stage.name, stage.cell.cell, settings, *parts)
-
-
-def _whole(temperature: Float) -> Float | None:
-    """Temperatures (N, n) with what is missing interpolated; None where a joint has none at all."""
-    there = np.isfinite(temperature)
-    if there.all():
-        return temperature
-    if not there.any(axis=0).all():
-        return None
-    at = np.arange(len(temperature))
-    return np.column_stack([np.interp(at, at[ok], t[ok]) for t, ok in zip(temperature.T, there.T, strict=True)])
+    beside = cell.folder / cell.robot
+    return beside if beside.exists() else cell.robot

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
-from cellwatt.errors import CellwattError, ModelError
+from cellwatt.errors import CellwattError, why
+from cellwatt.files import replace_bytes
 from cellwatt_plugins.models.metadata import KEY, Metadata, encode, metadata_of
 from cellwatt_plugins.models.network import Network, check_intact
 from cellwatt_plugins.models.seal import KEY as SEAL_KEY
@@ -22,26 +24,13 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
     """
     try:
         import onnx
-        from google.protobuf.message import EncodeError
     except ImportError as error:
         raise CellwattError(
             f"writing metadata into {path} needs onnx ({error}): install it with pip install onnx"
         ) from error
     file = Path(path)
     Network(OnnxFile(file), metadata, file)
-    model = onnx.load(file)
-    properties = {p.key: p.value for p in model.metadata_props if p.key != SEAL_KEY} | {KEY: encode(metadata)}
-    onnx.helper.set_model_props(model, properties)
-    partial = file.with_name(f".{file.name}.partial")
-    try:
-        partial.write_bytes(sealed(model.SerializeToString()))
-        partial.replace(file)
-    except (ValueError, EncodeError) as error:  # of protobuf
-        raise refused(file, "with its weights it is larger than the 2 GiB of an ONNX file") from error
-    except OSError as error:
-        raise refused(file, f"its metadata cannot be written: {(error.strerror or str(error)).lower()}") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    _write(file, onnx.load(file), metadata)
 
 
 def write_model(path: Path, content: bytes, metadata: Metadata) -> None:
@@ -49,16 +38,28 @@ def write_model(path: Path, content: bytes, metadata: Metadata) -> None:
 
     Raises ``ModelError`` where the graph does not agree with the metadata, or the file cannot be written.
     """
-    fresh = path.with_name(f".{path.name}.fresh")
+    import onnx
+
+    Network(OnnxFile(content), metadata, path)
+    _write(path, onnx.load_from_string(content), metadata)
+
+
+def _write(file: Path, model: Any, metadata: Metadata) -> None:
+    from google.protobuf.message import EncodeError
+    from onnx.helper import set_model_props
+
+    set_model_props(
+        model, {p.key: p.value for p in model.metadata_props if p.key != SEAL_KEY} | {KEY: encode(metadata)}
+    )
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        fresh.write_bytes(content)
-        describe(fresh, metadata)
-        fresh.replace(path)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        replace_bytes(file, sealed(model.SerializeToString()))
+    except (ValueError, EncodeError) as error:  # of protobuf
+        raise refused(file, "with its weights it is larger than the 2 GiB of an ONNX file") from error
     except OSError as error:
-        raise ModelError(f"{path} cannot be written: {(error.strerror or str(error)).lower()}") from error
+        raise refused(file, f"it cannot be written: {why(error).lower()}") from error
     finally:
-        fresh.unlink(missing_ok=True)
+        file.with_name(f"{file.name}.part").unlink(missing_ok=True)
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:

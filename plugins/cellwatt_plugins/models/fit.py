@@ -45,12 +45,11 @@ def columns(metadata: Metadata, layout: Layout, source: str | None, path: Path) 
     found: list[int | None] = []
     for number, wanted in enumerate(metadata.inputs, start=1):
         which = f"input {number} of {len(metadata.inputs)} ({wanted.channel!r} in {wanted.unit})"
-        if wanted.optional and not _there(wanted.channel, layout, usable):
-            found.append(None)
-            continue
         column = _column(wanted.channel, which, layout, usable, path)
-        channel = layout.channels[column]
-        if channel.unit != wanted.unit:
+        if column is None and not wanted.optional:
+            there = ", ".join(layout.names[i] for i in usable)
+            raise refused(path, f"{which} is given by no source of the cell; there are: {there}")
+        if column is not None and (channel := layout.channels[column]).unit != wanted.unit:
             raise refused(path, f"{which} is {channel.name} in {channel.unit} in this cell")
         found.append(column)
     return tuple(found)
@@ -72,18 +71,10 @@ def _usable(metadata: Metadata, layout: Layout, source: str | None, path: Path) 
     return [i for i, c in enumerate(layout.channels) if c.source not in rivals]
 
 
-def _there(name: str, layout: Layout, usable: list[int]) -> bool:
-    return name in layout.names or any(layout.channels[i].short == name for i in usable)
-
-
-def _column(name: str, which: str, layout: Layout, usable: list[int], path: Path) -> int:
+def _column(name: str, which: str, layout: Layout, usable: list[int], path: Path) -> int | None:
     found = [i for i in usable if layout.channels[i].short == name]
-    if len(found) == 1:
-        return found[0]
-    if found:
+    found = found or [i for i, full in enumerate(layout.names) if full == name]
+    if len(found) > 1:
         sources = ", ".join(layout.channels[i].source for i in found)
         raise ConfigError(f"{which} of the model {path} is given by several sources: set source to one of {sources}")
-    if name in layout.names:
-        return layout.names.index(name)
-    there = ", ".join(layout.names[i] for i in usable)
-    raise refused(path, f"{which} is given by no source of the cell; there are: {there}")
+    return found[0] if found else None

@@ -137,13 +137,10 @@ class Metadata:
 _UNIT_OF = {
     "position": "rad",
     "velocity": "rad/s",
-    "acceleration": "rad/s^2",
-    "torque": "Nm",
-    "current": "A",
     "temperature": "degC",
     "approach": "rad",
 }
-"""Units of the quantities that a joint may have."""
+"""Units of the quantities of a joint that models take."""
 
 
 def joint_inputs(joints: int, *quantities: str, optional: bool = False) -> tuple[Input, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.errors import why
 from cellwatt.files import COMPUTED, read_bytes
 from cellwatt_plugins.models.metadata import Metadata, metadata_of
 from cellwatt_plugins.models.seal import broken, uncovered
@@ -26,7 +27,7 @@ def check_intact(path: Path) -> None:
     try:
         content = read_bytes(path, COMPUTED)
     except OSError as error:
-        raise refused(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
+        raise refused(path, f"it cannot be read: {why(error).lower()}") from error
     if uncovered(content):
         raise refused(path, "it has weights in a file beside it, where nothing shows a change: describe it anew")
     if broken(content):

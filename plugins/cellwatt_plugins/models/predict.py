@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place
 from cellwatt.progress import stage
@@ -20,8 +21,6 @@ from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.network import Network, open_network
 from cellwatt_plugins.models.window import whole
 from cellwatt_plugins.onnx_file import refused
-
-Float = NDArray[np.float64]
 
 KEPT: Final = ("pose", "move")
 """Columns that say which row is which; they go into what is written, after the time."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.robot.body import Body
@@ -17,8 +17,6 @@ from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.simulated import described, is_simulator
 from cellwatt_plugins.robot.units import Kind, unit_at
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -82,22 +80,14 @@ class Arm:
     @property
     def limits(self) -> Float:
         """Lowest and highest position (n, 2) rad of each joint: the description's, else the URDF's."""
-        pairs = zip(self.description.joints, self.body.limits.tolist(), strict=True)
-        return np.array(
-            [
-                (
-                    low if joint.lower_limit is None else joint.lower_limit,
-                    high if joint.upper_limit is None else joint.upper_limit,
-                )
-                for joint, (low, high) in pairs
-            ]
-        )
+        stated = self.description.limits
+        return np.where(np.isnan(stated), self.body.limits, stated)
 
     @property
     def velocity_limits(self) -> Float:
         """Greatest velocity (n,) rad/s of each joint: the description's, else the URDF's; 0 where none is known."""
-        stated = [joint.velocity_limit for joint in self.description.joints]
-        found = [a if b is None else b for a, b in zip(self.body.velocity_limits, stated, strict=True)]
+        stated = self.column("velocity_limit")
+        found = np.where(np.isnan(stated), self.body.velocity_limits, stated)
         return np.where(np.isfinite(found), found, 0.0)
 
     def finite_limits(self) -> Float:

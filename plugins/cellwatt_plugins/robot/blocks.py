@@ -16,7 +16,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.robot.regression import Fit, Float, Prior, Products, log_evidence
+from cellwatt.batch import Float
+from cellwatt_plugins.robot.regression import Fit, Prior, Products, log_evidence
 
 
 @dataclass(frozen=True, eq=False)

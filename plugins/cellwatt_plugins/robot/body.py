@@ -14,11 +14,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
 from cellwatt_plugins.robot.mjcf import is_mjcf, urdf_of
-
-Float = NDArray[np.float64]
 
 PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin."""
@@ -159,49 +158,39 @@ class Body:
 
         Recursive Newton–Euler; Featherstone, Rigid Body Dynamics Algorithms (2008), 5.3.
         """
-        model, data, out = self._model, self._data, np.empty((len(q), self.joints))
-        for i, row in enumerate(zip(q, qd, qdd, strict=True)):
-            out[i] = pin.rnea(model, data, *row)
-        return out
+        return self._rows(pin.rnea, (self.joints,), q, qd, qdd)
 
     def gravity(self, q: Float) -> Float:
         """Torques G (N, n) Nm that hold the arm still at ``q`` (N, n) rad."""
-        return self._rows(pin.computeGeneralizedGravity, q, self.joints)
+        return self._rows(pin.computeGeneralizedGravity, (self.joints,), q)
 
     def gravity_slope(self, q: Float) -> Float:
         """Derivatives ∂G/∂q (N, n, n) Nm/rad of the holding torques at ``q`` (N, n) rad; last axis: by which joint."""
-        return self._rows(pin.computeGeneralizedGravityDerivatives, q, self.joints, self.joints)
+        return self._rows(pin.computeGeneralizedGravityDerivatives, (self.joints, self.joints), q)
 
     def mass_matrix(self, q: Float) -> Float:
         """Mass matrices M (N, n, n) kg m² at ``q`` (N, n) rad; Featherstone (2008), 6.2."""
-        return self._rows(pin.crba, q, self.joints, self.joints)
+        return self._rows(pin.crba, (self.joints, self.joints), q)
 
     def regressor(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Y (N, n, 10 n) with ``inverse_dynamics`` = Y · ``parameters()``.
 
         Linear identification model; Khalil, Dombre, Modeling, Identification and Control of Robots (2002), ch. 12.
         """
-        model, data = self._model, self._data
-        out = np.empty((len(q), self.joints, PER_LINK * self.joints))
-        for i, row in enumerate(zip(q, qd, qdd, strict=True)):
-            out[i] = pin.computeJointTorqueRegressor(model, data, *row)
-        return out
+        return self._rows(pin.computeJointTorqueRegressor, (self.joints, PER_LINK * self.joints), q, qd, qdd)
 
     def energy(self, q: Float, qd: Float) -> Float:
         """Kinetic and potential energy (N,) J of the links at ``q`` rad and ``qd`` rad/s, (N, n) each."""
-        model, data = self._model, self._data
-        pairs = zip(q, qd, strict=True)
-        return np.array(
-            [pin.computePotentialEnergy(model, data, a) + pin.computeKineticEnergy(model, data, a, b) for a, b in pairs]
-        )
+        return self._rows(pin.computePotentialEnergy, (), q) + self._rows(pin.computeKineticEnergy, (), q, qd)
 
     def forward(self, q: Float) -> Float:
         """Frames (N, n, 4, 4) m of the joints in the base's frame at ``q`` (N, n) rad: forward kinematics."""
-        model, data, out = self._model, self._data, np.empty((len(q), self.joints, 4, 4))
-        for k, row in enumerate(q):
+
+        def frames(model: Any, data: Any, row: Float) -> list[Float]:
             pin.forwardKinematics(model, data, row)
-            out[k] = [data.oMi[i + 1].homogeneous for i in range(self.joints)]
-        return out
+            return [data.oMi[i + 1].homogeneous for i in range(self.joints)]
+
+        return self._rows(frames, (self.joints, 4, 4), q)
 
     def distances(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> Callable[[Float], Float]:
         """Return a function of positions ``q`` (N, n) rad that gives the distances (N, P) m of ``pairs`` of ``solids``.
@@ -214,22 +203,19 @@ class Body:
             geometry.addGeometryObject(pin.GeometryObject(str(i), solid.link, place, solid.shape))
         for pair in pairs:
             geometry.addCollisionPair(pin.CollisionPair(*pair))
-        model, data, found = self._model, self._model.createData(), geometry.createData()
+        found = geometry.createData()
 
-        def distances(q: Float) -> Float:
-            out = np.empty((len(q), len(pairs)))
-            for i, row in enumerate(q):
-                pin.computeDistances(model, data, geometry, found, row)
-                out[i] = [result.min_distance for result in found.distanceResults]
-            return out
+        def apart(model: Any, data: Any, row: Float) -> list[float]:
+            pin.computeDistances(model, data, geometry, found, row)
+            return [result.min_distance for result in found.distanceResults]
 
-        return distances
+        return lambda q: self._rows(apart, (len(pairs),), q)
 
-    def _rows(self, algorithm: Callable[..., Float], q: Float, *shape: int) -> Float:
-        """Results of an algorithm of Pinocchio for each row of ``q``."""
-        out = np.empty((len(q), *shape))
-        for i, row in enumerate(q):
-            out[i] = algorithm(self._model, self._data, row)
+    def _rows(self, algorithm: Callable[..., Any], shape: tuple[int, ...], *given: Float) -> Float:
+        """Results (N, …) of a ``shape`` each of an algorithm of Pinocchio, for each row of what it is ``given``."""
+        out = np.empty((len(given[0]), *shape))
+        for i, row in enumerate(zip(*given, strict=True)):
+            out[i] = algorithm(self._model, self._data, *row)
         return out
 
 

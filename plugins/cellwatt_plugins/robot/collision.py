@@ -6,13 +6,13 @@ from typing import Final
 
 import coal
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.body import Solid
 from cellwatt_plugins.robot.description import Capsule
-
-Float = NDArray[np.float64]
 
 CLEARANCE: Final = 0.02
 """m that must be left between two links, and above the floor."""
@@ -35,11 +35,8 @@ class Checker:
         pairs = [pair for pair, gap in zip(apart, middle, strict=True) if gap > CLEARANCE]
         # The base and what turns on it stand on the floor.
         above = [(i, len(every)) for i, capsule in enumerate(every) if capsule.link > 1]
-        self._distances = arm.body.distances(solids, [*pairs, *above])
-
-    def gaps(self, q: Float) -> Float:
-        """Clearance (N, k) m of each pair, then of each rod above the floor, in poses ``q`` (N, n) rad."""
-        return self._distances(q)
+        self.gaps = arm.body.distances(solids, [*pairs, *above])
+        """Clearance (N, k) m of each pair, then of each rod above the floor, in poses (N, n) rad."""
 
     def safe(self, q: Float) -> NDArray[np.bool_]:
         """(N,) true where all gaps are ``CLEARANCE`` or more in poses ``q`` (N, n) rad."""
@@ -58,10 +55,7 @@ def solid(capsule: Capsule) -> Solid:
     placement = np.eye(4)
     placement[:3, 3] = 0.5 * (start + end)
     if length > 0:
-        along = (end - start) / length
-        across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-        across /= np.linalg.norm(across)
-        placement[:3, :3] = np.column_stack([across, np.cross(along, across), along])
+        placement[:3, :3] = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start).matrix()
     return Solid(capsule.link, placement, coal.Capsule(capsule.radius, length))
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 

@@ -151,8 +151,13 @@ class RobotDescription(_Keys):
         """Unit at a ``joint`` (0-based) of what has ``unit`` at a revolute one: ``N`` for ``Nm`` at a prismatic one."""
         return unit_at(self.joints[joint].kind, unit)
 
+    @property
+    def limits(self) -> NDArray[np.float64]:
+        """Lowest and highest position (n, 2) rad of each joint; NaN where it is left to the URDF."""
+        return np.column_stack([self.column("lower_limit"), self.column("upper_limit")])
+
     def column(self, name: str) -> NDArray[np.float64]:
-        """One number of every joint, e.g. ``coulomb_friction``: (n,), in the unit of that key."""
+        """One number of every joint, e.g. ``coulomb_friction``: (n,), in the unit of that key; NaN where absent."""
         return np.array([getattr(joint, name) for joint in self.joints], np.float64)
 
 

@@ -15,9 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import WRITTEN, check_file, read_text
-
-Float = NDArray[np.float64]
 
 ANYWHERE = 1e3
 """m each way that a slide without a range may go: a URDF states a number."""

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
+from cellwatt.batch import Float
 from cellwatt_plugins.noise import white_noise
-
-Float = NDArray[np.float64]
 
 SIGN_WIDTH = 0.004
 """rad/s: Coulomb friction turns over within this velocity."""
@@ -133,13 +131,9 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
     It is the plan and the tracking error, of which each octave is kept as far as it exceeds the encoders' noise
     (Wiener's filter).
     """
-    error = position - plan.position
     noise = encoder_noise(position, plan.position)
-    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
-    position, velocity = plan.position + kept.position, plan.velocity + kept.velocity
-    acceleration = plan.acceleration + kept.acceleration
-    sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
-    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, kept.acceleration_spread)
+    kept = _in_octaves(position - plan.position, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
+    return _moved(plan, kept, noise, step, True)
 
 
 def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
@@ -147,14 +141,10 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
 
     Each of the ``octaves`` (Hz) is kept as far as it exceeds the encoders' noise; what is beyond the last is doubt.
     """
-    noise = encoder_noise(encoders)
-    octaves = _octaves(step, octaves)
+    noise, octaves = encoder_noise(encoders), _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
     kept = _in_octaves(encoders, noise, step, octaves, ALONE, base)
-    speed, gain = differentiate(base, step)
-    position, velocity, acceleration = base + kept.position, speed + kept.velocity, gain + kept.acceleration
-    sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
-    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, kept.acceleration_spread, False)
+    return _moved(Plan(base, *differentiate(base, step)), kept, noise, step, False)
 
 
 def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
@@ -250,15 +240,6 @@ def differentiate(values: Float, step: float) -> tuple[Float, Float]:
     return first, second
 
 
-def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> tuple[Float, Float, Float]:
-    """Expected sign of a velocity, the sign's spread, and the velocity's.
-
-    Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
-    """
-    wide = np.sqrt(np.square(spread) + _within_sample(acceleration, step))
-    return expected_sign(velocity, spread)[0], expected_sign(velocity, wide)[1], wide
-
-
 @dataclass(frozen=True)
 class _Kept:
     """Part of a course that is no encoder noise, (N, n) each."""
@@ -303,15 +284,22 @@ def _in_octaves(
     return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
 
 
+def _moved(base: Plan, kept: _Kept, noise: Float, step: float, planned: bool) -> Moved:
+    """The motion of a ``base`` and what is ``kept`` beside it.
+
+    Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
+    """
+    velocity, acceleration = base.velocity + kept.velocity, base.acceleration + kept.acceleration
+    wide = np.sqrt(np.square(kept.velocity_spread) + np.square(acceleration * step) / 12)
+    sign, doubt = expected_sign(velocity, kept.velocity_spread)[0], expected_sign(velocity, wide)[1]
+    position = base.position + kept.position
+    return Moved(position, velocity, acceleration, sign, doubt, noise, wide, kept.acceleration_spread, planned)
+
+
 def _octaves(step: float, octaves: Sequence[float]) -> list[float]:
     """Those that the sampling has; two at least."""
     there = [bandwidth for bandwidth in octaves if bandwidth * step < FASTEST_BAND]
     return there if len(there) > 1 else [0.5 * FASTEST_BAND / step, FASTEST_BAND / step]
-
-
-def _within_sample(acceleration: Float, step: float) -> Float:
-    """Variance (N, n) of a velocity over the time within one step at which, or over which, the torque was taken."""
-    return np.square(acceleration * step) / 12
 
 
 @lru_cache(maxsize=256)

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.motion import direction
-
-Float = NDArray[np.float64]
 
 ROWS = 3000
 """Samples that a mount is told from, about."""

@@ -7,12 +7,10 @@ it. Every plugin takes it so, with no factor of its own.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 ALONE = 0.2
 """Share of the tolerance by which a mass is off while the link's other parameters are not."""

@@ -18,7 +18,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import lsq_linear
 
-Float = NDArray[np.float64]
+from cellwatt.batch import Float
+
 Index = NDArray[np.intp] | slice
 
 FAINT = 1e-6

@@ -5,21 +5,18 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.tables import Table
 from cellwatt_plugins.robot.description import RobotDescription
-
-Float = NDArray[np.float64]
 
 EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
 """Quantities that tell a joint's torque, the best first, and the key of the description that each is multiplied by."""
 
 
-def torque_in(table: Table, robot: RobotDescription) -> tuple[Float, Float]:
-    """Torques (N, n) Nm of a table as they are recorded, or from shares of the rated torques, or from currents; and Nm
-    of one of their unit (n,).
+def torque_in(table: Table, robot: RobotDescription) -> Float:
+    """Torques (N, n) Nm of a table as they are recorded, or from shares of the rated torques, or from currents.
 
     Raises ``RecordingError`` where the table has none of them, ``ConfigError`` where the description lacks the key.
     """
@@ -33,8 +30,8 @@ def torque_in(table: Table, robot: RobotDescription) -> tuple[Float, Float]:
             lacking = robot.joints[int(np.argmin(unit))].name
             name = table.joint_names(quantity)[0]
             raise ConfigError(f"{robot.robot}: {lacking} has no {key}, which {name} of {table.path} needs: add it")
-        return found[:, :joints] * unit, unit
-    return table.needed("torque", joints), np.ones(joints)
+        return found[:, :joints] * unit
+    return table.needed("torque", joints)
 
 
 def interpolated(when: Float, time: Float, values: Float) -> Float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +14,13 @@ def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def at_one_pose(poses: NDArray[np.float64], within: float, weights: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which of ``poses`` (N, n) rad are ``within`` rad, in each joint, of the one whose likes weigh most."""
+def at_one_pose(
+    position: NDArray[np.float64], rests: Sequence[tuple[int, int]], within: float, weights: Sequence[float]
+) -> list[tuple[int, int]]:
+    """Return the rests of ``position`` (N, n) rad that are ``within`` rad, in each joint, of the one whose likes weigh
+    most; the first of equals."""
+    if not rests:
+        return []
+    poses = np.array([np.median(position[a:b], axis=0) for a, b in rests])
     alike = np.all(np.abs(poses[:, None] - poses[None]) < within, axis=2)
-    return np.asarray(alike[np.argmax(alike @ weights)])
+    return [rest for rest, same in zip(rests, alike[np.argmax(alike @ np.asarray(weights))], strict=True) if same]

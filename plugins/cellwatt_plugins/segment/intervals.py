@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.results import Interval
 from cellwatt_plugins.segment.moving_joints import Change, Motion, Sample
 from cellwatt_plugins.segment.settings import SegmentSettings
 
-Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
 
 TURN_REACH = 0.25

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.segment.settings import SegmentSettings
 
-Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
 
 START_SIGMAS = 8.0
@@ -31,20 +31,15 @@ MEMORY = 8
 """Estimates of which the smallest counts, so that jerky motion does not pass for noise."""
 
 
-@dataclass
 class NoiseEstimate:
     """``sigma`` (joints,) rad: standard deviation of the position noise; 0 until the first chunk is full.
 
     Fourth differences take out smooth motion, the median takes out jerks.
     """
 
-    joints: int
-    filled: int = 0
-    sigma: Float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.sigma = np.zeros(self.joints)
-        self._chunk: Float = np.empty((CHUNK, self.joints))
+    def __init__(self, joints: int) -> None:
+        self.filled, self.sigma = 0, np.zeros(joints)
+        self._chunk: Float = np.empty((CHUNK, joints))
         self._estimates: deque[Float] = deque(maxlen=MEMORY)
 
     def add(self, positions: Float) -> None:

@@ -31,15 +31,17 @@ async def test_ticks_end_where_no_source_speaks_for_long_and_go_on_with_the_next
     cell = Collector(
         config_of(sources=sources("arm")), CellClock(), lambda entry: came.append((time.monotonic(), entry))
     )
-    device = DEVICES["arm"]
+
+    def last() -> Entry | None:
+        return came[-1][1] if came else None
+
     async with asyncio.TaskGroup() as group:
         tasks = Tasks(group)
         cell.start(tasks)
-        for _ in range(2):
-            device.tell(answer, give(1))
-            await device.done()
-            before = sum(isinstance(entry, Tick) for _, entry in came)
-            await until(lambda: sum(isinstance(entry, Tick) for _, entry in came) > before)
+        for n in (1, 2):
+            DEVICES["arm"].tell(answer, give(1))
+            await DEVICES["arm"].done()
+            await until(lambda: isinstance(last(), Tick))
             await until(lambda: time.monotonic() - came[-1][0] > 0.6)
+            assert sum(isinstance(entry, Batch) for _, entry in came) == n
         await cell.close(tasks)
-    assert sum(isinstance(entry, Batch) for _, entry in came) == 2

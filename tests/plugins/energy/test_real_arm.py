@@ -57,10 +57,10 @@ def test_groups_add_up_to_what_was_measured_within_the_stated_uncertainty(arm_an
     known = known_from(whole)
     for one in whole.observed:
         energy = task_energy(arm, known, stretch_of(one))
-        assert sum(energy.groups().values()) == pytest.approx(energy.total, rel=1e-9)
-        assert abs(energy.unexplained) < 2 * energy.uncertainty < 0.05 * energy.total
-        assert energy.mechanical_losses > 0
-        assert energy.electrical_losses > 0
+        assert sum(energy.groups.values()) == pytest.approx(energy.total, rel=1e-9)
+        assert abs(energy.groups["unexplained"]) < 2 * energy.uncertainty < 0.05 * energy.total
+        assert energy.groups["mechanical_losses"] > 0
+        assert energy.groups["electrical_losses"] > 0
 
 
 def test_a_move_left_out_is_met_within_the_uncertainty_of_the_fit(arm_and_moves):
@@ -68,4 +68,4 @@ def test_a_move_left_out_is_met_within_the_uncertainty_of_the_fit(arm_and_moves)
     for i, one in enumerate(fit(arm, moves).observed):
         others = fit(arm, moves[:i] + moves[i + 1 :])
         energy = task_energy(arm, known_from(others), stretch_of(one))
-        assert abs(energy.unexplained) < 2 * energy.uncertainty < 0.15 * energy.total
+        assert abs(energy.groups["unexplained"]) < 2 * energy.uncertainty < 0.15 * energy.total

@@ -44,7 +44,7 @@ def test_parameters_reach_the_groups_as_draws_of_them_do(arm_and_known, stretch)
     arm, known = arm_and_known
     small = replace(known, covariance=known.covariance / 100)  # linear about what was found
     rng = np.random.default_rng(4)
-    rows = [list(task_energy(arm, drawn(small, rng), stretch).groups().values()) for _ in range(DRAWS)]
+    rows = [list(task_energy(arm, drawn(small, rng), stretch).groups.values()) for _ in range(DRAWS)]
     slope = group_slopes(small, at_campaign(small), features(arm, stretch.torque, stretch.velocity), stretch.step)
     slope[-1] = -slope[:-1].sum(axis=0)
     stated = slope @ small.covariance @ slope.T

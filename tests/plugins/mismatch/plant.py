@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
+from cellwatt_plugins.mismatch.model import Model, Prediction, predict_states
 from cellwatt_plugins.robot import Arm as DescribedArm
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Plan, exact
@@ -310,3 +311,8 @@ def tables(run: Run) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     table = {"t": said.time, **numbered("q", said.plan.position), **numbered("qd", said.plan.velocity)}
     table |= {**numbered("qdd", said.plan.acceleration), **numbered("tau", said.torque), "power": said.power}
     return recorded, table
+
+
+def predict(model: Model, time: np.ndarray, *motion: np.ndarray) -> Prediction:
+    """What a model says of a motion (position, velocity, acceleration) that begins at rest."""
+    return predict_states(model, States("motion", -1, time, exact(*motion), model.baseline.recorded))

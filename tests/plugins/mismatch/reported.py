@@ -87,9 +87,9 @@ def trace(
     )
 
 
-def floors(of: Trace) -> Float:
-    """(C,) the noise that was put in."""
-    return np.array([POWER_NOISE if c == "power" else NOISE for c in of.channels])
+def floors(of: Trace) -> dict[str, float]:
+    """The noise that was put in, by channel."""
+    return {c: POWER_NOISE if c == "power" else NOISE for c in of.channels}
 
 
 def fit(traces: list[Trace]) -> tuple[ChannelFit, ...]:
@@ -100,9 +100,9 @@ def fit(traces: list[Trace]) -> tuple[ChannelFit, ...]:
         return float(np.sqrt(np.mean(np.concatenate([t.residual(channel, getattr(t, which)) for t in traces]) ** 2)))
 
     fit = list[ChannelFit]()
-    for channel, unit, floor in zip(traces[0].channels, traces[0].units, noise, strict=True):
+    for channel, unit, floor in zip(traces[0].channels, traces[0].units, noise.values(), strict=True):
         simulation, model = rms(channel, "simulation"), rms(channel, "model")
-        fit.append(ChannelFit(channel, unit, simulation, 0.75 * simulation + 0.25 * model, model, float(floor)))
+        fit.append(ChannelFit(channel, unit, simulation, 0.75 * simulation + 0.25 * model, model, floor))
     return tuple(fit)
 
 

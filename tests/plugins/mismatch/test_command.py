@@ -7,8 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.commands import EXIT_ERROR, EXIT_USAGE
-from cellwatt_plugins.mismatch.input.run import Motion
-from cellwatt_plugins.mismatch.model import load_model, predict
+from cellwatt_plugins.mismatch.model import load_model
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.calling import call
 
@@ -102,7 +101,7 @@ def motion_columns():
     columns = {"t": time}
     for stem, values in (("q", q), ("qd", qd), ("qdd", qdd)):
         columns |= {f"{stem}_{i + 1}": values[:, i] for i in range(plant.JOINTS)}
-    return columns, Motion(time, q, qd, qdd)
+    return columns, (time, q, qd, qdd)
 
 
 def test_simulate_says_what_the_model_says(explained, tmp_path):
@@ -114,8 +113,8 @@ def test_simulate_says_what_the_model_says(explained, tmp_path):
     assert (code, errors) == (0, "")
     table = pq.read_table(tmp_path / "deep" / "said.parquet")
     assert table.column_names == ["t", "tau_1", "tau_2", "tau_3", "power"]
-    expected = predict(load_model(explained), motion)
-    assert np.allclose(table["t"], motion.time)
+    expected = plant.predict(load_model(explained), *motion)
+    assert np.allclose(table["t"], motion[0])
     assert np.allclose(table["power"], expected.power)
     for i in range(plant.JOINTS):
         assert np.allclose(table[f"tau_{i + 1}"], expected.torque[:, i])

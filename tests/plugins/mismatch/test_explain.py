@@ -9,8 +9,6 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.mismatch.explain import explain
 from cellwatt_plugins.mismatch.input.baseline import baseline
-from cellwatt_plugins.mismatch.input.run import Motion
-from cellwatt_plugins.mismatch.model import predict
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.plant import REAL, Missing, column, loaded, turned
 from tests.plugins.robot.slow_meter import shown
@@ -116,7 +114,7 @@ def test_the_model_predicts_a_run_that_it_has_not_seen(explained, name):
     model = explained(expected.missing).model
     time = np.arange(2000) / plant.RATE
     q, qd, qdd = plant.moves(77, 20.0)(time)
-    said = predict(model, Motion(time, q, qd, qdd))
+    said = plant.predict(model, time, q, qd, qdd)
     torque = plant.motors(expected.missing.arm, q, qd, qdd) + expected.missing.added(time, q, qd, "run_09")
     power = expected.missing.drawn(time, plant.draw(expected.missing.arm, torque, qd), qd)
     simulated = plant.motors(plant.NOMINAL, q, qd, qdd)

@@ -6,8 +6,7 @@ import yaml
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.input.run import Motion
-from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict, save_model
+from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, save_model
 from cellwatt_plugins.robot.effects import BY_NAME
 from tests.plugins.mismatch import plant
 
@@ -22,7 +21,7 @@ def robot(tmp_path_factory):
 @pytest.fixture(scope="module")
 def motion():
     time = np.arange(600) / plant.RATE
-    return Motion(time, *plant.moves(5, 6.0)(time))
+    return time, *plant.moves(5, 6.0)(time)
 
 
 def inertial(arm):
@@ -66,19 +65,19 @@ TERMS = (
 
 
 def test_the_nominal_model_is_the_simulation(robot, motion):
-    said = predict(Model(robot, Retuned.nothing(plant.JOINTS)), motion)
-    torque = plant.motors(plant.NOMINAL, motion.position, motion.velocity, motion.acceleration)
+    said = plant.predict(Model(robot, Retuned.nothing(plant.JOINTS)), *motion)
+    torque = plant.motors(plant.NOMINAL, *motion[1:])
     assert np.allclose(said.torque, torque, atol=1e-9)
-    assert np.allclose(said.power, plant.draw(plant.NOMINAL, torque, motion.velocity), atol=1e-7)
-    assert np.array_equal(said.time, motion.time)
+    assert np.allclose(said.power, plant.draw(plant.NOMINAL, torque, motion[2]), atol=1e-7)
+    assert np.array_equal(said.time, motion[0])
 
 
 def test_a_retuned_model_is_the_arm_as_it_was_built(robot, motion):
     real = replace(plant.REAL, resistance=(0.66, 0.57, 1.2))
-    said = predict(Model(robot, difference(real, plant.NOMINAL)), motion)
-    torque = plant.motors(real, motion.position, motion.velocity, motion.acceleration)
+    said = plant.predict(Model(robot, difference(real, plant.NOMINAL)), *motion)
+    torque = plant.motors(real, *motion[1:])
     assert np.allclose(said.torque, torque, atol=1e-9)
-    assert np.allclose(said.power, plant.draw(real, torque, motion.velocity), atol=1e-6)
+    assert np.allclose(said.power, plant.draw(real, torque, motion[2]), atol=1e-6)
 
 
 def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
@@ -87,7 +86,7 @@ def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
     again = load_model(tmp_path / "model.yaml")
     assert again.terms[1].term == model.terms[1].term
     assert [f.term.place for f in again.terms] == [f.term.place for f in model.terms]
-    before, after = predict(model, motion), predict(again, motion)
+    before, after = plant.predict(model, *motion), plant.predict(again, *motion)
     assert np.array_equal(before.torque, after.torque)
     assert np.array_equal(before.power, after.power)
 

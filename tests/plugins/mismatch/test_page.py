@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.mismatch.explain import explain
 from cellwatt_plugins.mismatch.input.baseline import baseline
-from tests.daemon.outlets.page.told import page_told
+from tests.daemon.outlets.page.cell import API, client, served
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.plant import REAL, Missing, loaded
 
@@ -33,8 +33,8 @@ def reports(tmp_path_factory):
 
 
 async def test_the_pages_of_mismatch_and_reports_tell_what_was_missing(reports, tmp_path):
-    async with page_told(tmp_path, [], reports) as ask:
-        told, listed = await ask("mismatch"), await ask("reports")
+    async with served(tmp_path, reports=reports) as page, client() as browser:
+        told, listed = [await (await browser.get(f"{page.url}{API}/{what}")).json() for what in ("mismatch", "reports")]
     (effect,) = told["effects"]
     assert (effect["effect"], effect["joint"]) == ("payload", None)
     assert effect["confidence"] > 0.9

@@ -9,9 +9,9 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.mismatch.explain import Explained, explain
 from cellwatt_plugins.mismatch.input.baseline import baseline
-from cellwatt_plugins.mismatch.input.run import Motion, Run
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.input.unread import without_unread
-from cellwatt_plugins.mismatch.model import load_model, predict, save_model
+from cellwatt_plugins.mismatch.model import load_model, save_model
 from cellwatt_plugins.robot import Arm
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.plant import REAL, Course, Missing, column, loaded, turned
@@ -68,7 +68,7 @@ def test_an_arm_that_hangs_sideways_lacks_nothing_but_its_mount(arm, tmp_path):
     time = np.arange(1000) / plant.RATE
     q, qd, qdd = plant.moves(77, 10.0)(time)
     real = plant.motors(REAL, q, qd, qdd) + HANGING.added(time, q, qd, "run_09")
-    said = predict(load_model(tmp_path), Motion(time, q, qd, qdd)).torque
+    said = plant.predict(load_model(tmp_path), time, q, qd, qdd).torque
     assert np.all(np.std(said - real, axis=0) < [0.5, 0.6, 0.4])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
+import pickle
 import signal
 import socket
 import sys
@@ -16,7 +17,6 @@ from cellwatt.errors import CellwattError, OutletError, ProtocolError
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import LIMIT, Kind
-from cellwatt.outlets.zenoh.messages import parse_json
 from cellwatt.progress.log_lines import log_to_stderr
 
 log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ class Daemon:
     def say(self, kind: Kind, body: Any) -> None:
         """Send a message, unless the daemon has gone."""
         if not self._writer.is_closing():
-            self._writer.write(wire.json_message(kind, body))
+            self._writer.write(wire.said(kind, body))
 
     async def serve(self, url: str, counts: Callable[[], Mapping[str, int]], shown: Shown) -> None:
         """Say that all is ready at ``url``, and each second that all is well; have what the daemon says ``shown``."""
@@ -64,26 +64,25 @@ class Daemon:
         """Have what the daemon says shown until it goes; a message that cannot be costs only itself."""
         while (got := await wire.receive(self._reader)) is not None:
             try:
-                if (work := self._shown(shown, *got)) is not None:
+                if (work := self._shown(shown, got[0], pickle.loads(got[1]))) is not None:
                     await work
             except Exception:  # of one message: the others are worth showing
                 self._broken += 1
                 if self._broken == 1:
                     log.exception("a message of kind %s cannot be shown", got[0].name)
 
-    def _shown(self, shown: Shown, kind: Kind, body: bytes) -> Awaitable[None] | None:
+    def _shown(self, shown: Shown, kind: Kind, body: Any) -> Awaitable[None] | None:
         match kind:
             case Kind.ANSWER:
-                self._answered(parse_json(body))
+                self._answered(body)
             case Kind.LAYOUT:
-                self._layout = wire.read_layout(body)
+                self._layout = body
             case Kind.FRAMES if shown.frames is not None:
-                return shown.frames(wire.read_frames(body, self._layout))
+                return shown.frames(Frames(self._layout, *body))
             case Kind.ITEM if shown.item is not None:
-                told = parse_json(body)
-                return shown.item(told["kind"], told["body"])
+                return shown.item(*body)
             case Kind.HEALTH if shown.health is not None:
-                return shown.health(parse_json(body))
+                return shown.health(body)
             case _:
                 raise ProtocolError(f"the daemon does not say {kind.name}")
         return None
@@ -132,11 +131,11 @@ async def serve(connection: socket.socket, work: Work) -> int:
         hello = await wire.receive(reader)
         if hello is None:
             return 0
-        await work(Daemon(reader, writer), parse_json(hello[1]))
+        await work(Daemon(reader, writer), pickle.loads(hello[1]))
     except asyncio.CancelledError:
         pass  # it was told to end
     except CellwattError as error:
-        writer.write(wire.json_message(Kind.FAILED, {"error": str(error)}))
+        writer.write(wire.said(Kind.FAILED, {"error": str(error)}))
         return 1
     finally:
         writer.close()

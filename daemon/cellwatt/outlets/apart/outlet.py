@@ -8,18 +8,18 @@ import logging
 import time
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any, ClassVar, Final, TypeVar
 
 from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError, OutletError, ProtocolError
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlet import CellView, Item, Outlet, OutletSettings, revealed
+from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind, end_of, running
 from cellwatt.outlets.together import until_one_ends
-from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.outlets.zenoh.messages import parse_json, topic_of
 from cellwatt.processor import spent, starved
 from cellwatt.results import Event, Result
 
@@ -55,10 +55,9 @@ class Apart(Outlet[S]):
         self._counted: dict[str, int] = {}
 
     def hello(self) -> Mapping[str, Any]:
-        """What the process is told first, JSON-ready."""
-        view, record = self.view, self.view.record_folder
-        about = {"site": view.site, "cell": view.cell, "session": view.session}
-        return {"settings": revealed(self.settings), **about, "record": None if record is None else str(record)}
+        """What the process is told first: its settings, of which cell, and where the record is."""
+        about = {name: getattr(self.view, name) for name in ("site", "cell", "session", "record_folder")}
+        return {"settings": self.settings, **about}
 
     @abstractmethod
     def answer(self, question: Mapping[str, Any]) -> Any:
@@ -92,7 +91,7 @@ class Apart(Outlet[S]):
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Tell the process all, and do what it orders, until it ends."""
-        writer.write(wire.json_message(Kind.HELLO, self.hello()))
+        writer.write(wire.told(Kind.HELLO, self.hello()))
         await self._until_ready(reader)
         self._counted = {}
         await until_one_ends(self.tell(writer), self._listen(reader, writer))
@@ -119,7 +118,7 @@ class Apart(Outlet[S]):
                 kind, body = got
                 told = parse_json(body)
                 if kind is Kind.ORDER:
-                    writer.write(wire.json_message(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
+                    writer.write(wire.told(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
                     await writer.drain()
                 elif kind is Kind.ALIVE:
                     self._heard, self._spent = time.monotonic(), spent(self._process)
@@ -202,7 +201,7 @@ class ApartOutlet(Apart[S]):
     async def tell(self, writer: asyncio.StreamWriter) -> None:
         """Pass on what waits, and what comes."""
         for item in await asyncio.to_thread(self._past):
-            writer.write(wire.item(item))
+            writer.write(_item(item))
             await writer.drain()
         layout: Layout | None = None
         while True:
@@ -210,29 +209,24 @@ class ApartOutlet(Apart[S]):
             self._fresh.clear()
             while self._results or self._blocks or self._status is not None:
                 if self._results:
-                    item = self._results.popleft()
-                    self._put(writer, 1, partial(wire.item, item))
+                    writer.write(_item(self._results.popleft()))
+                    self._passed(1)
                 if self._blocks:
                     block = self._blocks.popleft()
                     if block.layout is not layout:
                         layout = block.layout
-                        writer.write(wire.layout(layout))
-                    self._put(writer, len(block), partial(wire.frames, block))
+                        writer.write(wire.told(Kind.LAYOUT, layout))
+                    rows = block.sequence, block.time, block.values, block.quality, block.bound
+                    writer.write(wire.told(Kind.FRAMES, rows))
+                    self._passed(len(block))
                 if self._status is not None and not self._results:  # it says how alarms stand after those
                     status, self._status = self._status, None
-                    writer.write(wire.json_message(Kind.HEALTH, status))
+                    writer.write(wire.told(Kind.HEALTH, status))
                 await writer.drain()
 
-    def _put(self, writer: asyncio.StreamWriter, count: int, encode: Callable[[], bytes]) -> None:
-        """Write an item of ``count`` samples; one that cannot be encoded costs only itself."""
-        try:
-            writer.write(encode())
-        except (TypeError, ValueError, AttributeError):
-            self._drop(count, "not encodable")
-            log.exception("an item cannot be told: %s", self.name)
-        else:
-            self.account.owed -= count
-            self.account.receive(count)
+    def _passed(self, count: int) -> None:
+        self.account.owed -= count
+        self.account.receive(count)
 
     def answer(self, question: Mapping[str, Any]) -> None:
         """Do what a person orders."""
@@ -244,3 +238,9 @@ class ApartOutlet(Apart[S]):
         else:
             self.view.unshelve(alarm, name)
         self.account.count(f"{question['what']} by a person")
+
+
+def _item(item: Result | Event) -> bytes:
+    """A result or event as the first part of its topic and its fields."""
+    body = {field.name: getattr(item, field.name) for field in fields(item)}
+    return wire.told(Kind.ITEM, (topic_of(item).partition("/")[0], body))

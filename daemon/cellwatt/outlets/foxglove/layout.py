@@ -38,7 +38,11 @@ def layout_for(channels: Mapping[str, str], models: Sequence[str]) -> dict[str, 
     plots = {
         "Plot!power": _plot(panels, "Power", "W", [*_measured(channels, fields), *_predicted(models)]),
         "Plot!positions": _plot(panels, "Joint positions", "rad", _joints(channels, fields, ".position")),
-        **_efforts(panels, channels, fields),
+        **{
+            panel: _plot(panels, title, unit, paths)
+            for panel, title, unit, ending in _EFFORTS
+            if (paths := _joints(channels, fields, ending))
+        },
         "StateTransitions!states": {**panels["StateTransitions!states"], "paths": _states(channels)},
     }
     rest = {name: panel for name, panel in panels.items() if not name.startswith(("Plot!", "StateTransitions!"))}
@@ -95,20 +99,6 @@ def _predicted(models: Sequence[str]) -> list[dict[str, Any]]:
 def _joints(channels: Mapping[str, str], fields: Mapping[str, str], ending: str) -> list[dict[str, Any]]:
     wanted = (name for name in channels if ".joint_" in name and name.endswith(ending))
     return [_series(f"{FRAME_TOPIC}.{fields[name]}", name) for name in wanted]
-
-
-def _efforts(
-    packaged: Mapping[str, Any], channels: Mapping[str, str], fields: Mapping[str, str]
-) -> dict[str, dict[str, Any]]:
-    """Plots of measured torques, of currents of arms without, and of what controllers ask for of arms without both."""
-    told: set[str] = set()
-    panels = {}
-    for panel, title, unit, ending in _EFFORTS:
-        those = {name: its for name, its in channels.items() if name.partition(".")[0] not in told}
-        if paths := _joints(those, fields, ending):
-            panels[panel] = _plot(packaged, title, unit, paths)
-            told |= {path["label"].partition(".")[0] for path in paths}
-    return panels
 
 
 def _states(channels: Mapping[str, str]) -> list[dict[str, Any]]:

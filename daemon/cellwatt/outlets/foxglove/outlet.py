@@ -8,7 +8,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Iterable
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -41,23 +41,8 @@ def library() -> Any:
 def _channel(context: foxglove.Context, topic: Topic) -> foxglove.Channel:
     fox = library()
     schema = fox.Schema(name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema)
-    made: foxglove.Channel = fox.Channel(
-        topic.name, schema=schema, message_encoding=topic.encoding, context=context, metadata=dict(topic.metadata)
-    )
+    made: foxglove.Channel = fox.Channel(topic.name, schema=schema, message_encoding=topic.encoding, context=context)
     return made
-
-
-class _Listener:
-    """Notes which topics clients subscribe to; called in threads of the library."""
-
-    def __init__(self) -> None:
-        self.asked: SimpleQueue[str] = SimpleQueue()
-
-    def on_subscribe(self, _client: object, channel: Any) -> None:
-        self.asked.put(channel.topic)
-
-    def on_unsubscribe(self, _client: object, _channel: object) -> None:
-        pass
 
 
 _RELEASE: Final = 5.0
@@ -89,14 +74,14 @@ class FoxgloveOutlet:
         self.sent: Counter[str] = Counter()
         self._name, self._host = name, host
         self._topics = {topic.name: topic for topic in topics}
-        self._listener = _Listener()
+        self._asked: SimpleQueue[str] = SimpleQueue()
+        """Topics to which clients have subscribed."""
         self._behind = _Behind()
         self._kept: dict[tuple[str, str], Outgoing] = {}
         self._told = 0
         self._framed = -math.inf
         self._context: foxglove.Context | None = None  # without it the channels are gone
         self._channels: dict[str, foxglove.Channel] | None = None
-        self._logging = _LIBRARY.level, _LIBRARY.propagate
 
     def __enter__(self) -> FoxgloveOutlet:
         _LIBRARY.addHandler(self._behind)
@@ -108,8 +93,6 @@ class FoxgloveOutlet:
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self._shut()
         _LIBRARY.removeHandler(self._behind)
-        level, _LIBRARY.propagate = self._logging
-        _LIBRARY.setLevel(level)
 
     @property
     def is_open(self) -> bool:
@@ -136,7 +119,7 @@ class FoxgloveOutlet:
                 host=self._host,
                 port=self.port,
                 capabilities=[fox.websocket.Capability.Time],
-                server_listener=self._listener,
+                server_listener=self,
                 context=context,
                 message_backlog_size=BACKLOG,
             )
@@ -146,6 +129,13 @@ class FoxgloveOutlet:
             raise OutletError(f"Foxglove cannot listen on {self._host}:{self.port}: {error}") from None
         self._channels = channels
         self.port = self._server.port
+
+    def on_subscribe(self, _client: object, channel: Any) -> None:
+        """Note what a client subscribes to; called in threads of the library."""
+        self._asked.put(channel.topic)
+
+    def on_unsubscribe(self, _client: object, _channel: object) -> None:
+        """Called by the library."""
 
     def send(self, moment: Moment) -> None:
         """Tell the time and the messages of a moment to all clients that want them; never waits.
@@ -165,12 +155,7 @@ class FoxgloveOutlet:
 
     def welcome(self) -> None:
         """Tell what still holds on the topics that clients subscribed to since the last call."""
-        asked = set()
-        while True:
-            try:
-                asked.add(self._listener.asked.get_nowait())
-            except Empty:
-                break
+        asked = {self._asked.get() for _ in range(self._asked.qsize())}
         self._log(outgoing for (topic, _), outgoing in self._kept.items() if topic in asked)
 
     def _log(self, messages: Iterable[Outgoing]) -> None:

@@ -6,17 +6,17 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from cellwatt.batch import Batch
 from cellwatt.errors import ConfigError
-from cellwatt.frames import Frames, Layout
+from cellwatt.frames import Frames
 from cellwatt.host import stays_here
 from cellwatt.outlets.foxglove.outlet import FoxgloveOutlet, library
 from cellwatt.outlets.foxglove.topics import Moment
-from cellwatt.outlets.foxglove.translate import Skeletons, Translator
+from cellwatt.outlets.foxglove.translate import Translator
 from cellwatt.record import Health as Recorded
 from cellwatt.record.encoder import FRAME_TOPIC
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
@@ -76,21 +76,19 @@ def serve(
     *,
     host: str = "127.0.0.1",
     port: int = PORT,
-    arms: Mapping[str, Path] | None = None,
     seconds: float | None = None,
     verify: Path | None = None,
     tell: Callable[[str], None] = log.info,
 ) -> None:
     """Serve a cell to Foxglove apps on this PC, for ``seconds`` or until Ctrl-C.
 
-    ``arms`` names the URDF of each source that moves an arm; ``verify`` is as for ``Subscriber``; ``tell`` is given a
-    line at the start and one at the end.
+    ``verify`` is as for ``Subscriber``; ``tell`` is given a line at the start and one at the end.
     Raises ``ConfigError`` for a host beyond loopback and without the extra ``foxglove``, ``OutletError`` if the link or
     the port cannot be opened.
     """
     _refuse_others(host, port)
     library()
-    translator = Translator(skeletons_of(arms or {}))
+    translator = Translator()
     name = f"cellwatt {site}/{cell}"
     subscriber = Subscriber(site, cell, link, want=WANTED, verify=verify)
     with subscriber, FoxgloveOutlet(name, host, port, translator.topics) as outlet:
@@ -102,22 +100,6 @@ def serve(
         finally:
             if outlet.is_open:
                 tell(_summary(outlet, pace, subscriber.counts))
-
-
-def skeletons_of(arms: Mapping[str, Path]) -> Skeletons | None:
-    """A function that gives the arms for a layout of frames; ``None`` without arms. Raises ``ConfigError``."""
-    for source, file in arms.items():
-        if not file.is_file():
-            raise ConfigError(f"there is no URDF of {source} at {file}")
-    if not arms:
-        return None
-
-    def skeletons(layout: Layout) -> Sequence[Mapping[str, Any]]:
-        from cellwatt.outlets.page.skeleton import skeleton
-
-        return [skeleton(source, file, layout.names) for source, file in arms.items()]
-
-    return skeletons
 
 
 def moments(translator: Translator, message: Message) -> Iterator[Moment]:

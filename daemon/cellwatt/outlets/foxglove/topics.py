@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
@@ -15,22 +13,6 @@ from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Task
 KINDS: Final[tuple[type[messages.Message], ...]] = (Interval, Task, Energy, Prediction, Alarm, Event, messages.Health)
 """Results and more that are told as JSON, as in recordings."""
 LOG: Final = "/log"
-TRANSFORMS: Final = "/tf"
-SCENE: Final = "/scene"
-CHANNELS: Final = "/channels"
-_CHANNELS_SCHEMA: Final = {
-    "type": "object",
-    "description": "Names and SI units behind the fields of /frame.",
-    "properties": {
-        "channels": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {name: {"type": "string"} for name in ("field", "channel", "unit")},
-            },
-        }
-    },
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +23,6 @@ class Topic:
     encoding: str
     schema_name: str
     schema: bytes
-    metadata: Mapping[str, str] = field(default_factory=dict, compare=False, hash=False)
 
     @property
     def schema_encoding(self) -> str:
@@ -72,24 +53,10 @@ class Moment:
     after: float = 0.0
 
 
+@cache
 def json_topic(kind: type[messages.Message]) -> Topic:
     """The topic of a kind of results, events or health."""
-    return _json_topics()[messages.TOPICS[kind]]
-
-
-@cache
-def _json_topics() -> dict[str, Topic]:
-    made = {}
-    for kind in KINDS:
-        schema = messages.schema(kind)
-        made[messages.TOPICS[kind]] = Topic(messages.TOPICS[kind], "json", f"{PACKAGE}.{kind.__name__}", schema)
-    return made
-
-
-@cache
-def channels_topic() -> Topic:
-    """The topic that says which channel and unit is behind each field of the frames."""
-    return Topic(CHANNELS, "json", f"{PACKAGE}.Channels", json.dumps(_CHANNELS_SCHEMA).encode())
+    return Topic(messages.TOPICS[kind], "json", f"{PACKAGE}.{kind.__name__}", messages.schema(kind))
 
 
 @cache

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
-from typing import Any, Final
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
 from cellwatt.alarms import AlarmBook
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlets.foxglove.arm import Arms
 from cellwatt.outlets.foxglove.topics import (
     KINDS,
     LOG,
-    SCENE,
-    TRANSFORMS,
     Moment,
     Outgoing,
     Topic,
-    channels_topic,
     drawn_topic,
     json_topic,
     own,
@@ -29,7 +22,7 @@ from cellwatt.outlets.foxglove.topics import (
 )
 from cellwatt.protobuf import file_descriptor_set
 from cellwatt.record import messages
-from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE, described
+from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE
 from cellwatt.record.rows import FRAME_FIELDS, FRAMING, FrameRows, value_fields
 from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
 
@@ -37,79 +30,32 @@ _BODY: Final = np.dtype(FRAMING).itemsize
 """Bytes of a row before the message itself."""
 
 
-class FrameMessages:
-    """The topic of the frames of one layout, and its messages."""
-
-    def __init__(self, layout: Layout) -> None:
-        fields = value_fields(layout.names, FRAME_FIELDS)
-        self.layout = layout
-        self.fields = described(layout.channels, fields)
-        self.topic = Topic(
-            FRAME_TOPIC,
-            "protobuf",
-            f"{PACKAGE}.frame",
-            file_descriptor_set(PACKAGE, "frame", (*FRAME_FIELDS, *fields)),
-            {"declaration": json.dumps(asdict(layout)), "fields": json.dumps(self.fields)},
-        )
-        self._rows = FrameRows(layout)
-
-    def of(self, frames: Frames) -> Iterator[bytes]:
-        """One message for each frame of a block."""
-        rows = self._rows.encode(frames, 0)
-        data, size = rows.tobytes(), rows.dtype.itemsize
-        for start in range(0, len(data), size):
-            yield data[start + _BODY : start + size]
-
-    def channels(self) -> tuple[Topic, bytes]:
-        """The topic and message that name channel and unit of each field."""
-        told = [{"field": name, **about} for name, about in self.fields.items()]
-        return channels_topic(), json.dumps({"channels": told}).encode()
-
-
-Skeletons = Callable[[Layout], Sequence[Mapping[str, Any]]]
-
-_FASTEST: Final = 50.0
-"""Transforms a second, at most: the eye sees no more."""
 _LEVELS: Final = {"info": "Info", "warning": "Warning", "error": "Error"}
 
 
 class Translator:
-    """Turns frames, results, events and health into messages; ``skeletons`` gives the arms for a layout, if any."""
+    """Turns frames, results, events and health into messages."""
 
-    def __init__(self, skeletons: Skeletons | None = None) -> None:
-        self._skeletons = skeletons
-        self._frames: FrameMessages | None = None
-        self._arms: Arms | None = None
-        self._moved = -math.inf
+    def __init__(self) -> None:
+        self._rows: FrameRows | None = None
         self._alarms = AlarmBook()
         self._log = drawn_topic(LOG, "Log")
 
     @property
     def topics(self) -> tuple[Topic, ...]:
         """Topics that there are before anything was told; that of the frames comes with the first."""
-        drawn = (drawn_topic(TRANSFORMS, "FrameTransforms"), drawn_topic(SCENE, "SceneUpdate"))
-        known = (*map(json_topic, KINDS), channels_topic(), self._log)
-        return known if self._skeletons is None else (*known, *drawn)
+        return (*map(json_topic, KINDS), self._log)
 
     def frames(self, frames: Frames) -> Iterator[Moment]:
         """One moment for each frame of a block."""
-        new = self._frames is None or self._frames.layout != frames.layout
-        if new:
-            self._frames = FrameMessages(frames.layout)
-            self._arms = None if self._skeletons is None else Arms(self._skeletons(frames.layout))
-        assert self._frames is not None
-        for i, data in enumerate(self._frames.of(frames)):
-            time = int(frames.time[i])
-            told = [Outgoing(self._frames.topic, time, data)]
-            if new:
-                topic, channels = self._frames.channels()
-                told.append(Outgoing(topic, time, channels, "channels"))
-                told += [self._arms.links(time)] if self._arms is not None else []
-                new = False
-            if self._arms is not None and time - self._moved >= 1e9 / _FASTEST - 1:
-                self._moved = time
-                told.append(self._arms.at(time, dict(zip(frames.layout.names, frames.values[i].tolist(), strict=True))))
-            yield Moment(time, tuple(told), frames.layout.step / 1e9)
+        if self._rows is None or self._rows.layout != frames.layout:
+            self._rows = FrameRows(frames.layout)
+            self._topic = _frame_topic(frames.layout)
+        rows = self._rows.encode(frames, 0)
+        data, size = rows.tobytes(), rows.dtype.itemsize
+        for i, time in enumerate(frames.time.tolist()):
+            told = Outgoing(self._topic, time, data[i * size + _BODY : (i + 1) * size])
+            yield Moment(time, (told,), frames.layout.step / 1e9)
 
     def item(self, item: Result | Event | messages.Health) -> Moment:
         """The moment of a result, an event or health."""
@@ -128,6 +74,11 @@ class Translator:
         """The moment at which it became known that samples or results of a topic are lost for ever."""
         text = f"{count} of {topic} did not arrive: the cell no longer has them"
         return Moment(time, (Outgoing(self._log, time, _line(time, "Warning", text, "cellwatt")),))
+
+
+def _frame_topic(layout: Layout) -> Topic:
+    fields = (*FRAME_FIELDS, *value_fields(layout.names, FRAME_FIELDS))
+    return Topic(FRAME_TOPIC, "protobuf", f"{PACKAGE}.frame", file_descriptor_set(PACKAGE, "frame", fields))
 
 
 def _key(item: Result | Event | messages.Health) -> str | None:

@@ -151,7 +151,7 @@ def _line(text: str, status: int, headers: dict[str, str] | None = None) -> web.
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     """Serve what the daemon answers, until it goes. Raises ``OutletError`` if that cannot be."""
-    read = MetricsSettings.model_validate(hello["settings"])
+    read = hello["settings"]
     endpoint = Endpoint(read, daemon.order)
     url = await endpoint.door.start(await asyncio.to_thread(tls_context, read))
     try:

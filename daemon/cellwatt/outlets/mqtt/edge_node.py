@@ -19,6 +19,7 @@ from cellwatt.outlets.mqtt.payload import (
     decode,
     encode,
     finite,
+    metric,
     values_of,
 )
 from cellwatt.outlets.mqtt.settings import SparkplugSettings
@@ -84,7 +85,7 @@ class EdgeNode:
         if self._host is not None and topic == self._state_topic:
             return self._host_state(payload)
         if topic == f"{NAMESPACE}/{self._group}/NCMD/{self._node}":
-            wanted = any(name == REBIRTH and value is True for name, _, value in decode(payload))
+            wanted = any(name == REBIRTH and value is True for name, value in decode(payload))
             return Order.BIRTH if wanted and self._tags.node.born else ()
         return ()
 
@@ -110,8 +111,8 @@ class EdgeNode:
         self._seq = 0
         node, at = self._tags.node, now // MS
         metrics = [
-            Metric(DataType.INT64, self._birth, at, "bdSeq", declared=True),
-            Metric(DataType.BOOLEAN, False, at, REBIRTH, declared=True),
+            metric(DataType.INT64, self._birth, at, "bdSeq", declared=True),
+            metric(DataType.BOOLEAN, False, at, REBIRTH, declared=True),
             *(tag.born(at) for tag in node.tags.values()),
         ]
         node.born, node.grown = True, False
@@ -128,7 +129,7 @@ class EdgeNode:
 
     def _death(self, at: int) -> Message:
         """The certificate that belongs to the birth of this connection; it has no sequence number."""
-        payload = encode([Metric(DataType.INT64, self._birth, at, "bdSeq", declared=True)], at, None)
+        payload = encode([metric(DataType.INT64, self._birth, at, "bdSeq", declared=True)], at, None)
         return Message(f"{NAMESPACE}/{self._group}/NDEATH/{self._node}", payload, 1, False)
 
     # data -----------------------------------------------------------------------------------------

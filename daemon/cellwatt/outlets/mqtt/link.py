@@ -1,24 +1,17 @@
-"""One connection to a broker: opened, used and closed without ever holding up the event loop.
-
-aiomqtt leaves the socket of a connection open that was never answered, or whose end is not acknowledged, until the
-keep-alive ends it; here it is closed at once.
-"""
+"""One connection to a broker, which a thread of the library serves; nothing here holds up the event loop."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
-import re
 import socket
 import ssl
-from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import Any, Final, TypeVar
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from typing import Any, Final
 
-import aiomqtt
 import paho.mqtt.client as mqtt
+from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
@@ -26,31 +19,29 @@ from cellwatt.errors import OutletError, why
 from cellwatt.outlets.mqtt.message import Message, Subscription
 from cellwatt.outlets.mqtt.settings import MqttSettings
 
-log = logging.getLogger(__name__)
-
 ANSWER: Final = 10.0
 """Longest time, s, that the broker may take to answer anything."""
 WINDOW: Final = 64
 """Messages that may be on their way at a time."""
 _HEARD: Final = 1000
-"""Messages from the broker that may wait for us; more are dropped by the library, which logs it."""
+"""Messages from the broker that may wait for us; more are dropped."""
 _WITH_WILL: Final = 4
 """Reason code of MQTT 5: Disconnect with Will Message."""
 _CLOSED: Final = (
     "the broker closed the connection without a word; if it goes on so: does it want a certificate, or speak another "
     "version than MQTT 5?"
 )
-_LATE: Final = "Operation timed out"
-"""What the library says where the broker gives no answer on a connection that it took."""
-_ERRNO = re.compile(r"^\[Errno -?\d+\] ")
+_BROKE: Final = "it broke"
 _FENCE: Final = "cellwatt/fence"
-_REFUSED: Final = 0x80
-"""Least reason code of a refusal."""
 _AUTHENTICATION: Final = (134, 135)
 """Reason codes: bad user name or password, not authorised."""
-_library = logging.getLogger("cellwatt.mqtt")
-_library.disabled = True
-T = TypeVar("T")
+
+Answer = asyncio.Future[Sequence[ReasonCode]]
+"""The broker's answer to one packet, cancelled where the connection is lost before."""
+
+
+class LostError(OutletError):
+    """The connection was lost."""
 
 
 def tls_context(settings: MqttSettings) -> ssl.SSLContext | None:
@@ -79,46 +70,11 @@ class _Socket(ssl.SSLSocket):
             raise
 
 
-class _Client(aiomqtt.Client):
-    """Looks at the socket when it begins to write, not before: it may be closed by then, and its number another's.
-
-    ``refused`` is told why the broker does not take a message, which the library passes over. A cancellation always
-    comes through: ``asyncio.wait_for`` of Python 3.11 loses the one that comes together with the broker's answer.
-    """
-
-    async def _wait_for(self, fut: Awaitable[T], timeout: float | None) -> T:
-        try:
-            async with asyncio.timeout(self.timeout if timeout is None else timeout):
-                return await fut
-        except TimeoutError:
-            raise aiomqtt.MqttError(_LATE) from None
-
-    def _on_socket_register_write(self, client: mqtt.Client, userdata: Any, sock: Any) -> None:
-        def write() -> None:
-            try:
-                client.loop_write()
-            except OSError as error:
-                if not self._disconnected.done():
-                    self._disconnected.set_exception(error)
-
-        def begin() -> None:
-            if (found := client.socket()) is not None and found is sock:
-                self._loop.add_writer(found.fileno(), write)
-
-        self._loop.call_soon_threadsafe(begin)
-
-    refused: Callable[[str], None]
-
-    def _on_publish(
-        self, client: mqtt.Client, userdata: Any, mid: int, reason_code: ReasonCode, properties: Properties
-    ) -> None:
-        if reason_code.is_failure:
-            self.refused(str(reason_code).lower())
-        super()._on_publish(client, userdata, mid, reason_code, properties)
-
-
 class Link:
-    """A connection that publishes ``will`` if it is lost; ``refused`` is called with the broker's reasons."""
+    """A connection that publishes ``will`` if it is lost; ``refused`` is called with the broker's reasons.
+
+    ``abort`` comes last, whatever happened.
+    """
 
     def __init__(
         self,
@@ -128,118 +84,153 @@ class Link:
         tls: ssl.SSLContext | None,
         refused: Callable[[str], None],
     ) -> None:
-        self._broker = settings.broker
-        password = settings.password
-        self._client = _Client(
-            settings.host,
-            settings.port,
-            identifier=client,
-            username=settings.user,
-            password=None if password is None else password.get_secret_value(),
-            protocol=aiomqtt.ProtocolVersion.V5,
-            will=aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
-            keepalive=round(settings.keep_alive),
-            timeout=ANSWER,
-            max_queued_incoming_messages=_HEARD,
-            tls_context=tls,
-            logger=_library,
+        self._settings, self._refused = settings, refused
+        self._loop = asyncio.get_running_loop()
+        self._taken: asyncio.Future[str] = self._loop.create_future()
+        """Why the broker does not take the connection; empty if it does."""
+        self._lost: asyncio.Future[str] = self._loop.create_future()
+        """Why the connection was lost."""
+        self._answers: dict[int, Answer] = {}
+        self._heard: asyncio.Queue[mqtt.MQTTMessage | None] = asyncio.Queue()
+        """At last ``None``, when the connection is lost."""
+        made = self._client = mqtt.Client(
+            CallbackAPIVersion.VERSION2, client, protocol=mqtt.MQTTv5, reconnect_on_failure=False
         )
-        self._client.refused = refused
-        self._client.pending_calls_threshold = 2 * WINDOW
+        password = settings.password
+        made.username_pw_set(settings.user, None if password is None else password.get_secret_value())
+        made.will_set(will.topic, will.payload, will.qos, will.retain)
+        if tls is not None:
+            made.tls_set_context(tls)
+        made.on_connect, made.on_disconnect = self._told(self._on_connect), self._told(self._on_disconnect)
+        made.on_message, made.on_publish = self._told(self._on_message), self._told(self._on_publish)
+        made.on_subscribe = made.on_unsubscribe = self._told(self._on_answer)
 
     async def open(self) -> None:
         """Connect. Raises ``OutletError`` that says what to check."""
-        connecting = asyncio.ensure_future(self._client.__aenter__())
+        self._connecting = asyncio.ensure_future(asyncio.to_thread(self._connect))
         try:
-            await asyncio.shield(connecting)
-        except (aiomqtt.MqttError, OSError, ValueError) as error:
-            closed = str(error) == _LATE and self._client._client.socket() is None
-            await self.abort()
-            raise OutletError(f"{self._broker}: {_CLOSED if closed else reason(error)}") from None
-        except asyncio.CancelledError:
-            # Its thread cannot be cancelled; it gives up by itself, after seconds.
-            connecting.cancel()
-            with contextlib.suppress(asyncio.CancelledError, aiomqtt.MqttError, OSError, ValueError):
-                await connecting
-            await self.abort()
-            raise
+            await asyncio.shield(self._connecting)
+            async with asyncio.timeout(ANSWER):
+                told = await self._taken
+        except (OSError, ValueError) as error:
+            told = reason(error)
+        if told:
+            raise OutletError(f"{self._settings.broker}: {told}")
+
+    def _connect(self) -> None:
+        self._client.connect(self._settings.host, self._settings.port, round(self._settings.keep_alive))
+        self._client.loop_start()
 
     async def subscribe(self, subscription: Subscription) -> None:
         """Listen to topics, not to our own messages. Raises ``OutletError`` where the broker forbids it."""
         options = SubscribeOptions(qos=subscription.qos, noLocal=True)
-        codes = await self._client.subscribe(subscription.filter, options=options)
-        if any(_number(code) >= _REFUSED for code in codes):
-            raise OutletError(f"{self._broker}: the broker does not let us subscribe to {subscription.filter}")
+        answer = self._asked(self._client.subscribe(subscription.filter, options=options))
+        await self.arrive([answer])
+        if any(code.is_failure for code in answer.result()):
+            raise OutletError(f"{self._settings.broker}: the broker does not let us subscribe to {subscription.filter}")
 
     async def messages(self) -> AsyncIterator[tuple[str, bytes, bool]]:
-        """Topic, payload and retained flag of messages. Raises ``MqttError`` when the connection is lost."""
-        async for message in self._client.messages:
-            payload = message.payload
-            yield str(message.topic), payload if isinstance(payload, bytes) else b"", bool(message.retain)
+        """Topic, payload and retained flag of messages. Raises ``LostError`` when the connection is lost."""
+        while (message := await self._heard.get()) is not None:
+            yield message.topic, bytes(message.payload), message.retain
+        raise self._error(_BROKE)
 
-    async def publish(self, message: Message) -> None:
-        """Send a message, and wait for the broker's word on it where its quality of service has one.
+    def publish(self, message: Message) -> Answer:
+        """Send a message; its answer is the broker's word on it where its quality of service has one."""
+        return self._asked(self._client.publish(message.topic, message.payload, message.qos, message.retain))
 
-        Raises ``MqttError``.
-        """
-        await self._client.publish(message.topic, message.payload, message.qos, message.retain)
-
-    async def fence(self) -> None:
-        """Return when the broker has taken all that was sent before. Raises ``MqttError``.
+    def fence(self) -> Answer:
+        """Ask for an answer that comes when the broker has taken all that was sent before.
 
         It answers in order, also the end of a subscription that there is not.
         """
-        await self._client.unsubscribe(_FENCE)
+        return self._asked(self._client.unsubscribe(_FENCE))
+
+    async def arrive(self, answers: Sequence[Answer]) -> None:
+        """Wait for answers. Raises ``LostError``."""
+        _, left = await asyncio.wait(answers, timeout=ANSWER)
+        if left or any(answer.cancelled() for answer in answers):
+            raise self._error(f"no answer within {ANSWER:g} s" if left else _BROKE)
 
     async def close(self, *, with_will: bool) -> None:
         """End the connection; ``with_will``: the broker then publishes the will all the same."""
         code = ReasonCode(PacketTypes.DISCONNECT, identifier=_WITH_WILL if with_will else 0)
-        library = self._client._client
-        if library.socket() is not None:
-            library.disconnect(reasoncode=code)
-            with contextlib.suppress(aiomqtt.MqttError):
-                await asyncio.wait([asyncio.ensure_future(self._over())], timeout=1.0)
-        await self.abort()
-
-    async def _over(self) -> None:
-        while self._client._client.socket() is not None:  # noqa: ASYNC110 (the library tells nobody of it)
-            await asyncio.sleep(0.005)
+        self._client.disconnect(reasoncode=code)
+        await asyncio.wait([self._lost], timeout=1.0)
 
     async def abort(self) -> None:
         """Close the socket at once, whatever is on its way."""
-        client, library = self._client, self._client._client
-        if isinstance(found := library.socket(), socket.socket):
+        # The thread that connects cannot be cancelled; it gives up by itself, after seconds.
+        await asyncio.gather(self._connecting, return_exceptions=True)
+        found = self._client.socket()
+        if isinstance(found, socket.socket):
             with contextlib.suppress(OSError):
-                found.shutdown(socket.SHUT_RDWR)
-            for _ in range(_HEARD):  # what came before the end, and then the end, at which it closes
-                if library.loop_read() != mqtt.MQTT_ERR_SUCCESS:
-                    break
-        if (task := client._misc_task) is not None:
-            task.cancel()
-            await asyncio.wait([task])
-        if client._disconnected.done() and not client._disconnected.cancelled():
-            client._disconnected.exception()
+                socket.socket.shutdown(found, socket.SHUT_RDWR)  # not TLS's own: the thread may be reading
+        await asyncio.to_thread(self._client.loop_stop)
+        self._client._reset_sockets()  # as it does itself when it is collected
+
+    def _asked(self, asked: Iterable[Any]) -> Answer:
+        """The answer to come to what the library was asked for."""
+        failed, mid = asked
+        answer: Answer = self._loop.create_future()
+        if failed or self._lost.done():
+            answer.cancel()
+        else:
+            self._answers[mid] = answer
+        return answer
+
+    def _error(self, otherwise: str) -> LostError:
+        why = self._lost.result() if self._lost.done() else otherwise
+        return LostError(f"{self._settings.broker}: the connection was lost: {why}")
+
+    # what the library tells -----------------------------------------------------------------------
+
+    def _told(self, work: Callable[..., None]) -> Any:
+        """A callback for the library's thread that has the loop do the work."""
+        return lambda _client, _data, *about: self._loop.call_soon_threadsafe(work, *about)
+
+    def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, _: object) -> None:
+        advice = "; check user and password" if code.value in _AUTHENTICATION else ""
+        if not self._taken.done():
+            self._taken.set_result(f"the broker says: {_words(code)}{advice}" if code.is_failure else "")
+
+    def _on_disconnect(self, flags: mqtt.DisconnectFlags, code: ReasonCode, _: object) -> None:
+        said = flags.is_disconnect_packet_from_server
+        if not self._lost.done():
+            self._lost.set_result(f"the broker says: {_words(code)}" if said else _BROKE)
+        if not self._taken.done():
+            self._taken.set_result(_CLOSED)
+        self._heard.put_nowait(None)
+        for answer in self._answers.values():
+            answer.cancel()
+
+    def _on_message(self, message: mqtt.MQTTMessage) -> None:
+        if self._heard.qsize() < _HEARD:
+            self._heard.put_nowait(message)
+
+    def _on_publish(self, mid: int, code: ReasonCode, _: object) -> None:
+        if code.is_failure:
+            self._refused(_words(code))
+        self._on_answer(mid, [code])
+
+    def _on_answer(self, mid: int, codes: Sequence[ReasonCode], _: object = None) -> None:
+        answer = self._answers.pop(mid, None)
+        if answer is not None and not answer.done():
+            answer.set_result(codes)
 
 
 def reason(error: Exception) -> str:
-    """An error of the connection in plain words."""
-    if isinstance(error, aiomqtt.MqttCodeError) and isinstance(error.rc, ReasonCode):
-        advice = "; check user and password" if _number(error.rc) in _AUTHENTICATION else ""
-        return f"the broker says: {str(error.rc).lower()}{advice}"
+    """Why there is no connection, in plain words."""
+    text = str(error)
+    if isinstance(error, TimeoutError) and not text:
+        return f"no answer within {ANSWER:g} s: the broker hangs or is too busy, or it is none"
+    if "timed out" in text:
+        tls = "handshake" in text
+        return "no answer to the TLS handshake: is this a port for TLS?" if tls else "nobody answers: is the host up?"
     if isinstance(error, ssl.SSLError):
         return f"TLS failed: {error.reason or error}; check ca, certificate and the broker's name"
-    if isinstance(error, OSError):
-        return why(error)
-    text = _ERRNO.sub("", str(error.__cause__ or error))
-    if text == _LATE:
-        return f"no answer within {ANSWER:g} s: the broker hangs or is too busy, or it is none"
-    if "timed out" in text.lower():
-        tls = "handshake" in text.lower()
-        return "no answer to the TLS handshake: is this a port for TLS?" if tls else "nobody answers: is the host up?"
-    if "certificate" in text.lower() or "ssl" in text.lower():
-        return f"TLS failed: {text}; check ca, certificate and the broker's name"
-    return text
+    return why(error) if isinstance(error, OSError) else text
 
 
-def _number(code: int | ReasonCode) -> int:
-    return int(code.value) if isinstance(code, ReasonCode) else int(code)
+def _words(code: ReasonCode) -> str:
+    return str(code).lower()

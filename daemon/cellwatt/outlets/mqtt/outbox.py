@@ -18,7 +18,6 @@ from cellwatt.channel import Quality
 from cellwatt.errors import RecordingError, why
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.outlets.cursor import Cursor
-from cellwatt.outlets.mqtt.link import WINDOW
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.past import Archived, Part, read
 from cellwatt.outlets.selection import Picker, Row, Selection
@@ -26,6 +25,8 @@ from cellwatt.results import Event, Prediction, Result
 
 PART: Final = 500
 """Rows that are read from the record at a time."""
+PIECE: Final = 16
+"""Rows of these that are sent together."""
 PAUSE: Final = 1.0
 """s before the record is read again that has not got as far yet."""
 
@@ -184,21 +185,20 @@ def _as_frames(item: Prediction, rate: float) -> Frames:
 class Backfill:
     """Reads what is owed out of the ``record`` of a cell, span by span; ``problem`` is why it cannot.
 
-    ``lane`` has what may be sent now, each with what is to be done once it has arrived.
+    ``piece`` has the results and rows that may be sent now, and what is to be done once they have arrived.
     """
 
     def __init__(
         self, settings: MqttSettings, record: tuple[Path, str], cursor: Cursor, outbox: Outbox, account: Account
     ) -> None:
         self.problem: str | None = None
+        self.piece: tuple[list[Archived], list[Row], Callable[[], None]] | None = None
         self._settings, self._record = settings, record
         self._cursor, self._outbox, self._account = cursor, outbox, account
-        self.lane: asyncio.Queue[tuple[Row | Archived, Callable[[], None]]] = asyncio.Queue(WINDOW)
-        self._due = 0.0
-        """Monotonic time, s, at which the next entry may go."""
+        self._delivered = asyncio.Event()
 
     async def run(self) -> None:
-        """Read, and hand over row by row, until cancelled."""
+        """Read, and hand over piece by piece, until cancelled."""
         while True:
             await self._cursor.lacking.wait()
             gap = self._cursor.first
@@ -206,16 +206,28 @@ class Backfill:
                 await asyncio.sleep(PAUSE)
 
     async def _fill(self, after: int, until: int) -> bool:
-        """Bring a part of a span to its arrival; true where the record has not got as far yet."""
+        """Bring a part of a span to its arrival, results first; true where the record has not got as far yet."""
         part = await self._read(after, until)
-        for result in part.results:  # before the rows, which note how far all is
-            await self._hand_over(result, partial(self._account.count, "results back-filled"))
-        for row in part.rows:
-            await self._hand_over(row, partial(self._sent, after, row.time))
-            after = row.time
-        await self.lane.join()
-        self._cursor.pay(after, part.until)
+        results = part.results
+        for first in range(0, max(len(part.rows), 1), PIECE):
+            rows = part.rows[first : first + PIECE]
+            due = time.monotonic() + len(rows) / self._settings.backfill
+            end = rows[-1].time if first + PIECE < len(part.rows) else part.until
+            self._delivered.clear()
+            self.piece = results, rows, partial(self._arrived, after, end, len(results), len(rows))
+            self._outbox.wake.set()
+            await self._delivered.wait()
+            after, results = end, []
+            await asyncio.sleep(max(due - time.monotonic(), 0.0))
         return part.waits
+
+    def _arrived(self, after: int, end: int, results: int, rows: int) -> None:
+        for what, count in (("results back-filled", results), ("rows back-filled", rows)):
+            if count:
+                self._account.count(what, count)
+        self._account.receive(rows)
+        self._cursor.pay(after, end, rows)
+        self._delivered.set()
 
     async def _read(self, after: int, until: int) -> Part:
         before = after < self._outbox.begun  # results of before this start did not wait in our queue
@@ -230,21 +242,3 @@ class Backfill:
             return Part(after, waits=True)
         self.problem = None
         return part
-
-    async def _hand_over(self, entry: Row | Archived, note: Callable[[], None]) -> None:
-        """Have an entry sent, as soon as the rate allows."""
-        now = time.monotonic()
-        self._due = max(self._due + 1.0 / self._settings.backfill, now - 0.01)
-        if self._due > now + 0.005:
-            await asyncio.sleep(self._due - now)
-        await self.lane.put((entry, partial(self._arrived, note)))
-        self._outbox.wake.set()
-
-    def _arrived(self, note: Callable[[], None]) -> None:
-        note()
-        self.lane.task_done()
-
-    def _sent(self, after: int, time_: int) -> None:
-        self._account.count("rows back-filled")
-        self._account.receive()
-        self._cursor.pay(after, time_, 1)

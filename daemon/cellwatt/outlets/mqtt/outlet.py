@@ -124,11 +124,16 @@ class MqttOutlet(Outlet[MqttSettings]):
             await self._cursor.write()
         self._refused = None
         link = Link(settings, settings.client or self._client, will, tls, self._take_refusal)
-        await link.open()
-        self._told = None, 0.0
-        session = self._session = Session(
-            settings, (link, format_, self._outbox, self._cursor), self._record, self.view.cell, self.account
-        )
+        try:
+            await link.open()
+            self._told = None, 0.0
+            await self._use(link, format_, settings)
+        finally:
+            await link.abort()
+
+    async def _use(self, link: Link, format_: Format, settings: MqttSettings) -> None:
+        parts = link, format_, self._outbox, self._cursor
+        session = self._session = Session(settings, parts, self._record, self.view.cell, self.account)
         try:
             await session.serve()
         except (asyncio.CancelledError, HostLeftError):
@@ -137,8 +142,7 @@ class MqttOutlet(Outlet[MqttSettings]):
             raise
         finally:
             self._session = None
-            await session.end()
-            await link.abort()
+            session.end()
 
     def _made(self) -> Format:
         view = self.view

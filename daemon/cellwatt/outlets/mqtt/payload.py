@@ -6,7 +6,7 @@ Fields that are not in the table are passed over.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import count
@@ -58,80 +58,70 @@ class DataType(IntEnum):
 
 
 _FIELD: Final = {
-    DataType.INT64: "long_value",
-    DataType.UINT64: "long_value",
     DataType.DOUBLE: "double_value",
     DataType.BOOLEAN: "boolean_value",
     DataType.STRING: "string_value",
-    DataType.DATE_TIME: "long_value",
 }
+"""Where a value stands; whole numbers and times are 64 bits."""
 
 Value = float | int | bool | str
 
 
-@dataclass(frozen=True, slots=True)
-class Metric:
+Metric = Any
+"""A metric of a payload."""
+
+
+def metric(
+    datatype: DataType,
+    value: Value | None,
+    timestamp: int,
+    name: str | None = None,
+    alias: int | None = None,
+    *,
+    declared: bool = False,
+    unit: str | None = None,
+    historical: bool = False,
+) -> Metric:
     """A value with its time, UTC ms; ``value`` is ``None`` where there is none.
 
     ``datatype`` says how the value travels; ``declared`` puts it, and ``unit``, into the message. At least one of
     ``name`` and ``alias`` is there.
     """
+    made = _MESSAGES.classes["Metric"](timestamp=timestamp, name=name, alias=alias)
+    if declared:
+        made.datatype = datatype
+        if unit is not None:
+            made.properties.keys.append("engUnit")
+            made.properties.values.add(type=DataType.STRING, string_value=unit)
+    if historical:
+        made.is_historical = True
+    if value is None:
+        made.is_null = True
+    elif (field := _FIELD.get(datatype)) is not None:
+        setattr(made, field, value)
+    else:
+        made.long_value = int(value) & (1 << 64) - 1
+    return made
 
-    datatype: DataType
-    value: Value | None
-    timestamp: int
-    name: str | None = None
-    alias: int | None = None
-    declared: bool = False
-    unit: str | None = None
-    historical: bool = False
 
-
-def encode(metrics: Iterable[Metric], timestamp: int, seq: int | None) -> bytes:
+def encode(metrics: Sequence[Metric], timestamp: int, seq: int | None) -> bytes:
     """A payload sent at ``timestamp`` UTC ms; the death certificate has no ``seq``."""
-    payload = _MESSAGES.classes["Payload"](timestamp=timestamp)
-    if seq is not None:
-        payload.seq = seq
-    for metric in metrics:
-        _fill(payload.metrics.add(), metric)
-    found: bytes = payload.SerializeToString()
+    found: bytes = _MESSAGES.classes["Payload"](timestamp=timestamp, seq=seq, metrics=metrics).SerializeToString()
     return found
 
 
-def _fill(into: Any, metric: Metric) -> None:
-    into.timestamp = metric.timestamp
-    if metric.name is not None:
-        into.name = metric.name
-    if metric.alias is not None:
-        into.alias = metric.alias
-    if metric.declared:
-        into.datatype = metric.datatype
-        if metric.unit is not None:
-            into.properties.keys.append("engUnit")
-            into.properties.values.add(type=DataType.STRING, string_value=metric.unit)
-    if metric.historical:
-        into.is_historical = True
-    if metric.value is None:
-        into.is_null = True
-    elif metric.datatype is DataType.INT64:
-        into.long_value = int(metric.value) & (1 << 64) - 1
-    else:
-        setattr(into, _FIELD[metric.datatype], metric.value)
+def decode(data: bytes) -> list[tuple[str | None, Value | None]]:
+    """Name and value of each metric of a command. Raises ``ProtocolError``."""
+    return [_told(told) for told in _MESSAGES.parse("Payload", data, "a Sparkplug payload").metrics]
 
 
-def decode(data: bytes) -> list[tuple[str | None, int | None, Value | None]]:
-    """Name, alias and value of each metric of a command. Raises ``ProtocolError``."""
-    return [_told(metric) for metric in _MESSAGES.parse("Payload", data, "a Sparkplug payload").metrics]
-
-
-def _told(metric: Any) -> tuple[str | None, int | None, Value | None]:
-    name = metric.name if metric.HasField("name") else None
-    alias = metric.alias if metric.HasField("alias") else None
-    field = metric.WhichOneof("value")
-    value = None if field is None or metric.is_null else getattr(metric, field)
+def _told(told: Metric) -> tuple[str | None, Value | None]:
+    field = told.WhichOneof("value")
+    name = told.name if told.HasField("name") else None
+    value = None if field is None or told.is_null else getattr(told, field)
     if isinstance(name, bytes) or isinstance(value, bytes):  # so the library gives texts that are not UTF-8
         raise ProtocolError("a Sparkplug payload with a text that is not UTF-8")
-    return name, alias, value
+    return name, value
 
 
 MS = 1_000_000
@@ -152,11 +142,11 @@ class Tag:
     def born(self, now: int) -> Metric:
         """The metric as a birth declares it at ``now`` ms."""
         at = self.time or now
-        return Metric(self.datatype, self.value, at, self.name, self.alias, declared=True, unit=self.unit)
+        return metric(self.datatype, self.value, at, self.name, self.alias, declared=True, unit=self.unit)
 
     def data(self, value: Value | None, time: int, historical: bool) -> Metric:
         """A value of the metric as data."""
-        return Metric(self.datatype, value, time, alias=self.alias, historical=historical)
+        return metric(self.datatype, value, time, alias=self.alias, historical=historical)
 
 
 @dataclass(slots=True)

@@ -11,18 +11,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import aiomqtt
-
 from cellwatt.account import Account
 from cellwatt.errors import OutletError, ProtocolError
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
-from cellwatt.outlets.mqtt.link import WINDOW, Link, reason
+from cellwatt.outlets.mqtt.link import WINDOW, Answer, Link, LostError
 from cellwatt.outlets.mqtt.message import Message, Order
 from cellwatt.outlets.mqtt.outbox import Backfill, Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.outlets.selection import Row
+from cellwatt.outlets.together import until_one_ends
 
 Format = EdgeNode | PlainFormat
 """Puts a cell's data into messages, and holds the state of one connection after the other; no I/O."""
@@ -63,10 +61,10 @@ class Session:
         self._account = account
         self._batch: Sequence[Parcel] = ()
         """Parcels on their way, …"""
-        self._tasks: list[asyncio.Task[None]] = []
-        """… a task for each of their messages, and one that asks whether the broker has what it does not confirm."""
+        self._asked: list[Answer] = []
+        """… the answers to their messages, and one to the question whether the broker has what it does not confirm."""
         self._birth_due = self._format.ready
-        self._asked: asyncio.TimerHandle | None = None
+        self._birth_asked: asyncio.TimerHandle | None = None
         self._asked_at = -BIRTH_EVERY
         self._answers: deque[Message] = deque(maxlen=_ANSWERS)
         self._backfill: Backfill | None = None
@@ -81,32 +79,10 @@ class Session:
 
     async def serve(self) -> None:
         """Serve until the connection is lost. Raises ``OutletError``, ``HostLeftError`` if the primary host leaves."""
-        try:
-            for subscription in self._format.subscriptions():
-                await self._link.subscribe(subscription)
-            # In a task of its own: of Python 3.11 a group leaves the task in which it failed marked as being cancelled.
-            await asyncio.create_task(self._work())
-        except (aiomqtt.MqttError, BaseExceptionGroup) as error:
-            task = asyncio.current_task()
-            if task is not None and task.cancelling():
-                raise asyncio.CancelledError from None
-            raise self._lost(error) from None
-
-    async def _work(self) -> None:
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._listen())
-            group.create_task(self._send())
-            group.create_task(self._cursor.keep())
-            if self._backfill is not None:
-                group.create_task(self._backfill.run())
-
-    def _lost(self, error: BaseException) -> BaseException:
-        """The reason why a session ended, as one error."""
-        while isinstance(error, BaseExceptionGroup):
-            error = next((e for e in error.exceptions if not isinstance(e, aiomqtt.MqttError)), error.exceptions[0])
-        if isinstance(error, aiomqtt.MqttError):
-            return OutletError(f"{self._settings.broker}: the connection was lost: {reason(error)}")
-        return error
+        for subscription in self._format.subscriptions():
+            await self._link.subscribe(subscription)
+        past = () if self._backfill is None else (self._backfill.run(),)
+        await until_one_ends(self._listen(), self._send(), self._cursor.keep(), *past)
 
     async def stop(self) -> None:
         """Send what waits, as far as that goes quickly, and the last words."""
@@ -116,16 +92,13 @@ class Session:
                 while self._format.ready and (batch := self._next()):
                     await self._deliver(batch)
                 await self._deliver([Parcel(self._format.death(time.time_ns()))])
-        except (TimeoutError, aiomqtt.MqttError):
+        except (TimeoutError, LostError):
             self._account.count("stops without last words")
 
-    async def end(self) -> None:
+    def end(self) -> None:
         """Note what arrived; take back what did not, or leave it to the record."""
-        if self._asked is not None:
-            self._asked.cancel()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._birth_asked is not None:
+            self._birth_asked.cancel()
         self._note()
         self._outbox.leave()
 
@@ -139,36 +112,33 @@ class Session:
             await self._outbox.wake.wait()
 
     async def _deliver(self, batch: Sequence[Parcel]) -> None:
-        """Send parcels, and return once the broker has them. Raises ``MqttError``."""
-        messages = [message for parcel in batch for message in parcel.messages]
+        """Send parcels, and return once the broker has them. Raises ``LostError``."""
         self._batch = batch
-        self._tasks = [asyncio.create_task(self._link.publish(message)) for message in messages]
+        self._asked = [self._link.publish(message) for parcel in batch for message in parcel.messages]
         if any(message.qos == 0 for parcel in batch if parcel.arrived for message in parcel.messages):
-            self._tasks.append(asyncio.create_task(self._link.fence()))
+            self._asked.append(self._link.fence())
         await self._arrive()
 
     async def _arrive(self) -> None:
-        """Wait for what is on its way; cancelled, it stays on its way. Raises ``MqttError``."""
-        if self._tasks:
-            done, _ = await asyncio.wait(self._tasks, return_when=asyncio.FIRST_EXCEPTION)
-            for task in done:
-                task.result()
+        """Wait for what is on its way; cancelled, it stays on its way. Raises ``LostError``."""
+        if self._asked:
+            await self._link.arrive(self._asked)
         self._note()
 
     def _note(self) -> None:
         """Note what has arrived, in order; give back the rest."""
-        fenced, at, left = all(map(_went, self._tasks)), 0, list[Parcel]()
+        fenced, at, left = all(map(_came, self._asked)), 0, list[Parcel]()
         for parcel in self._batch:
-            tasks, at = self._tasks[at : at + len(parcel.messages)], at + len(parcel.messages)
+            answers, at = self._asked[at : at + len(parcel.messages)], at + len(parcel.messages)
             sure = fenced or all(message.qos for message in parcel.messages)
-            if left or not sure or not all(map(_went, tasks)):
+            if left or not sure or not all(map(_came, answers)):
                 left.append(parcel)
             elif parcel.arrived is not None:
                 parcel.arrived()
         for parcel in reversed(left):
             if parcel.back is not None:
                 parcel.back()
-        self._batch, self._tasks = (), []
+        self._batch, self._asked = (), []
 
     def _next(self) -> list[Parcel]:
         """What goes next: what is live, and then of the past; some messages at a time."""
@@ -216,13 +186,14 @@ class Session:
         return Parcel(self._format.birth(now))
 
     def _past(self, now: int) -> Parcel | None:
-        """The next row or result of the past, if there is one and it may be sent."""
-        if self._backfill is None or not self._outbox.serving or self._backfill.lane.empty():
+        """The next rows and results of the past, if there are any and they may be sent."""
+        past = self._backfill
+        if past is None or past.piece is None or not self._outbox.serving:
             return None
-        entry, arrived = self._backfill.lane.get_nowait()
-        if isinstance(entry, Row):
-            return Parcel(self._format.row(entry, True, now), arrived)
-        return Parcel(self._format.archived(entry, now), arrived)
+        (results, rows, arrived), past.piece = past.piece, None
+        messages = [message for result in results for message in self._format.archived(result, now)]
+        messages += [message for row in rows for message in self._format.row(row, True, now)]
+        return Parcel(messages, arrived)
 
     def _delivered(self, time_: int) -> None:
         self._account.count("rows sent")
@@ -241,14 +212,14 @@ class Session:
 
     def _ask_birth(self) -> None:
         """Have a birth sent, at once or, where somebody asks again and again, one for all who asked meanwhile."""
-        if self._birth_due or self._asked is not None:
+        if self._birth_due or self._birth_asked is not None:
             self._account.count("rebirths merged")
             return
         loop = asyncio.get_running_loop()
-        self._asked = loop.call_at(max(loop.time(), self._asked_at + BIRTH_EVERY), self._due)
+        self._birth_asked = loop.call_at(max(loop.time(), self._asked_at + BIRTH_EVERY), self._due)
 
     def _due(self) -> None:
-        self._asked, self._asked_at = None, asyncio.get_running_loop().time()
+        self._birth_asked, self._asked_at = None, asyncio.get_running_loop().time()
         self._birth_due = True
         self._outbox.wake.set()
 
@@ -269,5 +240,5 @@ class Session:
             self._outbox.wake.set()
 
 
-def _went(task: asyncio.Task[None]) -> bool:
-    return task.done() and not task.cancelled() and task.exception() is None
+def _came(answer: Answer) -> bool:
+    return answer.done() and not answer.cancelled()

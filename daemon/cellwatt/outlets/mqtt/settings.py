@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
+from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
@@ -17,7 +18,6 @@ from cellwatt.quantity import Hertz, Seconds
 
 LOCAL: Final = "mqtt://127.0.0.1:1883"
 _BROKER = re.compile(r"(mqtts?)://(\[[0-9A-Fa-f:.%]+\]|[^\[\]:/@]+)(?::(\d{1,5}))?/?")
-_PORTS: Final = {"mqtt": 1883, "mqtts": 8883}
 _LAST_PORT: Final = 65535
 _LONGEST_KEEP_ALIVE: Final = 65535.0
 _RESERVED = re.compile(r"[+/#\x00-\x1f\x7f]")
@@ -114,10 +114,10 @@ class MqttSettings(OutletSettings, Selection):
             raise ValueError("a password needs a user")
         if not self.encrypted and (self.ca or self.certificate):
             raise ValueError("ca, certificate and key need a broker that begins with mqtts://")
-        if any(_parts(broker)[0] != _parts(self.broker)[0] for broker in self.fallbacks):
+        if any(_encrypted(broker) != self.encrypted for broker in self.fallbacks):
             raise ValueError("broker and fallbacks: all mqtts://, or all mqtt://")
         if not self.open and self.opening:
-            where = "broker" if self._reaches_out(self.broker) else "fallbacks"
+            where = "broker" if _reaches_out(self.broker) else "fallbacks"
             raise refusal(self, ((where,), getattr(self, where), f"{self.opening}; {_ADVICE}"))
         return self
 
@@ -129,30 +129,24 @@ class MqttSettings(OutletSettings, Selection):
     @property
     def host(self) -> str:
         """Host name or address of the broker."""
-        return _parts(self.broker)[1].strip("[]")
+        return urlsplit(self.broker).hostname or ""
 
     @property
     def port(self) -> int:
         """Port of the broker."""
-        scheme, _, port = _parts(self.broker)
-        return int(port or _PORTS[scheme])
+        return urlsplit(self.broker).port or (8883 if self.encrypted else 1883)
 
     @property
     def encrypted(self) -> bool:
         """True if the connection is TLS."""
-        return _parts(self.broker)[0] == "mqtts"
+        return _encrypted(self.broker)
 
     @property
     def opening(self) -> str:
         """How strangers get in, in words; empty if they do not."""
-        if not any(map(self._reaches_out, (self.broker, *self.fallbacks))):
+        if not any(map(_reaches_out, (self.broker, *self.fallbacks))):
             return ""
         return "no TLS: whoever is on the way reads the data and the password, and can speak in the cell's name"
-
-    @staticmethod
-    def _reaches_out(broker: str) -> bool:
-        scheme, host, _ = _parts(broker)
-        return scheme != "mqtts" and not stays_here(host.strip("[]"))
 
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and files that cannot be read."""
@@ -163,7 +157,9 @@ class MqttSettings(OutletSettings, Selection):
 _ADVICE: Final = "use mqtts://, or a broker on this PC, or set open: true"
 
 
-def _parts(broker: str) -> tuple[str, str, str | None]:
-    found = _BROKER.fullmatch(broker)
-    assert found is not None
-    return found[1], found[2], found[3]
+def _encrypted(broker: str) -> bool:
+    return broker.startswith("mqtts:")
+
+
+def _reaches_out(broker: str) -> bool:
+    return not _encrypted(broker) and not stays_here(urlsplit(broker).hostname or "")

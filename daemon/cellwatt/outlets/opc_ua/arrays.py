@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final
 
 from asyncua import ua
 from asyncua.common.utils import Buffer, NotEnoughData, ServiceError
 from asyncua.ua import ua_binary
 
-from cellwatt.outlets.opc_ua.bounds import OPERATIONS
+ENTRIES: Final = 1000
+"""Entries of a request, and of any array in it."""
+READERS: Final = ("_create_list_deserializer", "_create_uatype_array_deserializer")
+"""What makes the library's readers of arrays of structures, and of plain values."""
 
-MOST = max(OPERATIONS.values())
-
-_unpack = ua_binary.unpack_uatype_array
+Reader = Callable[[Any], Any]
 
 
-def _bounded(kind: Any, data: Any) -> Any:
-    if isinstance(data, Buffer):  # as all that comes through a socket
-        length = ua_binary.Primitives.Int32.unpack(data.copy())
-        if length > len(data):
-            raise NotEnoughData(f"an array of {length} items in {len(data)} bytes")
-        if length > MOST:
-            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
-    return _unpack(kind, data)
+def _bounded(make: Callable[[Any], Reader]) -> Callable[[Any], Reader]:
+    @cache
+    def bounded(kind: Any) -> Reader:
+        read = make(kind)
+
+        def checked(data: Any) -> Any:
+            if isinstance(data, Buffer):  # as all that comes through a socket
+                length = ua_binary.Primitives.Int32.unpack(data.copy())
+                if length > len(data):
+                    raise NotEnoughData(f"an array of {length} items in {len(data)} bytes")
+                if length > ENTRIES:
+                    raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+            return read(data)
+
+        return checked
+
+    return bounded
 
 
 def bound_arrays() -> None:
     """Have the library refuse them, in the whole process: reading 50,000 nodes' names takes it seconds."""
-    ua_binary.unpack_uatype_array = _bounded
+    for name in READERS:
+        setattr(ua_binary, name, _bounded(getattr(ua_binary, name)))

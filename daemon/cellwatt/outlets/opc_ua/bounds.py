@@ -19,11 +19,11 @@ from asyncua.server.user_managers import UserManager
 
 from cellwatt.door.port import Limits, Port
 from cellwatt.door.tries import Guard
+from cellwatt.outlets.opc_ua.arrays import ENTRIES
 from cellwatt.outlets.opc_ua.conditions import USER
 
 CONNECTIONS: Final = Limits(connections=64, peer=32, head=15.0, idle=15.0)
 """A connection whose session is not active after ``head`` s is closed."""
-SESSIONS: Final = 64
 SUBSCRIPTIONS: Final = 128
 SUBSCRIPTIONS_OF_SESSION: Final = 8
 ITEMS: Final = 2000
@@ -41,21 +41,13 @@ ANSWER: Final = 1 << 22
 REFERENCES: Final = 10_000
 """… or references between nodes in it."""
 CHUNK: Final = 65535
-OPERATIONS: Final = {
-    "MaxNodesPerRead": 1000,
-    "MaxNodesPerBrowse": 200,
-    "MaxNodesPerTranslateBrowsePathsToNodeIds": 200,
-    "MaxMonitoredItemsPerCall": 500,
-    "MaxNodesPerMethodCall": 20,
-    "MaxNodesPerWrite": 100,
-    "MaxNodesPerRegisterNodes": 1000,
-    "MaxNodesPerNodeManagement": 100,
-    "MaxNodesPerHistoryReadData": 10,
-    "MaxNodesPerHistoryReadEvents": 10,
-}
-"""Most entries of a request, as the standard calls them."""
+_OPERATIONS: Final = (
+    "MaxNodesPerRead", "MaxNodesPerBrowse", "MaxNodesPerTranslateBrowsePathsToNodeIds", "MaxMonitoredItemsPerCall",
+    "MaxNodesPerMethodCall", "MaxNodesPerWrite", "MaxNodesPerRegisterNodes", "MaxNodesPerNodeManagement",
+)  # fmt: skip
+"""Limits of entries, as the standard calls them."""
 _CAPABILITIES: Final = {
-    "MaxSessions": SESSIONS,
+    "MaxSessions": CONNECTIONS.connections,
     "MaxSubscriptions": SUBSCRIPTIONS,
     "MaxSubscriptionsPerSession": SUBSCRIPTIONS_OF_SESSION,
     "MaxMonitoredItemsPerSubscription": ITEMS,
@@ -94,7 +86,7 @@ class BoundedServer(Server):  # type: ignore[misc]
 
     async def _announce(self) -> None:
         """Tell clients what they may ask, in the nodes that the standard has for it."""
-        limits = {f"OperationLimits_{name}": most for name, most in OPERATIONS.items()} | _CAPABILITIES
+        limits = {f"OperationLimits_{name}": ENTRIES for name in _OPERATIONS} | _CAPABILITIES
         for name, most in limits.items():
             number = ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}"))
             if number in self.iserver.aspace:  # those of later editions may not be there
@@ -163,7 +155,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
 
     async def read(self, params: Any) -> Any:
         """See ``InternalSession.read``."""
-        self._check(params.NodesToRead, "MaxNodesPerRead")
         results = await super().read(params)
         if self.external and sum(_size(result) for result in results) > ANSWER:
             raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
@@ -171,7 +162,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
 
     async def browse(self, params: Any) -> Any:
         """See ``InternalSession.browse``."""
-        self._check(params.NodesToBrowse, "MaxNodesPerBrowse")
         results: list[Any] = []
         left = REFERENCES
         for node in params.NodesToBrowse:
@@ -180,11 +170,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
             if self.external and left < 0:
                 raise ServiceError(ua.StatusCodes.BadResponseTooLarge)
         return results
-
-    async def translate_browsepaths_to_nodeids(self, params: Any) -> Any:
-        """See ``InternalSession.translate_browsepaths_to_nodeids``."""
-        self._check(params, "MaxNodesPerTranslateBrowsePathsToNodeIds")
-        return await super().translate_browsepaths_to_nodeids(params)
 
     async def create_subscription(self, params: Any, callback: Any, request_callback: Any = None) -> Any:
         """See ``InternalSession.create_subscription``."""
@@ -197,7 +182,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
 
     async def create_monitored_items(self, params: Any) -> Any:
         """See ``InternalSession.create_monitored_items``."""
-        self._check(params.ItemsToCreate, "MaxMonitoredItemsPerCall")
         self._own(params.SubscriptionId)
         there = self.subscription_service.subscriptions.get(params.SubscriptionId)
         known = 0 if there is None else len(there.monitored_item_srv._monitored_items)
@@ -205,14 +189,8 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
             raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
         return await super().create_monitored_items(params)
 
-    async def add_nodes(self, params: Any) -> Any:
-        """Refuse, from outside."""
-        self._check(params, "MaxNodesPerNodeManagement")
-        return await super().add_nodes(params)
-
     async def call(self, params: Any) -> Any:
         """See ``InternalSession.call``."""
-        self._check(params, "MaxNodesPerMethodCall")
         token = USER.set(self.user.name if self.user is not None else None)
         try:
             return await super().call(params)
@@ -223,7 +201,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
         """Refuse, from outside."""
         if not self.external:
             return await super().write(params)
-        self._check(params.NodesToWrite, "MaxNodesPerWrite")
         return [ua.StatusCode(ua.StatusCodes.BadNotWritable) for _ in params.NodesToWrite]
 
     def _own(self, *subscriptions: int) -> None:
@@ -232,29 +209,23 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
         if self.external and any(n in there and there[n].session_id != self.session_id for n in subscriptions):
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
 
-    def _check(self, entries: Sequence[Any] | None, limit: str) -> None:
-        if self.external and len(entries or ()) > OPERATIONS[limit]:
-            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
-
 
 async def _unsupported(_: BoundedSession, __: Any) -> Any:
     """Refuse: answers are never cut, so there is nothing to go on with, and the past is in the recordings."""
     raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
 
-def _of_own(name: str, subscriptions: Callable[[Any], Sequence[int]], entries: str | None = None) -> None:
-    """Let a session call a service for its own subscriptions alone; ``entries`` are those that are limited."""
+def _of_own(name: str, subscriptions: Callable[[Any], Sequence[int]]) -> None:
+    """Let a session call a service for its own subscriptions alone."""
 
     async def bounded(self: BoundedSession, params: Any) -> Any:
-        if entries is not None:
-            self._check(getattr(params, entries), "MaxMonitoredItemsPerCall")
         self._own(*subscriptions(params))
         return await getattr(super(BoundedSession, self), name)(params)
 
     setattr(BoundedSession, name, bounded)
 
 
-_of_own("modify_monitored_items", lambda params: (params.SubscriptionId,), "ItemsToModify")
+_of_own("modify_monitored_items", lambda params: (params.SubscriptionId,))
 _of_own("delete_monitored_items", lambda params: (params.SubscriptionId,))
 _of_own("set_monitoring_mode", lambda params: (params.SubscriptionId,))
 _of_own("set_publishing_mode", lambda params: params.SubscriptionIds)
@@ -277,12 +248,9 @@ class BoundedInternal(InternalServer):  # type: ignore[misc]
         super().__init__(**more)
 
     def create_session(self, name: Any, user: Any = None, external: bool = False) -> BoundedSession:
-        """See ``InternalServer.create_session``. Raises ``ServiceError`` beyond the limit."""
+        """See ``InternalServer.create_session``."""
         if external:
-            same = [session for session in self._external_sessions.values() if session.name == name]
-            if len(self._external_sessions) - len(same) >= SESSIONS:
-                raise ServiceError(ua.StatusCodes.BadTooManySessions)
-            for session in same:  # its connection makes another one
+            for session in [each for each in self._external_sessions.values() if each.name == name]:
                 self._external_sessions.pop(session.auth_token)
                 task = asyncio.create_task(session.close_session(True))
                 self._closing.add(task)

@@ -112,63 +112,47 @@ class Arms:
     async def build(self, units: Mapping[str, str]) -> dict[str, Node]:
         """Build it for channels with these units; return the variables by channel."""
         found: dict[str, Node] = {}
-        arms = joints(list(units))
-        if not arms:
+        if not (arms := joints(list(units))):
             return found
-        system = await self._object(self._devices, "System", self._spaces.own, self._cell, "MotionDeviceSystemType")
+        system = await self._object(self._devices, "System", self._cell, "MotionDeviceSystemType")
         folders = {name: await self._folder(system, name) for name in ("MotionDevices", "Controllers", "SafetyStates")}
         for source, by_joint in arms.items():
-            device = await self._object(folders["MotionDevices"], source, self._spaces.own, source, "MotionDeviceType")
+            device = await self._object(folders["MotionDevices"], source, source, "MotionDeviceType")
             await self._identity(device, source)
             await self._property(device, self._spaces.robotics, "MotionDeviceCategory", 0)
             await self._parameters(device)
             axes, trains = await self._folder(device, "Axes"), await self._folder(device, "PowerTrains")
             for joint, channels in sorted(by_joint.items()):
-                await self._joint(axes, trains, source, joint, channels, units, found)
+                axis = await self._object(axes, f"{source}.Axis_{joint}", f"Axis_{joint}", "AxisType")
+                await self._property(axis, self._spaces.robotics, "MotionProfile", 1)  # ROTARY
+                name = f"PowerTrain_{joint}"
+                train = await self._object(trains, f"{source}.{name}", name, "PowerTrainType")
+                motor = await self._object(train, f"{source}.Motor_{joint}", f"Motor_{joint}", "MotorType")
+                await self._identity(motor, source)
+                for parent, names in ((axis, _OF_AXIS), (motor, _OF_MOTOR)):
+                    parameters = await self._parameters(parent)
+                    for quantity in (each for each in names if each in channels):
+                        channel = channels[quantity]
+                        found[channel] = await self._variable(parameters, channel, names[quantity], units[channel])
         return found
 
-    async def _joint(
-        self,
-        axes: Node,
-        trains: Node,
-        source: str,
-        joint: int,
-        channels: Mapping[str, str],
-        units: Mapping[str, str],
-        found: dict[str, Node],
-    ) -> None:
-        s = self._spaces
-        axis = await self._object(axes, f"{source}.Axis_{joint}", s.own, f"Axis_{joint}", "AxisType")
-        await self._property(axis, s.robotics, "MotionProfile", 1)  # ROTARY
-        train = await self._object(
-            trains, f"{source}.PowerTrain_{joint}", s.own, f"PowerTrain_{joint}", "PowerTrainType"
-        )
-        motor = await self._object(train, f"{source}.Motor_{joint}", s.own, f"Motor_{joint}", "MotorType")
-        await self._identity(motor, source)
-        parameters = {True: await self._parameters(axis), False: await self._parameters(motor)}
-        for quantity, name in {**_OF_AXIS, **_OF_MOTOR}.items():
-            if quantity in channels:
-                channel = channels[quantity]
-                number = s.robotics if name in _STANDARD else s.own
-                parent = parameters[quantity in _OF_AXIS]
-                found[channel] = await self.variable(parent, f"robotics:{channel}", number, name, units[channel])
-
-    async def variable(self, parent: Node, identifier: str, namespace: int, name: str, unit: str) -> Node:
+    async def _variable(self, parent: Node, channel: str, name: str, unit: str) -> Node:
         """Add a number with its unit below a node; it has no value yet."""
         attributes = ua.VariableAttributes()
         attributes.DataType = ua.NodeId(ua.ObjectIds.Double)
         attributes.ValueRank = ua.ValueRank.Scalar
         attributes.AccessLevel = attributes.UserAccessLevel = ua.AccessLevel.CurrentRead.mask
         attributes.Value = ua.Variant(0.0, ua.VariantType.Double)
-        node_id, browsed = ua.NodeId(identifier, self._spaces.own), ua.QualifiedName(name, namespace)
+        browsed = ua.QualifiedName(name, self._spaces.robotics if name in _STANDARD else self._spaces.own)
+        node_id = ua.NodeId(f"robotics:{channel}", self._spaces.own)
         node = await add_node(self._server, parent, node_id, browsed, ua.NodeId(_ANALOG_UNIT), attributes)
         await node.add_property(0, "EngineeringUnits", unit_of(unit))
         return node
 
-    async def _object(self, parent: Node, identifier: str, namespace: int, name: str, type_name: str) -> Node:
+    async def _object(self, parent: Node, identifier: str, name: str, type_name: str) -> Node:
         kind = ua.NodeId(_ROBOTICS_TYPES[type_name], self._spaces.robotics)
         node_id = ua.NodeId(f"robotics:{identifier}", self._spaces.own)
-        return await parent.add_object(node_id, ua.QualifiedName(name, namespace), kind, False)
+        return await parent.add_object(node_id, ua.QualifiedName(name, self._spaces.own), kind, False)
 
     async def _folder(self, parent: Node, name: str) -> Node:
         return await self._child(parent, name, self._spaces.robotics, ua.ObjectIds.FolderType)

@@ -217,8 +217,7 @@ def _free(host: str, port: int) -> int:
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     """Serve what the daemon tells, until it goes. Raises ``OutletError`` if that cannot be."""
-    settings = OpcUaOutletSettings.model_validate(hello["settings"])
-    server = CellServer(settings, hello["site"], hello["cell"], daemon.order)
+    server = CellServer(hello["settings"], hello["site"], hello["cell"], daemon.order)
     try:
         url = await server.open()
     except (OSError, ValueError) as error:

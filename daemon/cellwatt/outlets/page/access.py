@@ -17,7 +17,7 @@ from typing import Final
 from urllib.parse import urlsplit
 
 from aiohttp import web
-from aiohttp.typedefs import Handler, Middleware
+from aiohttp.typedefs import Handler
 
 from cellwatt.door.tries import Guard
 from cellwatt.errors import CellwattError, OutletError
@@ -100,25 +100,20 @@ class Gate:
 
     # every request --------------------------------------------------------------------------------
 
-    @property
-    def middleware(self) -> Middleware:
-        """Checks each request, and turns each error into JSON."""
-
-        @web.middleware
-        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            try:
-                return self._check(request) or await handler(request)
-            except web.HTTPException as error:
-                return refusal(error.status, error.text or error.reason, **_kept(error))
-            except OutletError as error:
-                return refusal(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
-            except CellwattError as error:
-                return refusal(HTTPStatus.CONFLICT, str(error))
-            except Exception:
-                log.exception("%s %s cannot be answered", request.method, request.path)
-                return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "this is a mistake in cellwatt; see the log")
-
-        return guard
+    @web.middleware
+    async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Check a request, and turn each error into JSON."""
+        try:
+            return self._check(request) or await handler(request)
+        except web.HTTPException as error:
+            return refusal(error.status, error.text or error.reason, **_kept(error))
+        except OutletError as error:
+            return refusal(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
+        except CellwattError as error:
+            return refusal(HTTPStatus.CONFLICT, str(error))
+        except Exception:
+            log.exception("%s %s cannot be answered", request.method, request.path)
+            return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "this is a mistake in cellwatt; see the log")
 
     async def prepare(self, request: web.Request, response: web.StreamResponse) -> None:
         """Put the headers on an answer, before it goes out."""

@@ -30,11 +30,10 @@ NICENESS: Final = 10
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     """Serve what the daemon tells, until it goes. Raises ``OutletError`` if that cannot be."""
-    settings, site, cell = PageSettings.model_validate(hello["settings"]), hello["site"], hello["cell"]
+    settings, site, cell, folder = (hello[name] for name in ("settings", "site", "cell", "record_folder"))
     browsers, desk = Browsers(settings.browsers), Desk()
     feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
     feed.live.session = hello["session"]
-    folder = None if hello["record"] is None else Path(hello["record"])
     archive = Archive(folder, cell, settings.reports, desk, settings.levels)
     shown = Shown(feed.take_frames, feed.take_item, feed.take_health)
     try:

@@ -5,11 +5,14 @@ zenoh is imported on first use. Nothing listens and nothing is discovered unless
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import itertools
 import json
+import logging
 import re
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -25,6 +28,8 @@ from cellwatt.outlet import OutletSettings, both_or_neither
 
 if TYPE_CHECKING:
     import zenoh
+
+log = logging.getLogger(__name__)
 
 LARGEST_MESSAGE: Final = 64 * 1024 * 1024
 """Bytes of a message that is taken at all; 2000 samples of 1000 channels have 36 MB. Zenoh's own limit is 1 GiB."""
@@ -47,10 +52,12 @@ _QUEUES: Final = (
     # One receiver's queue of samples, in batches of 64 kB made when needed: a receiver that is not scheduled for
     # some milliseconds must not lose any.
     (f"{_QUEUE}/size/data", 16),
-    # While that is full the first put waits this long, µs; then this receiver's samples are dropped until it takes
-    # some again. So a receiver that hangs holds up the others once, for this long.
-    (f"{_QUEUE}/congestion_control/drop/wait_before_drop", 100_000),
-    # A receiver that takes no results for this long, µs, is cut off and has to ask for what it missed.
+    # While that is full a put waits this long, µs; then this receiver's samples are dropped until it takes some again.
+    # So a receiver that hangs holds up the others once, for this long, and one that is slow not much more.
+    (f"{_QUEUE}/congestion_control/drop/wait_before_drop", 5_000),
+    # One receiver's queue of results: some thousands. A receiver that takes none for this long, µs, while it is full is
+    # cut off and has to ask for what it missed.
+    (f"{_QUEUE}/size/interactive_high", 16),
     (f"{_QUEUE}/congestion_control/block/wait_before_close", 1_000_000),
 )
 
@@ -200,6 +207,30 @@ def open_session(
             raise OutletError("; ".join(filter(None, reasons.values())))
         time.sleep(_PAUSE)
     raise AssertionError("a cycle has no end")
+
+
+async def open_beside(settings: LinkSettings, largest: int = LARGEST_MESSAGE) -> zenoh.Session:
+    """``open_session`` in a thread; where this is cancelled, that ends first."""
+    stopped = threading.Event()
+    opening = asyncio.ensure_future(asyncio.to_thread(open_session, settings, stopped.is_set, largest=largest))
+    try:
+        return await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        stopped.set()
+        await asyncio.wait([opening])
+        if opening.exception() is None:
+            await asyncio.to_thread(close_session, opening.result())
+        raise
+
+
+def close_session(session: zenoh.Session) -> None:
+    """Close a session; blocks while what was put is on its way."""
+    import zenoh
+
+    try:
+        session.close()  # type: ignore[no-untyped-call]
+    except zenoh.ZError as error:
+        log.warning("zenoh: the session did not close in order: %s", error)
 
 
 def _options(settings: LinkSettings, timeout: float, largest: int) -> Iterator[tuple[str, Any]]:

@@ -49,18 +49,13 @@ class Mark:
 
     @classmethod
     def decode(cls, data: bytes, payload: bytes) -> Mark:
-        """Decode the attachment of a message. Raises ``ProtocolError`` if it is no mark, or does not match the payload.
-
-        Older cells send no checksum with version 1; their marks are accepted.
-        """
+        """Decode a message's attachment. Raises ``ProtocolError`` if it is no mark, or not that of the payload."""
         bare = data[:1] == bytes([_WITH_SCHEMA])
         size = _MARK.size + _CHECK.size * bare
-        if len(data) < size + _CHECK.size * bare or data[0] not in (_VERSION, _WITH_SCHEMA):
+        if len(data) < size + _CHECK.size or data[0] not in (_VERSION, _WITH_SCHEMA):
             raise ProtocolError(f"a message's attachment is not a cellwatt mark of version 1 or 2: {data[:8].hex()}")
-        if len(data) >= size + _CHECK.size:
-            (said,) = _CHECK.unpack_from(data, size)
-            if zlib.crc32(payload, zlib.crc32(data[:size])) != said:
-                raise ProtocolError("a message was damaged on its way: its checksum is not that of its content")
+        if zlib.crc32(payload, zlib.crc32(data[:size])) != _CHECK.unpack_from(data, size)[0]:
+            raise ProtocolError("a message was damaged on its way: its checksum is not that of its content")
         _, flags, _, count, session, sequence, arrival = _MARK.unpack_from(data)
         schema = _CHECK.unpack_from(data, _MARK.size)[0] if bare else 0
         return cls(session, sequence, count, arrival, bool(flags & _BACKFILL), schema)

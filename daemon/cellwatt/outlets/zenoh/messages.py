@@ -7,7 +7,7 @@ read attachments. A number that is not finite becomes ``null``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
 from typing import Any, Final
@@ -33,8 +33,11 @@ TYPES: Final[Mapping[str, type[Result | Event]]] = {
 
 LONGEST_REASON: Final = 500
 """Characters of what is wrong with a message; it may repeat what was in it."""
-_NUMBERS: Final = ("speed", "total", "uncertainty", "positive_mechanical", "motion_efficiency_percent")
-_NUMBER_LISTS: Final = ("displacement", "pose", "peak_speed")
+_FLOATS: Final = {
+    kind: {f.name for f in fields(content) if "float" in str(f.type) and "None" not in str(f.type)}
+    for kind, content in TYPES.items()
+}
+"""Fields with numbers that are never ``None``, by kind of topic."""
 
 
 def topic_of(item: Result | Event) -> str:
@@ -70,7 +73,9 @@ def parse_json(payload: bytes) -> Any:
 def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
     """Build a result or event from parsed JSON. Raises ``ProtocolError``."""
     try:
-        found: Result | Event = adapter(kind).validate_python(_with_nan(body))
+        found: Result | Event = adapter(kind).validate_python(
+            body | {name: _with_nan(body[name]) for name in _FLOATS[kind] & body.keys()}
+        )
         return found
     except (ValidationError, KeyError, TypeError, AttributeError) as error:
         reason = " ".join(str(error).split())[:LONGEST_REASON]
@@ -99,16 +104,13 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else str(value)
 
 
-def _with_nan(body: dict[str, Any]) -> dict[str, Any]:
-    changed: dict[str, Any] = {name: math.nan for name in _NUMBERS if body.get(name, 0.0) is None}
-    changed |= {name: _numbers(body[name]) for name in _NUMBER_LISTS if name in body}
-    if "outputs" in body:
-        changed["outputs"] = {name: _numbers(values) for name, values in body["outputs"].items()}
-    for name in ("groups", "group_uncertainty"):
-        if name in body:
-            changed[name] = dict(zip(body[name], _numbers(body[name].values()), strict=True))
-    return body | changed
-
-
-def _numbers(values: Iterable[float | None]) -> tuple[float, ...]:
-    return tuple(math.nan if value is None else value for value in values)
+def _with_nan(value: Any) -> Any:
+    """Numbers, alone or in lists and objects, with NaN where JSON has ``null``."""
+    match value:
+        case None:
+            return math.nan
+        case list():
+            return [_with_nan(v) for v in value]
+        case dict():
+            return {name: _with_nan(v) for name, v in value.items()}
+    return value

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
+import threading
 import time
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -24,11 +23,18 @@ from cellwatt.outlet import CellView, Item, Outlet, refusal
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
-from cellwatt.outlets.zenoh.link import ADDRESS, LinkSettings, session_config
+from cellwatt.outlets.zenoh.link import (
+    ADDRESS,
+    LARGEST_MESSAGE,
+    LinkSettings,
+    close_session,
+    open_beside,
+    session_config,
+)
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health, topic_of
-from cellwatt.outlets.zenoh.outbox import Lane, Outbox, Outgoing
 from cellwatt.outlets.zenoh.publisher import Publisher
+from cellwatt.outlets.zenoh.questions import LARGEST
 from cellwatt.outlets.zenoh.signing import MessageSigner
 from cellwatt.quantity import Bytes, BytesPerSecond
 
@@ -55,9 +61,6 @@ def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], st
         yield ("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}"
 
 
-log = logging.getLogger(__name__)
-
-
 class PublishSettings(BaseModel):
     """Streams to publish live; results, alarms, events and health are always published."""
 
@@ -75,7 +78,7 @@ class ZenohSettings(LinkSettings):
     publish: PublishSettings = PublishSettings()
     """Items that are put on the bus live."""
     queue: PositiveInt = 4096
-    """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
+    """Of no use any more: nothing waits for the bus. Files that have it still load."""
     frame_memory: Bytes = 4e6
     """Memory for frames that a consumer may ask for after a cut, where they are not recorded (``record: {frames:
     false}``); else it gets them from the record, as raw samples always."""
@@ -101,11 +104,7 @@ class ZenohSettings(LinkSettings):
 
 
 class ZenohOutlet(Outlet[ZenohSettings]):
-    """Publishes raw samples, frames, results, alarms, events and health, and answers questions.
-
-    A thread opens the session and sends results and answers, so that a receiver or router that hangs does not hold
-    up the event loop. Samples leave from the loop itself, which is faster, as long as all receivers keep up.
-    """
+    """Publishes raw samples, frames, results, alarms, events and health, and answers questions."""
 
     Settings: ClassVar[type[ZenohSettings]] = ZenohSettings
     title = "Zenoh: raw samples, frames, results and alarms, live and for those who missed some"
@@ -113,101 +112,84 @@ class ZenohOutlet(Outlet[ZenohSettings]):
     def __init__(self, name: str, settings: ZenohSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
         self._keys = CellKeys(view.site, view.cell)
-        self._outbox = Outbox(settings.queue, self.account)
         numbering = time.time_ns() if view.journal is None else view.session
         recorded = view.record_folder is not None and view.config()["record"]["frames"]
         memory = min(settings.frame_memory, _RECENT) if recorded else settings.frame_memory
         self._backlog = Backlog(numbering, memory, view.journal, view.session)
         self._seal = MessageSigner(self._keys.root, settings.sign)
         self._answers = Answers(
-            view, self._keys, self._backlog, self._outbox.count, self._health, self._seal, settings.backfill
+            view, self._keys, self._backlog, self._count, self._health, self._seal, settings.backfill
         )
+        self._counting = threading.Lock()
+        self._ends: dict[str, tuple[int, int]] = {}
+        """Session and next number, by topic: all before it was sent or lost."""
         self._beats = Mark(time.time_ns(), -1, 1, 0)
         """Of the last health message; their numbering is this outlet's own."""
         self._status: Mapping[str, Any] = {}
         self._publisher: Publisher | None = None
-        self._sending = False
 
     def offer(self, item: Item) -> None:
-        """Number one item and hand it to the publishing thread."""
+        """Number and publish one item."""
         if isinstance(item, Batch):
             if self.settings.publish.raw and len(item):
                 topic = raw_topic(item.source, item.stream.name)
-                mark = Mark(self.view.session, item.sequence, len(item), item.arrival)
-                self._put_samples(Lane.RAW, Outgoing(topic, (topic,), item, mark))
+                self._send(topic, (topic,), item, Mark(self.view.session, item.sequence, len(item), item.arrival))
         elif isinstance(item, Frames):
             if self.settings.publish.frames and len(item):
-                mark = self._backlog.add_frames(item)
-                self._put_samples(Lane.FRAMES, Outgoing(FRAME, (FRAME,), item, mark))
+                self._send(FRAME, (FRAME,), item, self._backlog.add_frames(item))
         else:
             mark, paths = self._backlog.add(item)
-            self._outbox.put(Lane.RESULTS, Outgoing(topic_of(item), paths, item, mark))
+            self._send(topic_of(item), paths, item, mark)
+
+    def _send(self, topic: str, paths: Sequence[str], item: Item, mark: Mark) -> None:
+        if self._publisher is None:
+            self._count("not published: no session", mark.count)
+        else:
+            self._publisher.send(topic, paths, item, mark)
+        self._ends[topic] = mark.session, mark.end
 
     def succeed(self, before: Outlet[Any]) -> None:
         """Keep the frames that the outlet before this one kept."""
         if isinstance(before, ZenohOutlet):
             self._backlog.succeed(before._backlog)
 
-    def _put_samples(self, lane: Lane, outgoing: Outgoing) -> None:
-        """Send all waiting samples from the event loop if no receiver blocks."""
-        publisher = self._publisher
-        direct = publisher is not None and publisher.direct
-        self._outbox.put(lane, outgoing, wake=not direct)
-        if direct and not self._sending:
-            self._sending = True
-            asyncio.get_running_loop().call_soon(self._send)
-
-    def _send(self) -> None:
-        self._sending = False
-        if self._publisher is not None:
-            self._publisher.send()
-        else:
-            self._outbox.wake()
-
     def health(self, status: Mapping[str, Any]) -> None:
         """Publish the cell's health with the positions reached."""
         self._status = status
-        if self._publisher is not None:
-            self._publisher.beat()
+        if self._publisher is not None and (self.settings.connect or self._publisher.health_awaited):
+            beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
+            self._publisher.send_health(beats, self._said(beats))
+            self._beats = beats
 
     @property
     def awaited(self) -> bool:
         """True if somebody subscribes to samples or frames."""
-        publisher = self._publisher
-        return publisher is not None and publisher.awaited
+        return self._publisher is not None and self._publisher.awaited
 
     def trouble(self) -> str | None:
-        """The thread that is dead or stuck, in words; ``None`` if all is well."""
-        publisher = self._publisher
-        return None if publisher is None else publisher.trouble()
+        """The thread that is stuck, in words; ``None`` if all is well."""
+        return self._answers.trouble()
 
     async def run(self) -> None:
-        """Open, publish until cancelled, drain, close. Raises ``OutletError`` if no session can be opened."""
+        """Open, publish until cancelled, close. Raises ``OutletError`` if no session can be opened, or it fails."""
         await asyncio.to_thread(self._seal.open)
-        publisher = self._publisher = Publisher(
-            self.settings, self._keys, self._outbox, self._answers, self._beat, self._seal
-        )
-        # No daemon thread: the threads in which Zenoh calls back would inherit that, and one of them inside
-        # Zenoh while the interpreter ends aborts the process.
-        executor = ThreadPoolExecutor(1, "cellwatt zenoh")
-        done = asyncio.get_running_loop().run_in_executor(executor, publisher.run)
-        executor.shutdown(wait=False)
+        # Small, as a cell gets only questions unless it relays for others.
+        largest = LARGEST_MESSAGE if self.settings.mode == "router" else 4 * LARGEST
+        session = await open_beside(self.settings, largest)
         try:
-            await asyncio.shield(done)
-        except asyncio.CancelledError:
-            publisher.stop()
-            await asyncio.wait([done])
-            self._outbox.clear("shut down")
-            if error := done.exception():
-                log.info("zenoh: while it was stopped: %s", error)
-            raise
+            publisher = Publisher(session, self._keys, self.account, self._seal)
+            self._answers.start(session)
+            self._publisher = publisher
+            await publisher.watch(self.settings)
         finally:
             self._publisher = None
+            await asyncio.to_thread(self._answers.stop)
+            await asyncio.to_thread(close_session, session)
 
-    def _beat(self) -> tuple[Mark, bytes]:
-        """Encode the next health message."""
-        self._beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
-        return self._beats, self._said(self._beats)
+    def _count(self, what: str, n: int = 1) -> None:
+        """Count anything else in the account, from any thread."""
+        with self._counting:
+            self.account.count(what, n)
 
     def _health(self) -> tuple[Mark, bytes]:
         """Encode health as the answer to a question, numbered as the next message, which is still to come.
@@ -220,4 +202,4 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         return mark, self._said(mark)
 
     def _said(self, mark: Mark) -> bytes:
-        return health(mark, self.view.session, self._outbox.positions(), self._status or self.view.status())
+        return health(mark, self.view.session, dict(self._ends), self._status or self.view.status())

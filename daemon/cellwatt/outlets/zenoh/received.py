@@ -106,19 +106,15 @@ def _within(whole: Mark, body: Mapping[str, Any]) -> Mark:
 
 
 def read_health(sample: zenoh.Sample) -> tuple[Mark, Health]:
-    """Mark and content of a health message. Raises ``ProtocolError``.
-
-    Older cells send health without a mark; its number then is its time.
-    """
+    """Mark and content of a health message. Raises ``ProtocolError``."""
     payload = sample.payload.to_bytes()
-    mark = None if sample.attachment is None else _mark(sample, payload)
+    mark = _mark(sample, payload)
     with _reading("a health message"):
         body = parse_json(_small(payload))
         if len(body["positions"]) > _MOST_TOPICS:
             raise ProtocolError(f"a health message tells of {len(body['positions'])} topics")
         positions = {t: (_number(s), _number(end)) for t, (s, end) in body["positions"].items() if is_topic(t)}
-        health = Health(_number(body["session"]), _number(body["time"]), positions, dict(body["status"]))
-    return mark or Mark(health.session, health.time, 1, health.time), health
+        return mark, Health(_number(body["session"]), _number(body["time"]), positions, dict(body["status"]))
 
 
 def _number(value: object) -> int:

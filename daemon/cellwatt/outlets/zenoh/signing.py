@@ -47,26 +47,23 @@ class MessageSigner:
 
     def message(self, topic: str, attachment: bytes, payload: bytes) -> bytes:
         """The attachment of a message, followed by the signature."""
-        if self._path is None:
-            return attachment
-        return attachment + self._opened().sign(MESSAGE, self._root, topic, attachment, payload)
+        return attachment + self._signature(MESSAGE, topic, attachment, payload)
 
     def answer(self, topic: str, parameters: str, attachment: bytes, payload: bytes) -> bytes:
         """The signed attachment of an answer to a question about a topic, or to ``@/NAME``, with these parameters."""
-        if self._path is None:
-            return attachment
-        return attachment + self._opened().sign(ANSWER, self._root, topic, _asked(parameters), attachment, payload)
+        return attachment + self._signature(ANSWER, topic, _asked(parameters), attachment, payload)
 
     def refusal(self, parameters: str, error: str) -> dict[str, str]:
         """The signed body of a refusal of a question with these parameters."""
-        if self._path is None:
-            return {"error": error}
-        signature = self._opened().sign(REFUSAL, self._root, _asked(parameters), error)
-        return {"error": error, "signature": signature.hex()}
+        signature = self._signature(REFUSAL, _asked(parameters), error).hex()
+        return {"error": error, "signature": signature} if signature else {"error": error}
 
-    def _opened(self) -> Signer:
+    def _signature(self, kind: str, *parts: bytes | str) -> bytes:
+        """Of the cell and these parts; empty where it has no key."""
+        if self._path is None:
+            return b""
         assert self._signer is not None, "not open"
-        return self._signer
+        return self._signer.sign(kind, self._root, *parts)
 
 
 def _asked(parameters: str) -> str:

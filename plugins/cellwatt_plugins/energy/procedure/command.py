@@ -103,20 +103,22 @@ def cut(
 
     With --state it is the power of the robot at rest; with --payload the runs of a program, one a speed.
     """
+    from cellwatt.record import Recording
     from cellwatt_plugins.energy.drive import MOTOR
     from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
-    from cellwatt_plugins.energy.procedure.recorded import Recorded
+    from cellwatt_plugins.energy.procedure.recorded import motion_of, power_of
     from cellwatt_plugins.robot import Arm
 
     if (state is None) == (payload is None):
         raise click.UsageError("expected either --state or --payload, which says what the recording holds")
-    arm = Arm.load(robot, MOTOR)
-    recorded = Recorded(recording, arm, asked.pop("source"), asked.pop("supply"))
+    opened, source = Recording.open(recording), asked.pop("source")
+    reading = power_of(opened, asked.pop("supply"))
     if payload is not None:
-        runs = cut_programme(recorded, arm, recorded.span, payload, out=out, **asked)
+        arm = Arm.load(robot, MOTOR)
+        runs = cut_programme(arm, motion_of(opened, arm, source), reading, payload, out=out, **asked)
         click.echo(json.dumps([asdict(run) for run in runs]) if as_json else "\n".join(r.in_words() for r in runs))
         return
-    found = cut_state(recorded, recorded.span, out / f"{state}.parquet")
+    found = cut_state(reading, out / f"{state}.parquet")
     words = f"{state}: {found.power:.2f} ± {found.uncertainty:.3f} W, drift {found.drift:+.2f} W"
     click.echo(json.dumps(asdict(found)) if as_json else words)
     if not found.steady:

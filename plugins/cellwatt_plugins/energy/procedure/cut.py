@@ -15,11 +15,8 @@ from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
 from cellwatt_plugins.energy.fixed import Steady, steady_power
 from cellwatt_plugins.energy.procedure.loops import MISSING, Loop, find_loops
-from cellwatt_plugins.energy.procedure.recorded import Recorded, Rows, Span
 from cellwatt_plugins.energy.recordings import Motion, Reading
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 RATE: Final = 100.0
 """Hz that are kept of the arm at least: what is faster teaches nothing more."""
@@ -48,18 +45,16 @@ class CutRun:
         return "\n".join([done + told, *(f"  {sentence}" for sentence in self.refused)])
 
 
-def cut_state(recorded: Recorded, span: Span, path: Path) -> Steady:
+def cut_state(reading: Reading, path: Path) -> Steady:
     """Write the power of a robot at rest as a table, and say how well its mean is known. Raises ``RecordingError``."""
-    power = recorded.power(span)
-    time = _seconds(power.time, span.start)
-    write_table(path, {"t": time, "power": power.values[:, 0]})
-    return steady_power(Reading(str(path), time, power.values[:, 0]))
+    write_table(path, {"t": reading.time, "power": reading.power})
+    return steady_power(reading)
 
 
 def cut_programme(
-    recorded: Recorded,
     arm: Arm,
-    span: Span,
+    motion: Motion,
+    reading: Reading,
     payload: float,
     speeds: Sequence[float],
     repetitions: int,
@@ -70,35 +65,27 @@ def cut_programme(
 
     Each needs ``least`` whole repetitions in a row, or all. Raises ``RecordingError`` where none is recognised.
     """
-    rows, power = recorded.motion(span), recorded.power(span)
-    motion = _motion(rows, span.start, arm.joints)
     loops, notes = find_loops(arm, motion, speeds)
     if not loops:
         raise RecordingError(f"payload {payload:g} kg: {notes[0]}")
-    measured = _seconds(power.time, span.start)
-    loops = [_with_power(loop, measured) for loop in loops]
+    loops = [_with_power(loop, reading) for loop in loops]
     runs = []
     for speed in speeds:
         name, best = f"{speed:g}_{payload:g}kg", _longest(loops, speed, motion)
         bad = [loop for loop in loops if loop.problem and loop.speed in (speed, 0.0 if speed == speeds[0] else speed)]
         told = [f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}" for loop in bad]
         if enough := len(best) >= (least or repetitions):
-            _write_run(best, motion, measured, power.values[:, 0], out / "runs" / name)
+            _write_run(best, motion, reading, out / "runs" / name)
         runs.append(CutRun(name, len(best), repetitions, (*told, *(notes if speed == speeds[0] else ())), enough))
     return runs
 
 
-def _motion(rows: Rows, start: int, joints: int) -> Motion:
-    position, velocity, torque = rows.values.reshape(len(rows.time), 3, joints).transpose(1, 0, 2)
-    return Motion("the recording", _seconds(rows.time, start), position, velocity, torque)
-
-
-def _with_power(loop: Loop, measured: Float) -> Loop:
+def _with_power(loop: Loop, reading: Reading) -> Loop:
     """Refuses a repetition during which the analyzer was silent."""
-    inside = measured[(measured > loop.start - MARGIN) & (measured < loop.end + MARGIN)]
+    inside = reading.time[(reading.time > loop.start - MARGIN) & (reading.time < loop.end + MARGIN)]
     edges = np.concatenate([[loop.start - MARGIN], inside, [loop.end + MARGIN]])
-    silent, step = float(np.diff(edges).max()), float(np.median(np.diff(measured)))
-    if loop.problem or silent <= 5 * step:
+    silent = float(np.diff(edges).max())
+    if loop.problem or silent <= MISSING * reading.step:
         return loop
     return replace(loop, problem=f"the analyzer's values are missing for {silent:.1f} s")
 
@@ -120,8 +107,8 @@ def _holes(motion: Motion, first: int, last: int) -> NDArray[np.intp]:
     return first + np.flatnonzero(np.diff(motion.time[first : last + 1]) > MISSING * motion.step)
 
 
-def _write_run(loops: Sequence[Loop], motion: Motion, measured: Float, power: Float, path: Path) -> None:
-    """The file pair of a run; ``measured`` s are the times of the analyzer's ``power`` W."""
+def _write_run(loops: Sequence[Loop], motion: Motion, reading: Reading, path: Path) -> None:
+    """The file pair of a run."""
     first, last = _edges(loops, motion)
     part = slice(first, last, max(1, int(1 / (motion.step * RATE) + 1e-6)))
     columns = {
@@ -131,8 +118,8 @@ def _write_run(loops: Sequence[Loop], motion: Motion, measured: Float, power: Fl
     }
     begin = float(motion.time[first])
     write_table(path.with_name(f"{path.name}.robot.parquet"), {"t": motion.time[part] - begin, **columns})
-    inside = (measured >= begin - MARGIN) & (measured <= float(motion.time[last - 1]) + MARGIN)
-    analyzer = {"t": measured[inside] - begin, "power": power[inside]}
+    inside = (reading.time >= begin - MARGIN) & (reading.time <= float(motion.time[last - 1]) + MARGIN)
+    analyzer = {"t": reading.time[inside] - begin, "power": reading.power[inside]}
     write_table(path.with_name(f"{path.name}.analyzer.parquet"), analyzer)
 
 
@@ -143,7 +130,3 @@ def _edges(loops: Sequence[Loop], motion: Motion) -> tuple[int, int]:
     begin, end = np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept]).tolist()
     before, after = _holes(motion, begin, loops[0].first), _holes(motion, loops[-1].last, end - 1)
     return int(before[-1]) + 1 if before.size else begin, int(after[0]) + 1 if after.size else end
-
-
-def _seconds(time: NDArray[np.int64], start: int) -> Float:
-    return np.asarray((time - start) * 1e-9)

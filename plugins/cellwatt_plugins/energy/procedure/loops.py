@@ -69,7 +69,9 @@ class Loop:
 def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[Loop], list[str]]:
     """All repetitions in their order, each with its speed or its problem; and what else there is to say."""
     found = [rest for rest in rests(motion, CREEP) if _seconds(motion, rest) >= REST]
-    stays = _at_start(motion, found)
+    # Those at the pose where the arm rests most often and longest.
+    counts = [min(_seconds(motion, rest), COUNTS) for rest in found]
+    stays = at_one_pose(motion.position, found, HERE, counts)
     if len(stays) < 2:
         return [], ["the arm does not come back to rest where it began: no repetition"]
     loops = [_loop(arm, motion, before, after) for before, after in pairwise(stays)]
@@ -84,15 +86,6 @@ def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[
         at = float(motion.time[end - 1])
         notes = [f"what begins at t = {at:.1f} s does not come back to the start: incomplete, or the arm was parked"]
     return [_timed(loop, usual, motion) for loop in named], notes
-
-
-def _at_start(motion: Motion, stops: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The rests at the pose where the arm rests most often and longest."""
-    if not stops:
-        return []
-    poses = np.array([np.median(motion.position[a:b], axis=0) for a, b in stops])
-    counts = np.array([min(_seconds(motion, rest), COUNTS) for rest in stops])
-    return [rest for rest, here in zip(stops, at_one_pose(poses, HERE, counts), strict=True) if here]
 
 
 def _seconds(motion: Motion, rest: tuple[int, int]) -> float:

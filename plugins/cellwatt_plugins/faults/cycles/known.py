@@ -49,38 +49,28 @@ def learn_known(recording: Recording, arm: Arm) -> Known:
 def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
     """Return the content of the file."""
     p = known.arm.parameters
-    links = p.link.reshape(-1, 10)
-    joints = tuple(
-        StoredJoint(name, float(rotor), float(coulomb), float(viscous), float(copper), tuple(link.tolist()))
-        for name, rotor, coulomb, viscous, copper, link in zip(
-            arm.body.names, p.rotor, p.coulomb, p.viscous, p.copper, links, strict=True
-        )
-    )
+    each = (p.rotor, p.coulomb, p.viscous, p.copper)
+    rows = zip(arm.body.names, *(values.tolist() for values in each), p.link.reshape(-1, 10).tolist(), strict=True)
+    joints = tuple(StoredJoint(name, r, c, v, loss, tuple(link)) for name, r, c, v, loss, link in rows)
     return StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter), tuple(map(_rounded, known.patterns))
 
 
 def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known:
     """The inverse of ``stored``. Raises ``ModelError`` where the file is of another arm."""
-    names = [joint.name for joint in model.joints]
-    if names != list(arm.body.names):
-        raise ModelError(f"the reference is of an arm with joints {', '.join(names)}; robot {arm.name} has others")
     joints = model.joints
-    parameters = Parameters(
-        link=np.concatenate([joint.link for joint in joints]),
-        rotor=np.array([joint.rotor_inertia for joint in joints]),
-        coulomb=np.array([joint.coulomb_friction for joint in joints]),
-        viscous=np.array([joint.viscous_friction for joint in joints]),
-        copper=np.array([joint.copper_loss for joint in joints]),
-        standby=model.standby,
-        drive=model.drive,
-        regenerate=model.regenerate,
-    )
+    if [joint.name for joint in joints] != list(arm.body.names):
+        names = ", ".join(joint.name for joint in joints)
+        raise ModelError(f"the reference is of an arm with joints {names}; robot {arm.name} has others")
+    link = np.concatenate([joint.link for joint in joints])
+    keys = ("rotor_inertia", "coulomb_friction", "viscous_friction", "copper_loss")
+    rotor, coulomb, viscous, copper = (np.array([getattr(joint, key) for joint in joints]) for key in keys)
+    parameters = Parameters(link, rotor, coulomb, viscous, copper, model.standby, model.drive, model.regenerate)
     window = 0.0 if model.meter is None else model.meter.window
     patterns = tuple(replace(cycle, window=window) for cycle in cycles)
     return Known(with_covariance(arm, parameters, patterns), patterns, meter=model.meter)
 
 
-def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float) -> Known:
+def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float = 1e-4) -> Known:
     """Return the knowledge that a reference (of the file ``path``) has of a described robot.
 
     ``false_alarms``: share of healthy intervals in which one is accepted. Raises ``ModelError`` where the reference has

@@ -18,6 +18,7 @@ from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.cycles.strangers import new_tasks
+from cellwatt_plugins.faults.trace import Trace
 
 Float = NDArray[np.float64]
 
@@ -184,14 +185,14 @@ class CycleStage:
         self._count = 0
         self._epoch: int | None = None
 
-    def process(self, time: NDArray[np.int64], position: Float, power: Float) -> list[Alarm]:
-        """Alarms that changed with n frames: ``time`` (n,) ns, ``position`` (n, joints) rad, ``power`` (n,) W."""
-        if not len(time):
+    def process(self, block: Trace) -> list[Alarm]:
+        """Alarms that changed with some more frames."""
+        if not len(block):
             return []
         if self._epoch is None:
-            self._epoch = int(time[0])
-        seconds = np.asarray((time - self._epoch) * 1e-9, np.float64)
-        return self._alarmed(self._watch.feed(seconds, position, power), self._epoch)
+            self._epoch = int(block.time[0])
+        told = self._watch.feed(block.since(self._epoch), block.position, block.power)
+        return self._alarmed(told, self._epoch)
 
     def close(self) -> list[Alarm]:
         """Alarms that the end of the frames settles."""

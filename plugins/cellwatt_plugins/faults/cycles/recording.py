@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
+from cellwatt_plugins.faults.trace import one_layout
 from cellwatt_plugins.robot.meter import Meter, Readings, held
 
 Float = NDArray[np.float64]
@@ -62,11 +63,7 @@ def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recor
 
     Raises ``RecordingError`` where there is nothing to judge.
     """
-    if not blocks:
-        raise RecordingError("no frames in these recordings")
-    layout = blocks[0].layout
-    if any(block.layout != layout for block in blocks):
-        raise RecordingError("the channels or the rate of the frames change from one recording to the next")
+    layout = one_layout(blocks)
     time = np.concatenate([block.time for block in blocks])
     values = np.concatenate([block.values for block in blocks])
     grid = np.arange(time[0], time[-1] + 1, layout.step)

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.frames import Frames
-from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval
-from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import FittedArm
@@ -21,7 +17,7 @@ from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
 from cellwatt_plugins.faults.paper.following import CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
-from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.faults.trace import segmented
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
 
@@ -34,27 +30,16 @@ friction."""
 
 
 def recorded(
-    blocks: Iterable[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
+    blocks: Sequence[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
 ) -> dict[Key, list[Codes]]:
     """Codes (20) of every whole cycle in some frames, (intervals,) each, by the course that it is of."""
     found: defaultdict[Key, list[Codes]] = defaultdict(list)
-    segment: Any = None
     seen: CyclesSeen | None = None
-    columns: list[int] = []
-    for frames in blocks:
-        if segment is None or seen is None:
-            stage = find_stage("segment")
-            segment = stage(
-                "segment", stage.Settings.model_validate({"arm": arm}), frames.layout, CellInfo("", "", None, Path())
-            )
-            columns = [*frames.layout.joints("position", arm), frames.layout.index(power)]
-            seen = CyclesSeen(courses, tolerance, len(columns) - 1)
-        block = Trace(frames.time, frames.values[:, columns[:-1]], frames.values[:, columns[-1]])
-        intervals = [result for result in segment.process(frames, ()) if isinstance(result, Interval)]
-        for cycle in seen.feed(block, intervals):
+    for block, results in segmented(blocks, arm, power):
+        seen = seen or CyclesSeen(courses, tolerance, block.position.shape[1])
+        for cycle in seen.feed(block, [result for result in results if isinstance(result, Interval)]):
             if cycle.over:
-                codes = np.array([verdict.code for verdict in cycle.verdicts], np.int8)
-                found[cycle.course.key].append(codes)
+                found[cycle.course.key].append(np.array([verdict.code for verdict in cycle.verdicts], np.int8))
     return dict(found)
 
 

@@ -35,6 +35,11 @@ class Course:
         """Name and speed of the task."""
         return self.task, self.speed
 
+    @property
+    def words(self) -> str:
+        """``task_1 at speed 0.50``."""
+        return f"{self.task} at speed {self.speed:.2f}"
+
     def begins_with(self, interval: Interval) -> bool:
         """True if a motion may be the first of this course: it starts in its pose and moves none but its joints."""
         first = self.intervals[0]

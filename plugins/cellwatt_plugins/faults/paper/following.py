@@ -58,7 +58,7 @@ class CyclesSeen:
 
     def feed(self, block: Trace, intervals: Iterable[Interval]) -> Iterator[CycleSoFar]:
         """The cycle under way after each of its intervals that is known to be over; ``intervals`` are of this block."""
-        self._trace = self._trace.with_more(block)
+        self._trace = Trace.joined([self._trace, block])
         for interval in intervals:
             # An interval comes open, ending at the frame that confirmed it, and closed later.
             if interval.moving and not interval.closed:

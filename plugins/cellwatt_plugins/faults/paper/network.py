@@ -103,14 +103,11 @@ class FaultNetwork:
 
     def __init__(self, model: Path | bytes | OnnxFile) -> None:
         network = self._network = model if isinstance(model, OnnxFile) else OnnxFile(model)
-        if KEY not in network.properties:
-            raise network.refused(f"it has no metadata {KEY!r}: it was not made from a fault table")
         self.table = _table(network)
         self.groups = groups_of(self.table)
         self.intervals = len(self.table)
-        about = network.metadata(MADE, _Made) if MADE in network.properties else _Made()
-        self.task = about.task
-        self.signed = bool((self.table < 0).any()) if about.signed is None else about.signed
+        about = network.metadata(MADE, _Made)
+        self.task, self.signed = about.task, about.signed
         columns = [tensor.shape[-1] for tensor in network.inputs], [tensor.shape[-1] for tensor in network.outputs]
         sizes = [self.intervals], [len(self.groups) + 1]
         if columns != sizes:
@@ -134,9 +131,9 @@ class FaultNetwork:
 class _Made(BaseModel):
     """Metadata under ``MADE``."""
 
-    version: Annotated[int, reads_version(VERSION, "train it anew, or update cellwatt")] = VERSION
-    task: TrainedFor | None = None
-    signed: bool | None = None
+    version: Annotated[int, reads_version(VERSION, "train it anew, or update cellwatt")]
+    task: TrainedFor | None
+    signed: bool
 
 
 def _table(network: OnnxFile) -> Codes:

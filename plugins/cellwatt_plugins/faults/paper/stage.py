@@ -10,9 +10,9 @@ from typing import Any
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
-from cellwatt.results import Alarm, Interval, Result
-from cellwatt.stage import CellInfo, Stage, StageSettings
-from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt.results import Alarm, Result
+from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.on_reference import ReferenceSettings, ReferenceStage
 from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
 from cellwatt_plugins.faults.paper.expected import fault_table
@@ -28,20 +28,18 @@ from cellwatt_plugins.faults.paper.judging import (
 )
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
-from cellwatt_plugins.faults.reference import Reference, columns_of, load
-from cellwatt_plugins.faults.trace import Trace
 from cellwatt_plugins.onnx_file import OnnxFile
 
 TRAIN = "train it with `cellwatt faults train`"
 
 
-def networks_of(path: Path, reference: Reference, where: Path) -> dict[Key, FaultNetwork]:
-    """The network in a file, or those in a folder, by task, for a ``reference`` that was read from ``where``.
+def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key, FaultNetwork]:
+    """The network in a file, or those in a folder, by task; ``courses`` are of the reference of the file ``where``.
 
     Raises ``ModelError`` where there is none, one is of no task of the reference, or two are of the same;
     ``ConfigError`` where a package is missing that it needs.
     """
-    files, courses = sorted(path.glob("*.onnx")) if path.is_dir() else [path], courses_of(reference)
+    files = sorted(path.glob("*.onnx")) if path.is_dir() else [path]
     if not files:
         raise ModelError(f"fault networks {path}: no .onnx file in this folder; make some with `cellwatt faults train`")
     if not courses:
@@ -58,14 +56,12 @@ def networks_of(path: Path, reference: Reference, where: Path) -> dict[Key, Faul
             course = next((c for c in courses if c.key == (task.task, task.speed)), courses[0])
             raise ModelError(
                 f"fault network {file}: was trained for {task.words}, which is none of reference {where}: its "
-                f"{course.task} at speed {course.speed:.2f} has {task.differs(course)}; {TRAIN}"
+                f"{course.words} has {task.differs(course)}; {TRAIN}"
             )
-        for name, speed in (course.key for course in fits):
-            if other := by_task.get((name, speed)):
-                raise ModelError(
-                    f"fault network {file}: is for {name} at speed {speed:.2f}, as is {other}: keep one of them"
-                )
-            out[name, speed], by_task[name, speed] = network, file
+        for course in fits:
+            if other := by_task.get(course.key):
+                raise ModelError(f"fault network {file}: is for {course.words}, as is {other}: keep one of them")
+            out[course.key], by_task[course.key] = network, file
     return out
 
 
@@ -77,52 +73,38 @@ _WHAT = {
 }
 
 
-class PaperFaultsSettings(StageSettings):
+class PaperFaultsSettings(ReferenceSettings):
     """Compares whole cycles with healthy ones by the clock, as Sabry et al. does: fixed tolerances, fault tables."""
 
-    reference: Path
-    """File made by ``cellwatt reference``; relative to the cell's file."""
-    arm: str | None = None
-    """Source with the joints; as in the reference where left out."""
-    power: str | None = None
-    """Channel of the supply's power; as in the reference where left out."""
     network: Path | None = None
     """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several; it names the joint in place
     of a comparison with the motion."""
-    tolerance: Tolerance = Tolerance()
-    """Distance from the reference that is still healthy."""
     equations: Path | None = None
     """Folder made by ``cellwatt train pattern``: power is held against these equations, not against mean cycles."""
     residual: Residual = "samples"
     """Quantity that the codes of intervals compare: each sample of power, or the interval's energy as in the paper."""
 
 
-class PaperFaultsStage(Stage[PaperFaultsSettings]):
+class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
     """Gives alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault`` after intervals and cycles."""
 
     Settings = PaperFaultsSettings
     title = "faulty joints and encoders by the method of the paper: fixed tolerances, fault tables"
-    needs = ("segment",)
 
     def __init__(self, name: str, settings: PaperFaultsSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
-        path = cell.folder / settings.reference
-        reference = load(path)
-        self._positions, self._power = columns_of(reference, path, layout, settings.arm, settings.power)
-        self._source = layout.channels[self._positions[0]].source
-        courses = courses_of(reference)
+        courses = courses_of(self._reference)
         if settings.equations:
             courses = by_equations(courses, cell.folder / settings.equations)
-        self._seen = CyclesSeen(courses, settings.tolerance, len(self._positions), settings.residual)
-        networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else {}
+        self._following = CyclesSeen(courses, settings.tolerance, len(self._positions), settings.residual)
+        networks = networks_of(cell.folder / settings.network, courses, self._path) if settings.network else {}
         self._isolation = {key: by_network_or_agreement(network) for key, network in networks.items()}
         self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Alarms that changed with this block."""
-        block = Trace(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
-        intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
-        return [alarm for cycle in self._seen.feed(block, intervals) for alarm in self._take(cycle)]
+        block, intervals = self._seen(frames, upstream)
+        return [alarm for cycle in self._following.feed(block, intervals) for alarm in self._take(cycle)]
 
     def _take(self, cycle: CycleSoFar) -> list[Alarm]:
         """Alarms after one more interval: encoders at once, what only codes tell at the end of the cycle."""
@@ -156,7 +138,7 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
         what = _WHAT[fault.kind].format(joint=fault.joint, watts=fault.watts, degrees=degrees)
         since = cycle.start + round(shown[0].interval.start * 1e9)
         kind, text = f"{fault.kind}_fault", f"{what}{where}{others}."
-        about = fault.joint, fault.alternatives, self._seen.latest, evidence
+        about = fault.joint, fault.alternatives, self._following.latest, evidence
         return Alarm(self._name(fault), kind, "error", True, since, now, text, self._source, *about)
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -21,19 +22,6 @@ from cellwatt_plugins.faults.reference import Variant, load
 
 PUBLISHED: Final = {"BEVF 24": 19.26, "BEVF 34": 6.44, "BEVF 44": 0.2715}
 """rms errors (19) of the paper's pick-and-place, W."""
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """One task at one speed: ``rms`` error (19) of each fit, W, beside the ``spread`` of the pattern, W."""
-
-    task: str
-    speed: float
-    seconds: float
-    points: int
-    spread: float
-    rms: dict[str, float]
-    file: str
 
 
 @click.command("pattern")
@@ -54,35 +42,39 @@ def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None
     if not wanted:
         raise ModelError(f"reference {reference}: has no task to write an equation of")
     found = [_written(*each, out) for each in spread(_fitted, wanted, "equations", shared=order)]
-    click.echo(json.dumps([asdict(each) for each in found]) if as_json else "\n\n".join(map(_in_words, found)))
+    click.echo(json.dumps(found) if as_json else "\n\n".join(map(_in_words, found)))
 
 
-def _fitted(known: tuple[str, Variant], order: int) -> tuple[Fitted, PowerEquation]:
-    """Fit one task at one speed; the equation of the order that was asked for."""
+def _fitted(known: tuple[str, Variant], order: int) -> tuple[dict[str, Any], PowerEquation]:
+    """What is told of one task at one speed, errors and spread in W; and its equation of the order asked for."""
     task, variant = known
     t, power = cycle_pattern(variant)
-    fits: dict[int, PowerEquation] = {}
-    for each in sorted({*ORDERS, order}):
-        if each == order or len(t) > 2 * each:  # an order that nobody asked for is left out where points are few
-            fits[each] = fit(t, power, order=each)
-    errors = {f"BEVF {each}": rms(power, fitted.power(t)) for each, fitted in fits.items()}
-    found = Fitted(task, variant.speed, float(t[-1]), len(t), float(np.std(power)), errors, "")
-    return found, replace(fits[order], task=task, speed=variant.speed)
+    orders = {order, *(each for each in ORDERS if len(t) > 2 * each)}
+    fits = {each: fit(t, power, order=each) for each in sorted(orders)}
+    about = {
+        "task": task,
+        "speed": variant.speed,
+        "seconds": float(t[-1]),
+        "points": len(t),
+        "spread": float(np.std(power)),
+        "rms": {f"BEVF {each}": rms(power, fitted.power(t)) for each, fitted in fits.items()},
+    }
+    return about, replace(fits[order], task=task, speed=variant.speed)
 
 
-def _written(fitted: Fitted, made: PowerEquation, out: Path) -> Fitted:
-    file = out / f"{re.sub(r'[^A-Za-z0-9_-]', '_', fitted.task)}-{fitted.speed:g}.yaml"
+def _written(about: Mapping[str, Any], made: PowerEquation, out: Path) -> dict[str, Any]:
+    file = out / f"{re.sub(r'[^A-Za-z0-9_-]', '_', about['task'])}-{about['speed']:g}.yaml"
     equation.save(made, file)
-    return replace(fitted, file=str(file))
+    return {**about, "file": str(file)}
 
 
-def _in_words(fitted: Fitted) -> str:
+def _in_words(found: Mapping[str, Any]) -> str:
     head = (
-        f"{fitted.task} at speed {fitted.speed:.2f}: {fitted.points} points, {fitted.seconds:.1f} s, "
-        f"spread {fitted.spread:.1f} W; rms error of each fit, W (in the paper)"
+        f"{found['task']} at speed {found['speed']:.2f}: {found['points']} points, {found['seconds']:.1f} s, "
+        f"spread {found['spread']:.1f} W; rms error of each fit, W (in the paper)"
     )
     rows = [
         f"  {name:<15} {error:8.2f}" + (f" ({PUBLISHED[name]:.2f})" if name in PUBLISHED else "")
-        for name, error in fitted.rms.items()
+        for name, error in found["rms"].items()
     ]
-    return "\n".join([head, *rows, f"  written to {fitted.file}"])
+    return "\n".join([head, *rows, f"  written to {found['file']}"])

@@ -58,20 +58,11 @@ class TrainedFor:
         for number, (mine, its) in enumerate(zip(self.moving, other.moving, strict=True), start=1):
             if mine != its:
                 return f"other joints in motion in interval {number}: {_words(its)}, expected {_words(mine)}"
-        off = np.abs(np.subtract(self.way, other.way))
-        if off.max() > WAY:
-            number, joint = divmod(int(off.argmax()), off.shape[1])
-            found, expected = (math.degrees(each.way[number][joint]) for each in (other, self))
-            return (
-                f"another way in interval {number + 1}: joint {joint + 1} goes {found:+.0f}°, expected {expected:+.0f}°"
-            )
-        slow = np.abs(np.divide(other.seconds, self.seconds) - 1)
-        if slow.max() > PACE:
-            number = int(slow.argmax())
-            return (
-                f"another pace: interval {number + 1} takes {other.seconds[number]:.2f} s, "
-                f"expected {self.seconds[number]:.2f} s"
-            )
+        way = np.abs(np.subtract(self.way, other.way)).max(axis=1) > WAY
+        pace = np.abs(np.divide(other.seconds, self.seconds) - 1) > PACE
+        for what, off in (("way", way), ("pace", pace)):
+            if off.any():
+                return f"another {what} in interval {int(np.argmax(off)) + 1}"
         return ""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,71 +16,64 @@ from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.columns import column_of, simulated
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.network import groups_of, train
+from cellwatt_plugins.faults.paper.network import FaultNetwork, groups_of, train
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 
 Codes = NDArray[np.int8]
-Origin = Literal["recorded", "simulated", "at rest"]
-
-
-@dataclass(frozen=True)
-class Column:
-    """Codes (intervals,) of each of ``cycles`` with a fault of one joint, and where they are from."""
-
-    origin: Origin
-    cycles: Sequence[Codes]
 
 
 @dataclass(frozen=True)
 class Sources:
     """Sources of cycles with a fault: codes of recorded ones by joint (from 1) and task; the ``arm`` to simulate
-    springs on, if any."""
+    springs on, if any. ``calm`` are codes of healthy cycles, by task, that a network is tried on."""
 
     recorded: Mapping[int, Mapping[Key, Sequence[Codes]]]
     arm: FittedArm | None
+    calm: Mapping[Key, Sequence[Codes]]
     tolerance: Tolerance
+    seed: int
 
-    def column(self, course: Course, joint: int) -> Column:
-        """A joint's (from 1) column of a course's table. Raises ``ModelError`` where no cycle has a fault of it."""
+    def cycles(self, course: Course, joint: int) -> tuple[str, Sequence[Codes]]:
+        """Codes (intervals,) of each cycle with a fault of a joint (from 1), and where they are from.
+
+        Raises ``ModelError`` where there is none.
+        """
         if not fault_table(course.intervals)[:, joint - 1].any():
-            return Column("at rest", [np.zeros(len(course.intervals), np.int8)])
+            return "at rest", [np.zeros(len(course.intervals), np.int8)]
         if cycles := self.recorded.get(joint, {}).get(course.key):
-            return Column("recorded", cycles)
+            return "recorded", cycles
         if self.arm is not None:
-            return Column("simulated", simulated(self.arm, course, joint, self.tolerance))
+            return "simulated", simulated(self.arm, course, joint, self.tolerance)
         raise ModelError(
-            f"{course.task} at speed {course.speed:.2f}: no cycle with a fault of joint {joint}: give --fault "
-            f"{joint}=RECORDING, or --robot with a description of the robot to simulate one"
+            f"{course.words}: no cycle with a fault of joint {joint}: give --fault {joint}=RECORDING, or --robot with "
+            "a description of the robot to simulate one"
         )
 
 
-@dataclass(frozen=True)
-class CodeNetwork:
-    """A task's ``table`` (intervals, joints) as it was learnt, column by column, and its network as an ONNX file; None
-    where no fault moves the power beyond its tolerance, so that there is nothing to tell apart."""
+def train_codes(course: Course, sources: Sources) -> tuple[dict[str, Any], bytes | None]:
+    """Learn the fault table of a course column by column: what is told of it, and its network as an ONNX file.
 
-    course: Course
-    columns: tuple[Column, ...]
-    table: Codes
-    content: bytes | None
-
-    @property
-    def alike(self) -> tuple[tuple[int, ...], ...]:
-        """Joints (from 1) whose columns are the same: they are named together."""
-        return tuple(group for group in groups_of(self.table) if len(group) > 1)
-
-
-def train_codes(course: Course, sources: Sources, seed: int = 0) -> CodeNetwork:
-    """The table of a course and its network. Raises ``CellwattError``."""
+    No network where no fault moves the power beyond its tolerance. Raises ``CellwattError``.
+    """
     joints = range(1, course.intervals[0].readings.q.shape[1] + 1)
-    columns = tuple(sources.column(course, joint) for joint in steps(joints, "cycles with a fault of joint"))
-    tolerance = sources.tolerance
-    made = {
-        "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in columns],
-        "tolerance": {"position_rad": tolerance.position, "power": tolerance.power, "floor_W": tolerance.floor},
-        "seed": seed,
+    cycles = [sources.cycles(course, joint) for joint in steps(joints, "cycles with a fault of joint")]
+    columns = [{"origin": origin, "cycles": len(own)} for origin, own in cycles]
+    table = np.stack([column_of(own) for _, own in cycles], axis=1)
+    tolerance, calm, network, content = sources.tolerance, sources.calm.get(course.key, ()), None, None
+    if table.any():
+        within = {"position_rad": tolerance.position, "power": tolerance.power, "floor_W": tolerance.floor}
+        made = {"columns": columns, "tolerance": within, "seed": sources.seed}
+        content = train(table, seed=sources.seed, task=TrainedFor.of(course), signed=True, made=made)
+        network = FaultNetwork(content)
+    about = {
+        "file": None,
+        "task": course.task,
+        "speed": course.speed,
+        "table": table.tolist(),
+        "columns": columns,
+        "named_together": [group for group in groups_of(table) if len(group) > 1],
+        "healthy_cycles": len(calm),
+        "healthy_cycles_with_codes": sum(bool(codes.any()) for codes in calm),
+        "named_in_vain": sum(network is not None and bool(network.joints(codes)) for codes in calm),
     }
-    table = np.stack([column_of(column.cycles) for column in columns], axis=1)
-    task = TrainedFor.of(course)
-    content = train(table, seed=seed, task=task, signed=True, made=made) if table.any() else None
-    return CodeNetwork(course, columns, table, content)
+    return about, content

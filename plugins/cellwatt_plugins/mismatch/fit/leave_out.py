@@ -77,7 +77,9 @@ class LeaveOut:
 
     def __init__(self, problem: Problem, factor: Float) -> None:
         self.problem, self.factor = problem, factor
-        self.products = problem.kept("leave out", lambda: _Products(problem.design, *folds_of(problem)))
+        if "products" not in problem.of_design:
+            problem.of_design["products"] = _Products(problem.design, *folds_of(problem))
+        self.products: _Products = problem.of_design["products"]
 
     @property
     def fold(self) -> NDArray[np.intp]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from cellwatt_plugins.robot.servo.motion import EDGE, compared
 from cellwatt_plugins.robot.servo.motion import noise as noise_of
 
 Float = NDArray[np.float64]
-K = TypeVar("K")
 
 ROWS = 16000
 """Rows that are fitted, about."""
@@ -70,6 +69,15 @@ class Term:
         return self.effect.name, self.joint
 
 
+def on_joints(course: Float, joint: int | None, joints: int) -> Float:
+    """A course (N,) of one joint beside zeros of the others, (N, n); one (N, n) of the whole arm as it is."""
+    if course.ndim == 2:
+        return course
+    out = np.zeros((len(course), joints))
+    out[:, joint or 0] = course
+    return out
+
+
 def said(term: Term) -> str:
     """Name of a term in messages."""
     name = term.effect.name.replace("_", " ")
@@ -100,8 +108,8 @@ class Problem:
     """Columns of terms that depend on the motion alone."""
     made: dict[tuple[object, ...], Block] = field(default_factory=dict)
     """Blocks of such terms."""
-    of_design: dict[str, object] = field(default_factory=dict)
-    """See ``kept``."""
+    of_design: dict[str, Any] = field(default_factory=dict)
+    """What ``LeaveOut`` makes once of the design, which stays whatever torque is fitted."""
 
     def stack(self, parts: Sequence[Float]) -> Float:
         """One array (each run's samples, …) per run to the fitted rows of all runs."""
@@ -153,6 +161,12 @@ class Problem:
         """Target and nominal parameters of all runs, ready to be fitted."""
         blocks = [Block(self.stack(np.split(b.columns, self._ends)), b.channel, b.prior) for b in self.nuisance]
         return Design(np.concatenate(self.target), np.concatenate(self.variance), blocks)
+
+    def channel(self, index: int) -> tuple[str, str]:
+        """Name and unit: ``tau_3`` and ``N*m``, or ``N``, of the third joint; ``power`` and ``W`` of the supply."""
+        if self.side == "supply":
+            return "power", "W"
+        return f"tau_{index + 1}", self.states[0].robot.unit(index, "N*m")
 
     @property
     def _ends(self) -> NDArray[np.intp]:
@@ -235,12 +249,6 @@ class Problem:
         new = replace(self, nuisance=nuisance)
         new.__dict__["design"] = self.design.with_priors(priors)
         return new
-
-    def kept(self, name: str, made: Callable[[], K]) -> K:
-        """What is made once of the design, which stays whatever torque is fitted."""
-        if name not in self.of_design:
-            self.of_design[name] = made()
-        return cast("K", self.of_design[name])
 
 
 def torque_problem(
@@ -413,6 +421,4 @@ def _between_ends(run: Run) -> NDArray[np.bool_]:
 
 def _without_gaps(variance: Float, run: Run) -> Float:
     """Samples that were filled in count for nothing."""
-    if run.gaps is None:
-        return variance
-    return np.where(run.gaps[:, None], 1e6 * variance, variance)
+    return np.where(run.filled[:, None], 1e6 * variance, variance)

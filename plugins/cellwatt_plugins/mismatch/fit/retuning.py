@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,28 +27,20 @@ BETTER, SURE = 0.1, 2.0
 """Share and standard errors by which one joint's error must fall for numbers to be as far off as that."""
 
 
-@dataclass(frozen=True)
-class Freedom:
-    """Factors on the tolerances of the groups of nominal parameters, one of each block of the nuisance."""
-
-    factors: tuple[float, ...]
-
-    def of(self, problem: Problem) -> Problem:
-        """The problem with these tolerances."""
-        return problem.with_priors(
-            [_scaled(block.prior, f) for block, f in zip(problem.nuisance, self.factors, strict=True)]
-        )
+def freed(problem: Problem, factors: Float) -> Problem:
+    """The problem with the tolerance of each group of nominal parameters times its factor (B,)."""
+    pairs = zip(problem.nuisance, factors.tolist(), strict=True)
+    return problem.with_priors([_scaled(block.prior, factor) for block, factor in pairs])
 
 
-def links_fixed(problem: Problem) -> Freedom:
-    """Freedom of friction and rotors alone."""
-    links = problem.states[0].arm.body.joints
-    return Freedom(tuple(FIXED if i < links else 1.0 for i in range(len(problem.nuisance))))
+def links_fixed(problem: Problem) -> Float:
+    """Factors (B,) that leave friction and rotors alone their freedom."""
+    return np.where(np.arange(len(problem.nuisance)) < problem.states[0].arm.body.joints, FIXED, 1.0)
 
 
-def all_fixed(problem: Problem) -> Freedom:
-    """No freedom of any nominal parameter."""
-    return Freedom((FIXED,) * len(problem.nuisance))
+def all_fixed(problem: Problem) -> Float:
+    """Factors (B,) that leave no nominal parameter its freedom."""
+    return np.full(len(problem.nuisance), FIXED)
 
 
 def loose(problem: Problem, looseness: float) -> Problem:
@@ -73,8 +64,8 @@ def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:
     return best
 
 
-def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Freedom:
-    """The freedom of the nominal parameters that data left out confirm: each link, and each joint's friction and rotor.
+def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Float:
+    """Factors (B,), 1 for what data left out confirm to be free: each link, and each joint's friction and rotor.
 
     The groups are asked in turn, the one first whose freedom helps least: where the error without it is as low, its
     numbers stay as they are.
@@ -86,21 +77,21 @@ def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Freedom
     def fixed(group: Sequence[int]) -> tuple[Float, Float]:
         trial = factors.copy()
         trial[list(group)] = FIXED
-        return trial, LeaveOut(Freedom(tuple(trial.tolist())).of(problem), factor).errors(terms)
+        return trial, LeaveOut(freed(problem, trial), factor).errors(terms)
 
     for group in sorted(groups, key=lambda g: compared(fixed(g)[1], error).share):
         trial, new = fixed(group)
         if compared(new, error).share < WORTH:
             factors, error = trial, new
     # Numbers that help one joint must not leave another worse than the simulation was.
-    simulated = np.sum(LeaveOut(all_fixed(problem).of(problem), factor).errors([]), axis=0)
+    simulated = np.sum(LeaveOut(freed(problem, all_fixed(problem)), factor).errors([]), axis=0)
     for group in groups:
         if not np.any(worse := np.sum(error, axis=0) > WORSE * simulated):
             break
         trial, new = fixed(group)
         if np.sum(new[:, worse]) < np.sum(error[:, worse]):
             factors, error = trial, new
-    return Freedom(tuple(factors.tolist()))
+    return factors
 
 
 def _groups(problem: Problem) -> list[list[int]]:

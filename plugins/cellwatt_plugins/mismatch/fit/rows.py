@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,23 +17,6 @@ from cellwatt_plugins.robot.samples import interpolated
 Float = NDArray[np.float64]
 
 
-class Rows(Protocol):
-    """M rows made of N samples."""
-
-    @property
-    def step(self) -> float:
-        """Seconds from row to row."""
-
-    def of(self, samples: Float) -> Float:
-        """Samples (N, …) as rows (M, …)."""
-
-    def samples(self, rows: Float) -> Float:
-        """Rows (M, C) as samples (N, C), interpolated between them."""
-
-    def span(self, rows: slice) -> slice:
-        """The samples that some rows stand for."""
-
-
 @dataclass(frozen=True)
 class Thinned:
     """Every so many of ``count`` samples."""
@@ -45,11 +27,11 @@ class Thinned:
 
     @property
     def step(self) -> float:
-        """See ``Rows``."""
+        """Seconds from row to row."""
         return self.sample_step * self.every
 
     def of(self, samples: Float) -> Float:
-        """See ``Rows``."""
+        """Samples (N, …) as rows (M, …)."""
         return samples[:: self.every]
 
     def variance(self, samples: Float) -> Float:
@@ -57,14 +39,14 @@ class Thinned:
         return samples[:: self.every]
 
     def samples(self, rows: Float) -> Float:
-        """See ``Rows``."""
+        """Rows (M, C) as samples (N, C), interpolated between them."""
         places = np.arange(self.count) / self.every
         before = places.astype(np.intp)
         share = (places - before)[:, None]
         return np.asarray((1 - share) * rows[before] + share * rows[np.minimum(before + 1, len(rows) - 1)])
 
     def span(self, rows: slice) -> slice:
-        """See ``Rows``."""
+        """The samples that some rows stand for."""
         return slice(rows.start * self.every, rows.stop * self.every)
 
 
@@ -75,7 +57,7 @@ class Filtered(Thinned):
     bandwidth: float = 0.0
 
     def of(self, samples: Float) -> Float:
-        """See ``Rows``."""
+        """Samples (N, …) as rows (M, …)."""
         flat = smooth(samples.reshape(self.count, -1), self.sample_step, self.bandwidth)
         return np.ascontiguousarray(flat[:: self.every].reshape(-1, *samples.shape[1:]))
 
@@ -99,15 +81,19 @@ class Metered:
         return self.windows.weights(self.time)
 
     def of(self, samples: Float) -> Float:
-        """See ``Rows``."""
+        """Samples (N, …) as rows (M, …)."""
         return np.asarray(self._weights @ samples)
 
     def samples(self, rows: Float) -> Float:
-        """See ``Rows``."""
+        """Rows (M, C) as samples (N, C), interpolated between them."""
         return interpolated(self.time, self.windows.middle, rows)
 
     def span(self, rows: slice) -> slice:
-        """See ``Rows``."""
+        """The samples that some rows stand for."""
         first, last = self.windows.start[rows.start], self.windows.end[rows.stop - 1]
         begin, end = np.searchsorted(self.time, [first, last]).tolist()
         return slice(begin, max(end, begin + 1))
+
+
+Rows = Thinned | Metered
+"""M rows made of the N samples of a run."""

@@ -96,7 +96,7 @@ class Baseline:
 
     def torque(self, plan: Plan) -> Float:
         """Torque (N, n) Nm of the law for a motion."""
-        return self.arm.torque(plan.position, plan.velocity, plan.acceleration)
+        return _torque(self.arm, plan)
 
 
 def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
@@ -105,7 +105,7 @@ def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
     if not told:
         return Baseline(arm)
     said = _thinned(told)
-    found = _mechanics(said, arm).arm
+    found = _mechanics(said, arm)
     return Baseline(replace(found, description=_supply(said, found.description)))
 
 
@@ -126,17 +126,16 @@ def _thinned(told: Sequence[Simulated]) -> Simulated:
     return Simulated(together([each.time for each in told]), plan, together([each.torque for each in told]), power)
 
 
-def _mechanics(said: Simulated, arm: Arm) -> Baseline:
+def _mechanics(said: Simulated, arm: Arm) -> Arm:
     if lead := _lead(said, arm.body):
         arm = arm.with_friction_lead(lead)
-    described = Baseline(arm)
-    if _left(said, described).max() < SAME:
-        return described
+    if _left(said, arm).max() < SAME:
+        return arm
     plan = said.plan
-    beside = said.torque - described.torque(plan)
+    beside = said.torque - _torque(arm, plan)
     if (found := mount(arm.body, plan.position, plan.velocity, plan.acceleration, beside)) is not None:
         arm = arm.with_gravity(found.field)
-    rubbing = Baseline(_with_friction(said, arm))
+    rubbing = _with_friction(said, arm)
     if _left(said, rubbing).max() < SAME:
         return rubbing
     other = _other_links(said, arm)
@@ -144,9 +143,13 @@ def _mechanics(said: Simulated, arm: Arm) -> Baseline:
     return other if believed else rubbing
 
 
-def _left(said: Simulated, law: Baseline) -> Float:
+def _torque(arm: Arm, plan: Plan) -> Float:
+    return arm.torque(plan.position, plan.velocity, plan.acceleration)
+
+
+def _left(said: Simulated, arm: Arm) -> Float:
     """Rms (n,) of the torque that a law leaves, as a share of its size."""
-    left = np.where(_clear(said.plan, law.arm), said.torque - law.torque(said.plan), 0.0)
+    left = np.where(_clear(said.plan, arm), said.torque - _torque(arm, said.plan), 0.0)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
 
 
@@ -191,23 +194,33 @@ def _with_friction(said: Simulated, arm: Arm) -> Arm:
     """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
     plan = said.plan
     rest = said.torque - arm.body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
-    clear, travelled, joints = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, []
-    for i, joint in enumerate(arm.description.joints):
-        own = np.array([getattr(joint, name) for name in FRICTION])
+    clear, travelled, numbers = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, _friction(arm)
+    for i, own in enumerate(numbers):
         courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
         if travelled[i] and np.all(moved > 0):
             found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
             small = FINE * float(np.sqrt(np.mean(said.torque[:, i] ** 2)))
             found = np.where(found * moved < small, 0.0, found)
-            own = np.where(np.abs(found - own) * moved < small, own, found)
-        joints.append(joint.model_copy(update=dict(zip(FRICTION, own.tolist(), strict=True))))
-    return replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
+            numbers[i] = np.where(np.abs(found - own) * moved < small, own, found)
+    return _rubbing(arm, numbers)
 
 
-def _other_links(said: Simulated, arm: Arm) -> Baseline:
+def _friction(arm: Arm) -> Float:
+    """Coulomb and viscous friction and rotor inertia of each joint, (n, 3)."""
+    return np.stack([arm.column(name) for name in FRICTION], axis=1)
+
+
+def _rubbing(arm: Arm, numbers: Float) -> Arm:
+    """The arm with these numbers; see ``_friction``."""
+    pairs = zip(arm.description.joints, numbers.tolist(), strict=True)
+    joints = tuple(joint.model_copy(update=dict(zip(FRICTION, own, strict=True))) for joint, own in pairs)
+    return replace(arm, description=arm.description.model_copy(update={"joints": joints}))
+
+
+def _other_links(said: Simulated, arm: Arm) -> Arm:
     """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
-    own = np.stack([arm.column(name) for name in FRICTION], axis=1).ravel()
+    own = _friction(arm).ravel()
     fit = _LinkFit(said, arm, own)
     resting = np.repeat(np.ptp(said.plan.position, axis=0) <= MOVES, len(FRICTION))
     fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
@@ -219,12 +232,8 @@ def _other_links(said: Simulated, arm: Arm) -> Baseline:
                 fixed[i], best = value, max(best, left)
                 break
     links, friction = fit.solved(fixed)
-    joints = [
-        joint.model_copy(update=dict(zip(FRICTION, np.maximum(values, 0.0).tolist(), strict=True)))
-        for joint, values in zip(arm.description.joints, friction.reshape(-1, len(FRICTION)), strict=True)
-    ]
-    described = arm.description.model_copy(update={"joints": tuple(joints)})
-    return Baseline(Arm(described, arm.body.with_parameters(arm.body.parameters() + links)))
+    described = _rubbing(arm, np.maximum(friction, 0.0).reshape(-1, len(FRICTION))).description
+    return Arm(described, arm.body.with_parameters(arm.body.parameters() + links))
 
 
 class _LinkFit:

@@ -37,5 +37,5 @@ def order_text(stem: str, order: Sequence[int]) -> str:
 
 def usable(run: Run, most: int | None = None) -> NDArray[np.intp]:
     """Samples of a run that were not filled in; at most about ``most``, evenly spread."""
-    there = np.arange(len(run.time)) if run.gaps is None else np.flatnonzero(~run.gaps)
+    there = np.flatnonzero(~run.filled)
     return there if most is None else there[:: max(1, len(there) // most)]

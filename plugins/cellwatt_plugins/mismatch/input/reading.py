@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from cellwatt_plugins.mismatch.input.factors import joints_text
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
-from cellwatt_plugins.mismatch.input.sources import Source, run_name, simulator_file, sources
+from cellwatt_plugins.mismatch.input.sources import Source, run_name
 from cellwatt_plugins.mismatch.input.unread import without_unread
 from cellwatt_plugins.mismatch.simulators import Simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
@@ -36,54 +37,48 @@ RATE, SAMPLES = 250.0, 100_000
 recordings fewer, so that there are not more than so many in all: what is slow needs no more."""
 COVERED = 0.5
 """Share of a recording that its simulation must cover."""
-
-
-def read_runs(
-    recordings: Sequence[Path], simulations: Sequence[Path], robot: RobotDescription, meters: Sequence[Path] = ()
-) -> list[Run]:
-    """The recordings as runs; each with a plan where it has a simulation, or target columns of its own.
-
-    ``sources`` says which files belong together; a simulator's own file (MJCF, URDF) is run on each recording. Raises
-    ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
-    """
-    return read_sources(sources(recordings, simulations, meters), robot, simulator_file(simulations))
+COLUMNS = ("time", "position", "velocity", "torque", "power", "temperature", "command", "gaps")
+"""What a run has for each of its samples."""
 
 
 def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Path | None = None) -> list[Run]:
-    """The same of files that belong together."""
+    """The files as runs; each with a plan where it has a simulation, or target columns of its own.
+
+    A simulator's own file (MJCF, URDF) is run on each recording. Raises ``RecordingError`` where a file cannot be used,
+    ``ConfigError`` where the description lacks what it needs.
+    """
     every = spread(read_source, files, "reading recordings", shared=robot)
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
-    loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
-    known = _Known(robot, None if loaded is None else loaded.control_gains())
-    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=known)
+    loaded, gains = _loaded(simulator, robot)
+    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=(robot, gains))
     if loaded is None:
         return runs
     return [_run_through(loaded, run) for run in steps(driven(runs, loaded), "simulating run")]
 
 
 def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
-    """One of many recordings as a run of ``rate`` Hz or less. Raises as ``read_runs``."""
-    loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
-    known = _Known(robot, None if loaded is None else loaded.control_gains())
-    run = _prepared((source, read_source(source, robot).slower(rate)), known)
+    """One of many recordings as a run of ``rate`` Hz or less. Raises as ``read_sources``."""
+    loaded, gains = _loaded(simulator, robot)
+    run = _prepared((source, read_source(source, robot).slower(rate)), (robot, gains))
     return run if loaded is None else _run_through(loaded, driven([run], loaded)[0])
 
 
-@dataclass(frozen=True)
-class _Known:
-    """What the numbers of a recording are read with."""
+def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator | None, Float | None]:
+    """The arm in a simulator's file, and the Nm (n,) of one unit of its control."""
+    if simulator is None:
+        return None, None
+    loaded = load_simulator(simulator, [joint.name for joint in robot.joints])
+    return loaded, loaded.control_gains()
 
-    robot: RobotDescription
-    gains: Float | None
-    """(n,) Nm of one unit of a simulator's control; NaN where it is no torque."""
 
+def _prepared(told: tuple[Source, Signals], known: tuple[RobotDescription, Float | None]) -> Run:
+    """The run of its files and of what was recorded.
 
-def _prepared(told: tuple[Source, Signals], known: _Known) -> Run:
-    """The run of its files and of what was recorded."""
-    source, signals = told
-    robot = known.robot
-    signals = signals.with_controls(known.gains)
+    ``known`` are the robot, and the Nm (n,) of one unit of a simulator's control; NaN where it is no torque.
+    """
+    (source, signals), (robot, gains) = told, known
+    signals = signals.with_controls(gains)
     run = without_unread(
         Run(
             name=source.name,
@@ -94,7 +89,7 @@ def _prepared(told: tuple[Source, Signals], known: _Known) -> Run:
             power=signals.power,
             temperature=signals.joints.get("temperature"),
             command=signals.joints.get("command"),
-            gaps=signals.gaps if signals.gaps.any() else None,
+            gaps=signals.gaps,
             torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
             notes=signals.notes,
         )
@@ -145,7 +140,7 @@ def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) ->
 
 def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
     """The run with what its simulation says; both begin together where neither clock nor motion tells."""
-    planned = _simulated(simulation)
+    planned = _planned(simulation, "" if "position" in simulation.joints else "target_")
     when, note = simulation.time, ""
     own = np.arange(when[0], when[-1], run.step)
     late, error = delay(run.position, interpolated(own, when, planned.position))
@@ -170,7 +165,7 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
 
 def _with_targets(run: Run, signals: Signals) -> Run:
     """The run with the motion that it says was commanded; some controllers log commands long before they are met."""
-    planned = _targets(signals)
+    planned = _planned(signals, "target_")
     samples, error = delay(run.position, planned.position)
     late = samples * run.step
     if abs(late) <= LATE or error > SAME:
@@ -193,16 +188,14 @@ def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str 
         )
     if cut:
         run = _cut(run, slice(int(np.argmax(covered)), len(covered) - int(np.argmax(covered[::-1]))))
-    gaps = np.interp(run.time, when, source.gaps) > 0
-    if run.gaps is not None:
-        gaps |= run.gaps
+    gaps = (np.interp(run.time, when, source.gaps) > 0) | run.filled
     time = np.clip(run.time, when[0], when[-1])
     position = CubicHermiteSpline(when, planned.position, planned.velocity)
     velocity = CubicHermiteSpline(when, planned.velocity, planned.acceleration)
     # Straight lines between accelerations would lack a share of their second derivative, as an elastic joint does.
     plan = Plan(np.asarray(position(time)), np.asarray(velocity(time)), np.asarray(velocity.derivative()(time)))
     more = [f"{run.name}: {note}"] if note else []
-    return replace(run, plan=plan, gaps=gaps if gaps.any() else None, notes=(*run.notes, *more))
+    return replace(run, plan=plan, gaps=gaps, notes=(*run.notes, *more))
 
 
 def _cut(run: Run, part: slice) -> Run:
@@ -210,31 +203,12 @@ def _cut(run: Run, part: slice) -> Run:
     if not lost:
         return run
     note = f"{run.name}: {lost * run.step:.2f} s of the recording lie outside its simulation and are left out"
-    return replace(
-        run,
-        time=run.time[part],
-        position=run.position[part],
-        velocity=None if run.velocity is None else run.velocity[part],
-        torque=run.torque[part],
-        power=None if run.power is None else run.power[part],
-        temperature=None if run.temperature is None else run.temperature[part],
-        command=None if run.command is None else run.command[part],
-        gaps=None if run.gaps is None else run.gaps[part],
-        notes=(*run.notes, note),
-    )
+    columns = {name: getattr(run, name) for name in COLUMNS}
+    kept: dict[str, Any] = {name: None if column is None else column[part] for name, column in columns.items()}
+    return replace(run, **kept, notes=(*run.notes, note))
 
 
-def _simulated(signals: Signals) -> Plan:
-    """Planned motion of a simulation, on its own time grid."""
-    if "position" not in signals.joints:
-        return _targets(signals)
-    position = signals.needed("position")
-    velocity, acceleration = signals.derivatives("position", "velocity", "acceleration")
-    return Plan(position, velocity, acceleration)
-
-
-def _targets(signals: Signals) -> Plan:
-    """The commanded motion that a recording holds."""
-    position = signals.needed("target_position")
-    velocity, acceleration = signals.derivatives("target_position", "target_velocity", "target_acceleration")
-    return Plan(position, velocity, acceleration)
+def _planned(signals: Signals, prefix: str) -> Plan:
+    """The motion that columns of a ``prefix`` tell, on their own time grid."""
+    names = [f"{prefix}{quantity}" for quantity in ("position", "velocity", "acceleration")]
+    return Plan(signals.needed(names[0]), *signals.derivatives(*names))

@@ -67,22 +67,11 @@ class Run:
         return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
     @property
+    def filled(self) -> Bool:
+        """(N,) true where samples were missing, everywhere false where ``gaps`` says nothing."""
+        return np.zeros(len(self.time), np.bool_) if self.gaps is None else self.gaps
+
+    @property
     def joints(self) -> int:
         """Number of joints, n."""
         return int(self.position.shape[1])
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A motion to simulate: N samples of n joints, evenly spaced."""
-
-    time: Float
-    """(N,) s."""
-    position: Float
-    """(N, n) rad."""
-    velocity: Float
-    """(N, n) rad/s."""
-    acceleration: Float
-    """(N, n) rad/s²."""
-    temperature: Float | None = None
-    """(N, n) °C, where recorded."""

@@ -7,7 +7,6 @@ none of those: the more was recorded, the less would be seen.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -28,33 +27,25 @@ SLOWEST = 100.0
 """Samples a second with which less is seen of what is quick, but not much less."""
 
 
-@dataclass(frozen=True)
-class Selection:
-    """The files of the runs, in their order."""
+def select(files: Sequence[Source], robot: RobotDescription) -> tuple[list[Source], list[Source]]:
+    """The recordings to be looked at closely, and the others: none where they are few or short.
 
-    close: tuple[Source, ...]
-    others: tuple[Source, ...] = ()
-
-
-def select(files: Sequence[Source], robot: RobotDescription) -> Selection:
-    """All recordings where they are few or short, else those whose motions differ most.
+    Else those whose motions differ most are looked at.
 
     Raises ``RecordingError`` where a file cannot be read.
     """
     if len(files) <= FEW:
-        return Selection(tuple(files))
+        return list(files), []
     looked = spread(_look, files, "looking at recordings", shared=robot)
     seconds = np.array([length for length, _ in looked])
     if SAMPLES / seconds.sum() >= SLOWEST:
-        return Selection(tuple(files))
+        return list(files), []
     enough = LEAST + int(SAMPLES / SLOWEST / seconds.min())
     order = list(islice(furthest_first(np.stack([motion for _, motion in looked])), enough))
     best, most = np.searchsorted(np.cumsum(seconds[order]), [SAMPLES / RATE, SAMPLES / SLOWEST], side="right").tolist()
     close = set(order[: max(LEAST, best, min(FEW, most))])
-    return Selection(
-        tuple(file for i, file in enumerate(files) if i in close),
-        tuple(file for i, file in enumerate(files) if i not in close),
-    )
+    chosen, others = ([file for i, file in enumerate(files) if (i in close) == asked] for asked in (True, False))
+    return chosen, others
 
 
 def furthest_first(places: Float) -> Iterator[int]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 
@@ -57,8 +58,7 @@ def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
 
 
 def _dead(run: Run) -> Bool:
-    kept = np.arange(len(run.time)) if run.gaps is None else np.flatnonzero(~run.gaps)
-    kept = kept[:: max(1, len(kept) // SAMPLES)]
+    kept = usable(run, SAMPLES)
     torque = run.torque[kept]
     moves = np.ptp(run.position[kept], axis=0) > MOVES
     dead = unread(run)

@@ -36,9 +36,26 @@ class Told:
     source: str
     since: int
     time: int
-    seconds: float
+    seconds: float = 0.0
     gives_way: bool = True
     """True if the system let it run at low priority."""
+
+    def alarm(
+        self, kind: str, severity: Severity, statement: str, evidence: Mapping[str, Any], joint: int | None = None
+    ) -> Alarm:
+        """The alarm of a kind, active."""
+        return Alarm(
+            id=f"{self.prefix}.{self.source}.{kind}",
+            kind=kind,
+            severity=severity,
+            active=True,
+            since=self.since,
+            time=self.time,
+            statement=statement,
+            source=self.source,
+            joint=joint,
+            evidence=dict(evidence),
+        )
 
 
 def found(told: Told, outcome: Outcome, known: Collection[Place]) -> Alarm:
@@ -47,57 +64,32 @@ def found(told: Told, outcome: Outcome, known: Collection[Place]) -> Alarm:
     findings: Sequence[Mapping[str, Any]] = said["findings"]
     new = [f for f in findings if (f["effect"], f["joint"]) not in known]
     joints = {f["joint"] for f in new}
-    return Alarm(
-        id=f"{told.prefix}.{told.source}.{MISMATCH}",
-        kind=MISMATCH,
-        severity=SEVERITY.get(said["verdict"], "warning"),
-        active=True,
-        since=told.since,
-        time=told.time,
-        statement=_statement(new, said, bool(findings)),
-        source=told.source,
-        joint=joints.pop() if len(joints) == 1 else None,
-        evidence={
-            "verdict": said["verdict"],
-            "report": outcome.report,
-            "folder": str(outcome.folder),
-            "recording_s": told.seconds,
-            "low_priority": told.gives_way,
-            "findings": [_brief(f) | {"in_model": (f["effect"], f["joint"]) in known} for f in findings],
-            "unexplained": [u["statement"] for u in said["unexplained"]],
-        },
-    )
+    evidence = {
+        "verdict": said["verdict"],
+        "report": outcome.report,
+        "folder": str(outcome.folder),
+        "recording_s": told.seconds,
+        "low_priority": told.gives_way,
+        "findings": [_brief(f) | {"in_model": (f["effect"], f["joint"]) in known} for f in findings],
+        "unexplained": [u["statement"] for u in said["unexplained"]],
+    }
+    severity, joint = SEVERITY.get(said["verdict"], "warning"), joints.pop() if len(joints) == 1 else None
+    return told.alarm(MISMATCH, severity, _statement(new, said, bool(findings)), evidence, joint)
 
 
 def failed(told: Told, reason: str, times: int) -> Alarm:
     """The alarm for an explanation that failed, for the ``times``-th time in a row."""
-    return Alarm(
-        id=f"{told.prefix}.{told.source}.{FAILED}",
-        kind=FAILED,
-        severity="warning",
-        active=True,
-        since=told.since,
-        time=told.time,
-        statement=f"Recording and simulation differ, but explaining it failed: {reason}",
-        source=told.source,
-        evidence={"failures": times, "recording_s": told.seconds},
-    )
+    statement = f"Recording and simulation differ, but explaining it failed: {reason}"
+    return told.alarm(FAILED, "warning", statement, {"failures": times, "recording_s": told.seconds})
 
 
-def left_out(prefix: str, source: str, names: Sequence[str], time: int) -> Alarm:
+def left_out(told: Told, names: Sequence[str]) -> Alarm:
     """Effects of the model that cannot be followed live."""
-    return Alarm(
-        id=f"{prefix}.{source}.{LEFT_OUT}",
-        kind=LEFT_OUT,
-        severity="info",
-        active=True,
-        since=time,
-        time=time,
-        statement=f"The live simulation leaves out {', '.join(names)} of the model: that depends on what was before "
-        "the daemon came, or on times that it cannot know.",
-        source=source,
-        evidence={"effects": list(names)},
+    statement = (
+        f"The live simulation leaves out {', '.join(names)} of the model: that depends on what was before "
+        "the daemon came, or on times that it cannot know."
     )
+    return told.alarm(LEFT_OUT, "info", statement, {"effects": list(names)})
 
 
 def _statement(new: Sequence[Mapping[str, Any]], said: Mapping[str, Any], any_at_all: bool) -> str:

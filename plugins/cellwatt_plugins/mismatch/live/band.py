@@ -42,14 +42,6 @@ class Reading:
 
 
 @dataclass
-class _Learned:
-    """Count of a motion, and the largest residual (C,) of the times that count as normal."""
-
-    times: int
-    normal: Float
-
-
-@dataclass
 class Band:
     """Reads intervals; remembers residuals for the noise floor and what is normal of each motion.
 
@@ -60,7 +52,8 @@ class Band:
     channels: Sequence[Judged]
     step: float
     _recent: deque[Float] = field(default_factory=lambda: deque(maxlen=RECENT))
-    _learned: dict[int, _Learned] = field(default_factory=dict)
+    _learned: dict[int, list[Float]] = field(default_factory=dict)
+    """Residuals (C,) of the first times of a motion, which count as normal."""
 
     def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[Reading]:
         """Readings of an interval in which the 1-based joints ``moving`` move, by the number of its motion.
@@ -88,11 +81,10 @@ class Band:
         """Normal residual (C,) of this motion; None while it is being learned."""
         if not self.settings.learn:
             return np.zeros(len(sizes))
-        learned = self._learned.setdefault(motion, _Learned(0, np.zeros(len(sizes))))
-        learned.times += 1
-        if learned.times > self.settings.learn:
-            return learned.normal
-        learned.normal = np.fmax(learned.normal, sizes)
+        learned = self._learned.setdefault(motion, [])
+        if len(learned) == self.settings.learn:
+            return np.asarray(np.fmax.reduce(learned, initial=0.0))
+        learned.append(sizes)
         return None
 
     def _noise(self) -> Float:

@@ -73,7 +73,7 @@ class Explainer:
         time, rows = history.between(max(since, now - round(self.settings.recording * 1e9)), now)
         self._told = Told(self.prefix, self.intake.source, since, now, (int(time[-1]) - int(time[0])) * 1e-9)
         try:
-            folder = make_folder(self._folder(), self._name(now), self.settings.keep)
+            folder = make_folder(self.settings.folder or Path(), self._name(now), self.settings.keep)
             write_recording(folder / RECORDING, self.intake, time, rows)
             write_robot(folder / ROBOT, self.robot)
             simulation = self.servos
@@ -85,9 +85,6 @@ class Explainer:
         except RecordingError as error:
             return self._failed(now, str(error))
         return []
-
-    def _folder(self) -> Path:
-        return (self.settings.folder or Path("mismatch")).absolute()
 
     def _name(self, now: int) -> str:
         return f"{self.cell}-{self.prefix}-{datetime.fromtimestamp(now * 1e-9, UTC):%Y%m%dT%H%M%SZ}"

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PRIO_PROCESS, setpriority
 from pathlib import Path
@@ -65,7 +65,7 @@ class Explanation:
         except OSError as error:
             raise RecordingError(f"cellwatt explain cannot be started: {error.strerror or error}") from error
         self._deadline = time.monotonic() + limit
-        self.gives_way = _restrain(self._process.pid, limit)
+        self.gives_way = _gives_way(self._process.pid)
         """True if it has low priority; a service may not be allowed to give it."""
 
     def poll(self) -> Outcome | None:
@@ -122,22 +122,15 @@ def make_folder(parent: Path, name: str, keep: int) -> Path:
     return folder
 
 
-def _restrain(process: int, limit: float) -> bool:
-    """Make a child give way, and end by itself should nobody be left to end it; whether the former was allowed."""
-    seconds = int(limit) + 1
-    steps: tuple[Callable[[], object], ...] = (
-        lambda: resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds)),
-        lambda: setpriority(PRIO_PROCESS, process, NICENESS),
-    )
-    allowed = True
-    for step in steps:
-        try:
-            step()
-        except ProcessLookupError:
-            break
-        except PermissionError:
-            allowed = False
-    return allowed
+def _gives_way(process: int) -> bool:
+    """Give a child low priority; whether that was allowed."""
+    try:
+        setpriority(PRIO_PROCESS, process, NICENESS)
+    except PermissionError:
+        return False
+    except ProcessLookupError:  # it has ended already
+        pass
+    return True
 
 
 def _resident(process: int) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +16,7 @@ if TYPE_CHECKING:
     from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
-Quantity = Literal[
-    "position",
-    "velocity",
-    "torque",
-    "current",
-    "temperature",
-    "target_position",
-    "target_velocity",
-    "target_acceleration",
-    "command",
-]
-
-UNITS: dict[Quantity, str] = {
+UNITS: dict[str, str] = {
     "position": "rad",
     "velocity": "rad/s",
     "torque": "Nm",
@@ -58,7 +46,7 @@ class Intake:
     """The columns of one arm of n joints within the frames."""
 
     source: str
-    joints: dict[Quantity, tuple[int, ...]]
+    joints: dict[str, tuple[int, ...]]
     """Columns (n,) by quantity; torque, current or command, the others where the source gives them."""
     power: int | None
     power_name: str
@@ -73,7 +61,7 @@ class Intake:
         return "command" in self.joints
 
     @property
-    def measured(self) -> Quantity:
+    def measured(self) -> str:
         """Quantity from which torque is taken."""
         return "current" if "current" in self.joints else "torque"
 
@@ -82,7 +70,7 @@ class Intake:
         """Columns of each quantity in a row."""
         out, at = {}, 0
         for quantity, columns in self.joints.items():
-            out[str(quantity)] = slice(at, at + len(columns))
+            out[quantity] = slice(at, at + len(columns))
             at += len(columns)
         if self.power is not None:
             out["power"] = slice(at, at + 1)
@@ -127,7 +115,7 @@ def intake(stage: str, layout: Layout, arm: str | None, power: str | None, robot
         raise ConfigError(
             f"stage {stage!r}: source {source} has {len(positions)} joints, the robot's description {len(constants)}"
         )
-    joints: dict[Quantity, tuple[int, ...]] = {}
+    joints: dict[str, tuple[int, ...]] = {}
     for quantity in UNITS:
         columns = _family(layout, source, quantity, len(constants))
         if columns and not (quantity == "current" and "torque" in joints):
@@ -139,8 +127,8 @@ def intake(stage: str, layout: Layout, arm: str | None, power: str | None, robot
             raise ConfigError(
                 f"stage {stage!r}: source {source} gives no joint_1.torque, joint_1.current or joint_1.target_position"
             )
-        kept: tuple[Quantity, ...] = ("position", "temperature")
-        joints = {q: joints[q] for q in kept if q in joints} | {"command": joints["target_position"]}
+        kept = {q: joints[q] for q in ("position", "temperature") if q in joints}
+        joints = kept | {"command": joints["target_position"]}
     gain = constants if "current" in joints else np.ones(len(constants))
     if unknown := [f"joint {i + 1}" for i, value in enumerate(gain) if value == 0]:
         raise ConfigError(
@@ -169,3 +157,25 @@ def _check_unit(stage: str, layout: Layout, column: int, unit: str) -> None:
     channel = layout.channels[column]
     if channel.unit != unit:
         raise ConfigError(f"stage {stage!r}: {channel.name} is in {channel.unit}, expected {unit}")
+
+
+def streamed(stage: str, source: str, layout: Layout, intake: Intake) -> list[int] | None:
+    """Columns of the simulation that a source of this name streams, as ``Intake.judged``; None where none has the name.
+
+    Raises ``ConfigError`` where the source lacks a torque, or power where the supply is compared, and where the
+    arm gives no torque.
+    """
+    if all(channel.source != source for channel in layout.channels):
+        return None
+    if intake.driven:
+        raise ConfigError(f"stage {stage!r}: source {intake.source} gives no torque to compare with that of {source}")
+    names = [f"{source}.joint_{j + 1}.torque" for j in range(len(intake.gain))]
+    names += [] if intake.power is None else [f"{source}.{SUPPLY}"]
+    if missing := [name for name in names if name not in layout.names]:
+        raise ConfigError(
+            f"stage {stage!r}: source {source} is to stream the simulation and gives no {', '.join(missing)}"
+        )
+    columns = [layout.names.index(name) for name in names]
+    for column, judged in zip(columns, intake.judged, strict=True):
+        _check_unit(stage, layout, column, judged.unit)
+    return columns

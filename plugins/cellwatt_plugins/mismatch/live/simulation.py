@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from cellwatt.files import Place
 from cellwatt_plugins.mismatch.input.driven import drive_of
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
+from cellwatt_plugins.mismatch.model import FittedTerm, Model, Prediction, Retuned, load_model, predict_states
 from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.mjcf import is_mjcf
@@ -23,6 +23,8 @@ from cellwatt_plugins.robot.servo.motion import compared
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
 Float = NDArray[np.float64]
+Driven = tuple[Float, Float]
+"""What servos are told (N, n) rad, so that it holds over each sample, and the torque (N, n) Nm that their law gives."""
 
 PAST = 10.0
 """s of past that effects with a state of their own (hysteresis, a spring) are simulated from."""
@@ -30,19 +32,6 @@ ALIKE = 0.05
 """An effect follows where its last second hardly changes, by this share, when much more of the past is known."""
 LONG = 60.0
 """s of past that this is tried with."""
-
-
-@dataclass(frozen=True)
-class Simulated:
-    """Torque (N, n) Nm and supply power (N,) W by the simulation for N samples.
-
-    ``driven``, of an arm without torque: what its servos are told (N, n) rad, so that it holds over each sample, and
-    the torque (N, n) Nm that their law gives.
-    """
-
-    torque: Float
-    power: Float
-    driven: tuple[Float, Float] | None = None
 
 
 class Simulation:
@@ -74,7 +63,7 @@ class Simulation:
 
     def run(
         self, time: Float, position: Float, velocity: Float | None, temperature: Float | None, command: Float | None
-    ) -> Simulated:
+    ) -> tuple[Prediction, Driven | None]:
         """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends.
 
         With a ``command`` (N, n) the torque is what the servos' law tells, too, both as slow as they can be compared.
@@ -88,9 +77,9 @@ class Simulation:
         states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature, drive=drive)
         said = predict_states(self.model, states)
         if drive is None or command is None:
-            return Simulated(said.torque, said.power)
+            return said, None
         torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (said.torque, drive.torque))
-        return Simulated(torque, said.power, (command, law))
+        return replace(said, torque=torque), (command, law)
 
 
 def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) -> Model:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,24 +27,6 @@ class _Motion:
 
 
 @dataclass
-class _Course:
-    """One channel: readings so far and the motions that it is outside in."""
-
-    readings: int = 0
-    motions: dict[int, _Motion] = field(default_factory=dict)
-
-    @property
-    def outside(self) -> int:
-        """Readings outside of the motions that it is outside in."""
-        return sum(motion.outside for motion in self.motions.values())
-
-    @property
-    def since(self) -> int:
-        """ns of the first of them."""
-        return min(motion.since for motion in self.motions.values())
-
-
-@dataclass
 class ChannelWatch:
     """The channels of one stage; ``prefix`` starts the alarms' ids.
 
@@ -55,8 +38,9 @@ class ChannelWatch:
     prefix: str
     source: str
     confirm: int
-    _courses: dict[str, _Course] = field(default_factory=dict)
-    """By the ids of their alarms."""
+    _outside: dict[str, dict[int, _Motion]] = field(default_factory=dict)
+    """By the ids of their alarms: the motions that a channel is outside in."""
+    _readings: Counter[str] = field(default_factory=Counter)
     _book: AlarmBook = field(default_factory=AlarmBook)
 
     def take(self, motion: int, interval: Interval, readings: Sequence[Reading]) -> list[Alarm]:
@@ -66,45 +50,45 @@ class ChannelWatch:
     @property
     def outside(self) -> int:
         """Readings outside of the channel that has most, of those whose alarm is up; 0 where none is."""
-        return max((course.outside for course in self._up), default=0)
+        return max((sum(motion.outside for motion in motions.values()) for motions in self._up), default=0)
 
     @property
     def since(self) -> int:
         """ns of the first evidence of all alarms that are up."""
-        return min(course.since for course in self._up)
+        return min(motion.since for motions in self._up for motion in motions.values())
 
     @property
-    def _up(self) -> list[_Course]:
-        return [course for name, course in self._courses.items() if name in self._book]
+    def _up(self) -> list[dict[int, _Motion]]:
+        return [motions for name, motions in self._outside.items() if name in self._book]
 
     def _take(self, motion: int, interval: Interval, reading: Reading) -> list[Alarm]:
         c = reading.channel
         name = f"{self.prefix}.{c.name}.{KIND}"
-        course = self._courses.setdefault(name, _Course())
-        self._count(course, motion, interval, reading.outside, patience=self.confirm if name in self._book else 1)
-        if name not in self._book and course.outside >= self.confirm:
-            return self._book.raise_(self._alarm(name, interval, reading, course))
-        if course.motions:
+        motions = self._count(name, motion, interval, reading.outside)
+        times = sum(each.outside for each in motions.values())
+        if name not in self._book and times >= self.confirm:
+            since = min(each.since for each in motions.values())
+            return self._book.raise_(self._alarm(name, interval, reading, since, times))
+        if motions:
             return []
         text = f"Resolved: {c.what[0].lower()}{c.what[1:]} is back in its band: {reading.residual:.3g} of "
         text += f"{reading.limit:.3g} {c.unit}"
         evidence = {"channel": c.name, **_figures(reading)}
         return self._book.clear(name, interval.end, text, interval=interval.number, evidence=evidence)
 
-    def _count(self, course: _Course, motion: int, interval: Interval, outside: bool, *, patience: int) -> None:
-        """Count a reading; ``patience`` readings inside in a row end what a motion was outside."""
-        course.readings += 1
-        if outside:
-            found = course.motions.setdefault(motion, _Motion(interval.start))
-            found.outside, found.inside, found.seen = found.outside + 1, 0, course.readings
-        elif motion in course.motions:
-            found = course.motions[motion]
-            found.inside, found.seen = found.inside + 1, course.readings
-            if found.inside >= patience:
-                del course.motions[motion]
-        course.motions = {n: m for n, m in course.motions.items() if course.readings - m.seen < STALE}
+    def _count(self, name: str, motion: int, interval: Interval, outside: bool) -> dict[int, _Motion]:
+        """Count a reading; the motions that the channel is outside in then."""
+        self._readings[name] += 1
+        now, motions = self._readings[name], self._outside.get(name, {})
+        if outside or motion in motions:
+            found = motions.setdefault(motion, _Motion(interval.start))
+            found.outside, found.inside = (found.outside + 1, 0) if outside else (found.outside, found.inside + 1)
+            found.seen = now
+        patience = self.confirm if name in self._book else 1
+        self._outside[name] = {n: m for n, m in motions.items() if m.inside < patience and now - m.seen < STALE}
+        return self._outside[name]
 
-    def _alarm(self, name: str, interval: Interval, reading: Reading, course: _Course) -> Alarm:
+    def _alarm(self, name: str, interval: Interval, reading: Reading, since: int, times: int) -> Alarm:
         c = reading.channel
         how = "on average" if c.joint is None else "(root mean square)"
         return Alarm(
@@ -112,14 +96,14 @@ class ChannelWatch:
             kind=KIND,
             severity="warning",
             active=True,
-            since=course.since,
+            since=since,
             time=interval.end,
             statement=f"{c.what} is off the simulation by {reading.residual:.3g} {c.unit} {how}, and was outside its "
-            f"band in {course.outside} intervals; the band is {reading.limit:.3g} {c.unit}.",
+            f"band in {times} intervals; the band is {reading.limit:.3g} {c.unit}.",
             source=self.source,
             joint=c.joint,
             interval=interval.number,
-            evidence={"channel": c.name, "intervals": course.outside, **_figures(reading)},
+            evidence={"channel": c.name, "intervals": times, **_figures(reading)},
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -90,7 +90,7 @@ class Window:
         last = len(time) - self._edge
         if last <= first:
             return None
-        return Stretch(time, sequence, _bridged(values, self._motion), missing, slice(first, last))
+        return Stretch(time, sequence, bridged(values, self._motion), missing, slice(first, last))
 
 
 def _spans(time: Integers, missing: Bool, step: int, most: int) -> list[tuple[int, int]]:
@@ -108,10 +108,11 @@ def _spans(time: Integers, missing: Bool, step: int, most: int) -> list[tuple[in
     return out
 
 
-def _bridged(rows: Float, motion: list[int]) -> Float:
+def bridged(rows: Float, columns: Sequence[int]) -> Float:
+    """Rows (N, width) in which columns are interpolated where a number is missing; all must have one somewhere."""
     out = rows.copy()
     at = np.arange(len(rows))
-    for column in motion:
+    for column in columns:
         good = np.isfinite(rows[:, column])
         if not good.all():
             out[:, column] = np.interp(at, at[good], rows[good, column])

@@ -29,18 +29,16 @@ MOST_TRIALS = 16
 """Shown at once; the rest is folded."""
 MOST_OTHERS = 12
 """Recordings shown at once; the rest is folded."""
-STATES = (("simulation", "simulation"), ("refit", "retuned"), ("model", "model"))
 
 
 def tiles(fit: Sequence[ChannelFit]) -> list[Tile]:
     """Error of the worst channel before and after, in noise floors."""
     out = []
     for key, label in (("simulation", "Simulation"), ("refit", "Simulation, retuned"), ("model", "Model")):
-        ratios = [(_ratio(getattr(f, key), f.noise_floor), f.channel) for f in fit]
-        known = [(r, c) for r, c in ratios if math.isfinite(r)]
-        if known:
-            worst, channel = max(known)
-            middle = f"; median of all {times(float(np.median([r for r, _ in known])))}" if len(known) > 1 else ""
+        ratios = [(getattr(f, key) / f.noise_floor, f.channel) for f in fit]
+        if ratios:
+            worst, channel = max(ratios)
+            middle = f"; median of all {times(float(np.median([r for r, _ in ratios])))}" if len(ratios) > 1 else ""
             out.append(Tile(label, times(worst), wording.channel_name(channel) + middle, key))
     return out
 
@@ -61,10 +59,11 @@ def _finding_card(finding: Finding) -> Card:
         for name, p in finding.parameters.items()
     ]
     left: list[Block] = [Table("Parameters", (), rows)] if rows else []
-    right = [_remains(finding.improvement)] if not finding.followed else _improvement(finding.improvement)
+    gain = finding.improvement
+    right = _improvement(gain) if finding.followed else [_remains(gain.after, gain.unit, gain.noise_floor)]
     others = [inline(bold(capital(wording.named(o))), ": ", o.why) for o in finding.alternatives]
     more: list[Block] = [Html("<h4>Could also be</h4>"), Notes(others)] if others else []
-    blocks = [finding.statement, Columns([*left, *_where(finding.where, finding.improvement.unit)], right), *more]
+    blocks = [finding.statement, Columns([*left, *_where(finding.where, gain.unit)], right), *more]
     title, sure = capital(wording.named(finding)), wording.confidence(finding.confidence)
     return Card(title, blocks, "not explained" if unknown else kind, sure, "open" if unknown else finding.kind)
 
@@ -72,8 +71,8 @@ def _finding_card(finding: Finding) -> Card:
 def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> Card:
     """A channel that stays above its noise floor, in the unit ``symbol``."""
     place = Where((rest.channel,), rest.position, rest.velocity)
-    columns = Columns(_where(place, symbol), [Bars([("remains", "model", rest.rms)], symbol, rest.noise_floor)])
-    aside = f"{times(_ratio(rest.rms, rest.noise_floor))} the noise"
+    columns = Columns(_where(place, symbol), [_remains(rest.rms, symbol, rest.noise_floor)])
+    aside = f"{times(rest.rms / rest.noise_floor)} the noise"
     title = capital(wording.channel_name(rest.channel))
     tag = "not explained" if rest.looked_at else "not looked at"
     return Card(title, [rest.statement, columns], tag, aside, "open")
@@ -81,17 +80,17 @@ def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> Card:
 
 def _where(where: Where, symbol: str) -> list[Block]:
     """Channels, velocity, position and times; ``symbol`` is the unit of the main channel, N of a linear axis."""
-    linear = symbol == "N"
-    parts = [wording.channel_name(c) for c in where.channels[:3]]
-    more = len(where.channels) - len(parts)
-    texts = [listed(parts) + (f" and {more} more" if more else "")] if parts else []
-    texts += [f"at {wording.between(where.velocity, 'm/s' if linear else 'rad/s')}"] if where.velocity else []
-    texts += (
-        [f"at {wording.between(where.position, 'm') if linear else wording.degrees(where.position)}"]
-        if where.position
-        else []
-    )
-    texts += [f"in {wording.moments(where.times)}"] if where.times else []
+    linear, texts = symbol == "N", list[str]()
+    if where.channels:
+        more = len(where.channels) - 3
+        parts = listed([wording.channel_name(c) for c in where.channels[:3]])
+        texts.append(parts + (f" and {more} more" if more > 0 else ""))
+    if where.velocity:
+        texts.append(f"at {wording.between(where.velocity, 'm/s' if linear else 'rad/s')}")
+    if where.position:
+        texts.append(f"at {wording.between(where.position, 'm') if linear else wording.degrees(where.position)}")
+    if where.times:
+        texts.append(f"in {wording.moments(where.times)}")
     return [Html(f"<p>{inline(bold('Where'), ' ', '; '.join(texts))}</p>")] if texts else []
 
 
@@ -103,10 +102,7 @@ def _improvement(gain: Improvement) -> list[Block]:
     outcome = f"{_share(closed)} of the error beyond the noise is gone. " if math.isfinite(closed) else ""
     outcome = "Worse with it. " if gain.after > gain.before else outcome
     channel = capital(wording.channel_name(gain.channel))
-    return [
-        bars,
-        quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers as they are.")),
-    ]
+    return [bars, quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers as they are."))]
 
 
 def _share(closed: float) -> str:
@@ -114,32 +110,13 @@ def _share(closed: float) -> str:
     return f"{percent:.0f} %" if percent >= 1 else "Less than 1 %"
 
 
-def _remains(rest: Improvement) -> Bars:
-    return Bars([("remains", "model", rest.after)], rest.unit, rest.noise_floor)
-
-
-def fit_table(fit: Sequence[ChannelFit]) -> list[Block]:
-    """Held-out error of each channel, in its unit and in noise floors."""
-    if not fit:
-        return []
-    heads = [Html(f"<i class={key}></i>{label}") for key, label in (*STATES, ("floor", "noise floor"))]
-    return [Table("Error of each channel", ["channel", *heads, "unit", "model ÷ noise"], [_fit_row(f) for f in fit])]
-
-
-def _fit_row(fit: ChannelFit) -> list[str]:
-    digits = decimals_for(fit.noise_floor)
-    values = [fixed(v, digits) for v in (fit.simulation, fit.refit, fit.model, fit.noise_floor)]
-    name = capital(wording.channel_name(fit.channel))
-    return [name, *values, unit(fit.unit), times(_ratio(fit.model, fit.noise_floor))]
-
-
-def _ratio(value: float, floor: float) -> float:
-    return value / floor if math.isfinite(value) and math.isfinite(floor) and floor > 0 else math.nan
+def _remains(rms: float, symbol: str, floor: float) -> Bars:
+    return Bars([("remains", "model", rms)], symbol, floor)
 
 
 def others_table(others: Sequence[Other]) -> list[Block]:
     """Recordings that nothing was fitted to, those first that the model fits worst."""
-    order = sorted(others, key=lambda o: (o.explained is not None, o.explained is True, -_ratio(o.error, o.usual)))
+    order = sorted(others, key=lambda o: (o.explained is not None, o.explained is True, -o.error / (o.usual or 1)))
     return _first(order, MOST_OTHERS, _others)
 
 
@@ -151,7 +128,7 @@ def _others(some: Sequence[Other]) -> Table:
             continue
         error = f"{fixed(other.error, decimals_for(other.usual))} {unit(other.unit)}"
         state = Html(f"<span class=tag>{'explained' if other.explained else 'differs'}</span>")
-        ratio = times(_ratio(other.error, other.usual))
+        ratio = times(other.error / other.usual)
         rows.append([other.recording, capital(wording.channel_name(other.channel)), error, ratio, state])
     kinds = ["kept" if other.explained else "refused" for other in some]
     return Table(
@@ -161,8 +138,8 @@ def _others(some: Sequence[Other]) -> Table:
 
 def trials(tried: Sequence[Trial]) -> list[Block]:
     """Candidates by evidence, each with the reason why it was kept or refused."""
-    order = sorted(tried, key=lambda t: (-t.kept, -t.gain if math.isfinite(t.gain) else math.inf))
-    top = max([1.0, *(t.gain for t in tried if math.isfinite(t.gain))])
+    order = sorted(tried, key=lambda t: (-t.kept, -t.gain))
+    top = max([1.0, *(t.gain for t in tried)])
     return _first(order, MOST_TRIALS, lambda some: _trials(some, top))
 
 
@@ -176,10 +153,9 @@ def _first(rows: Sequence[T], most: int, table: Callable[[Sequence[T]], Table]) 
 def _trials(some: Sequence[Trial], top: float) -> Table:
     rows = []
     for trial in some:
-        gain = trial.gain if math.isfinite(trial.gain) else 0.0
-        share = bar(math.log1p(max(gain, 0)) / math.log1p(top))
+        share = bar(math.log1p(max(trial.gain, 0)) / math.log1p(top))
         state = Html(f"<span class=tag>{'kept' if trial.kept else 'refused'}</span>")
-        nats = fixed(trial.gain, 0 if abs(gain) >= 10 else 1)
+        nats = fixed(trial.gain, 0 if abs(trial.gain) >= 10 else 1)
         rows.append([capital(wording.named(trial)), share, nats, state, trial.why])
     kinds = ["kept" if trial.kept else "refused" for trial in some]
     return Table("Candidates", ("candidate", "", "evidence, nats", "", "why"), rows, kinds)

@@ -36,9 +36,10 @@ class Coordinate:
 
 def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | None) -> Figure:
     """Two panels: velocity and position of the joint; speed and mechanical power for the supply."""
-    before, after, added = (
-        np.concatenate(parts) for parts in zip(*((_differences(t, channel)) for t in traces), strict=True)
+    before, after = (
+        np.concatenate([t.residual(channel, getattr(t, which)) for t in traces]) for which in ("simulation", "model")
     )
+    added = before - after
     symbol = unit(next(t.units[t.channels.index(channel)] for t in traces if channel in t.channels))
     panels = [_panel(axis, before, after, added, floor, symbol) for axis in _axes(traces, channel, where)]
     label = f"Difference of {wording.channel_name(channel)} against what drives it, before and after the model"
@@ -47,23 +48,15 @@ def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | Non
 
 def _panel(axis: Coordinate, before: Float, after: Float, added: Float, floor: float, symbol: str) -> Panel:
     known = np.isfinite(before) & np.isfinite(after)
+    pairs = (("measured − simulation", before, SIMULATION), ("measured − model", after, MODEL))
     points = [
         {**dots(name, np.where(known, axis.values, np.nan), residual, colour), "hoverinfo": "skip"}
-        for name, residual, colour in (
-            ("measured − simulation", before, SIMULATION),
-            ("measured − model", after, MODEL),
-        )
+        for name, residual, colour in pairs
     ]
     curves = [_curve(axis, added, part, dash) for dash, part in axis.ways]
     marks = band(-2 * floor, 2 * floor, NOISE)
     marks += [stretch(*axis.marked, FOUND)] if axis.marked else []
     return Panel([*points, *curves], Axis(axis.title), Axis(symbol), marks)
-
-
-def _differences(trace: Trace, channel: str) -> tuple[Float, Float, Float]:
-    """(N,) residual of the simulation, of the model, and what the model adds to the simulation."""
-    added = trace.column(trace.model, channel) - trace.column(trace.simulation, channel)
-    return trace.residual(channel, trace.simulation), trace.residual(channel, trace.model), added
 
 
 def _axes(traces: Sequence[Trace], channel: str, where: Where | None) -> tuple[Coordinate, Coordinate]:
@@ -72,9 +65,8 @@ def _axes(traces: Sequence[Trace], channel: str, where: Where | None) -> tuple[C
         speed = np.concatenate([np.abs(t.velocity).max(axis=1) for t in traces])
         given = np.concatenate([mechanical_power(t) for t in traces])
         whole = (("solid", np.full(len(speed), True)),)
-        return Coordinate("speed of the fastest joint, rad/s", speed, whole), Coordinate(
-            "mechanical power Σ τ·ω, W", given, whole
-        )
+        fastest = Coordinate("speed of the fastest joint, rad/s", speed, whole)
+        return fastest, Coordinate("mechanical power Σ τ·ω, W", given, whole)
     velocity = np.concatenate([t.velocity[:, joint - 1] for t in traces])
     position = np.concatenate([t.position[:, joint - 1] for t in traces])
     slow = 0.02 * float(np.nanmax(np.abs(velocity), initial=0.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cellwatt.report import Bars, Block, Folded, Section, Table
+from cellwatt.report import Bars, Section, Table
 from cellwatt.report.numbers import capital, decimals_for, fixed, measured, number, unit
 from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.verdict.findings import Finding, Findings, Retuned, Step
@@ -38,8 +38,7 @@ def section(findings: Findings) -> Section:
     if not steps:
         return Section("What takes the error away", [])
     rows = [(label(step, first=i == 0), ROLES[step.kind], step.error) for i, step in enumerate(steps)]
-    blocks: list[Block] = [Bars(rows, "× noise", 1.0), Folded("Step by step, each channel", [_channels(findings)])]
-    return Section("What takes the error away", blocks, LEAD)
+    return Section("What takes the error away", [Bars(rows, "× noise", 1.0), _channels(findings)], LEAD)
 
 
 def numbers(findings: Findings) -> Section:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,10 +23,8 @@ FOLLOWED = (
 )
 
 
-def sections(findings: Findings, traces: Sequence[Trace], floors: dict[str, float]) -> list[Section]:
+def sections(findings: Findings, traces: Sequence[Trace], floors: Mapping[str, float]) -> list[Section]:
     """All sections; ``floors`` by channel."""
-    if not traces:
-        return []
     first = _prominent(findings, floors)
     drawn = [_over_time(findings, traces, floors, first)]
     if findings.verdict != "no_mismatch":
@@ -38,7 +36,9 @@ def sections(findings: Findings, traces: Sequence[Trace], floors: dict[str, floa
     return drawn
 
 
-def _over_time(findings: Findings, traces: Sequence[Trace], floors: dict[str, float], first: Sequence[str]) -> Section:
+def _over_time(
+    findings: Findings, traces: Sequence[Trace], floors: Mapping[str, float], first: Sequence[str]
+) -> Section:
     shown = worst_first(traces, floors, MOST_RUNS)
     share = ALL_POINTS // (len(shown) * len(floors) * curves.CURVES)
     points = int(np.clip(share, FEWEST_POINTS, MOST_POINTS))
@@ -60,7 +60,7 @@ def _time_lead(traces: Sequence[Trace], shown: Sequence[Trace], marked: bool) ->
     return " ".join(parts)
 
 
-def _prominent(findings: Findings, floors: dict[str, float]) -> list[str]:
+def _prominent(findings: Findings, floors: Mapping[str, float]) -> list[str]:
     """Channels to show first: what is missing, what is unexplained, what is mistuned; with none of them the first."""
     missing, mistuned = (
         [f.improvement.channel for f in findings.findings if f.kind == kind] for kind in ("missing", "mistuned")

@@ -9,8 +9,10 @@ import numpy as np
 
 from cellwatt.report import Axis, Figure, Folded, Panel, Section, Switch
 from cellwatt.report.drawing import curve
+from cellwatt.report.figure import Json
 from cellwatt.report.theme import FOUND, MEASURED, MODEL, SIMULATION
 from cellwatt_plugins.mismatch.input.run import Float, Run
+from cellwatt_plugins.mismatch.report.curves import stacked
 from cellwatt_plugins.mismatch.simulators.rollout import WINDOW, rms_of, rolled_out
 
 POINTS = 3000
@@ -28,10 +30,10 @@ def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended:
     errors = rms_of(before)
     parts = list[Folded]()
     for joint in np.argsort(-errors).tolist():
-        drawn = []
-        for i, run in enumerate(runs):
-            last = None if after is None else after[i].position[:, joint]
-            drawn.append(_figure(run, joint, before[i].position[:, joint], last, i))
+        drawn = [
+            _figure(run, joint, before[i].position, None if after is None else after[i].position, i)
+            for i, run in enumerate(runs)
+        ]
         told = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
         told += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
         parts.append(Folded(told, drawn, not parts))
@@ -41,21 +43,21 @@ def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended:
 
 def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number: int) -> Figure:
     assert run.command is not None
-    measured, start = run.position[:, joint], float(run.time[0])
+    start = float(run.time[0])
 
-    def drawn(name: str, values: Float, colour: str, width: float) -> dict[str, object]:
-        return curve(name, values, colour, start=start, step=run.step, width=width, most=POINTS, decimals=DIGITS)
+    def drawn(name: str, values: Float, colour: str, width: float) -> Json:
+        of = values[:, joint]
+        return curve(name, of, colour, start=start, step=run.step, width=width, most=POINTS, decimals=DIGITS)
 
     upper = [
-        drawn("commanded", run.command[:, joint], FOUND, 1.0),
-        drawn("measured", measured, MEASURED, 2.4),
+        drawn("commanded", run.command, FOUND, 1.0),
+        drawn("measured", run.position, MEASURED, 2.4),
         drawn("simulation", simulated, SIMULATION, 1.3),
     ]
-    lower = [drawn("measured − simulation", measured - simulated, SIMULATION, 1.1)]
+    lower = [drawn("measured − simulation", run.position - simulated, SIMULATION, 1.1)]
     if mended is not None:
         upper.append(drawn("mended", mended, MODEL, 1.3))
-        lower.append(drawn("measured − mended", measured - mended, MODEL, 1.1))
+        lower.append(drawn("measured − mended", run.position - mended, MODEL, 1.1))
     x, y = Axis("s", (start, start + SECONDS)), Axis("rad")
-    rows = [[Panel(upper, x, y)], [Panel(lower, x, y)]]
     label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and what is left of the difference"
-    return Figure(label, rows, (190, 118), "x", layout={"hovermode": "x unified"}, when=("moved", number))
+    return stacked(label, Panel(upper, x, y), Panel(lower, x, y), ("moved", number))

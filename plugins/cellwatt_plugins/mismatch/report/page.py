@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
-
-import numpy as np
 
 from cellwatt.report import Html, Notes, Provenance, Report, Section
 from cellwatt.report.page import Tone
-from cellwatt_plugins.mismatch.input.run import Float
 from cellwatt_plugins.mismatch.report import cards, falls, figures, wording
 from cellwatt_plugins.mismatch.report.trace import Trace
 from cellwatt_plugins.mismatch.verdict.findings import Findings
@@ -31,13 +28,12 @@ TONES: Final[dict[str, Tone]] = {
 
 
 def report(
-    findings: Findings, traces: Sequence[Trace], robot: str, noise_floor: Float, provenance: Provenance
+    findings: Findings, traces: Sequence[Trace], robot: str, floors: Mapping[str, float], provenance: Provenance
 ) -> Report:
     """The page of what was found.
 
-    ``noise_floor`` (C,) belongs to the channels of the first trace, NaN where none is known; ``robot`` is its name.
+    ``floors`` are the noise floors of all channels by name; ``robot`` is the robot's name.
     """
-    floors = _floors(traces, noise_floor)
     return Report(
         name=robot,
         subject="simulation and recordings",
@@ -52,8 +48,7 @@ def report(
             falls.section(findings),
             Section("What was found", cards.found(findings)),
             Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
-            Section("Channels", cards.fit_table(findings.fit), "Held-out rms error."),
-            *figures.sections(findings, [t for t in traces if len(t.time)], floors),
+            *figures.sections(findings, traces, floors),
             Section("Other recordings", cards.others_table(findings.others), OTHERS),
             Section("What was tried", cards.trials(findings.tried), TRIED),
             Section("What the data could not tell", [Notes(findings.notes)]),
@@ -63,20 +58,14 @@ def report(
     )
 
 
-def _floors(traces: Sequence[Trace], noise_floor: Float) -> dict[str, float]:
-    """Channel → noise floor, NaN where none is known."""
-    if not traces:
-        return {}
-    floors = zip(traces[0].channels, noise_floor, strict=True)
-    return {c: float(f) if np.isfinite(f) and f > 0 else float("nan") for c, f in floors}
-
-
 def _facts(traces: Sequence[Trace], others: int) -> list[str]:
     """Number, length and rate of the recordings that were looked at closely, and the number of ``others``."""
     names = [t.name for t in traces]
     shown = ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
-    rates = sorted({round(1 / t.step, 1) for t in traces if t.step > 0})
-    facts = [f"{len(names)} recording{'s' * (len(names) != 1)} ({shown})"] if names else []
-    facts += [f"{sum(len(t.time) * t.step for t in traces):.0f} s"] if rates else []
-    facts += [f"{' and '.join(f'{r:g}' for r in rates)} Hz"] if rates else []
+    rates = sorted({round(1 / t.step, 1) for t in traces})
+    facts = [
+        f"{len(names)} recording{'s' * (len(names) != 1)} ({shown})",
+        f"{sum(len(t.time) * t.step for t in traces):.0f} s",
+        f"{' and '.join(f'{r:g}' for r in rates)} Hz",
+    ]
     return facts + ([f"{others} more compared with the model"] if others else [])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +36,7 @@ class Trace:
     @property
     def step(self) -> float:
         """Seconds between samples."""
-        return float(self.time[-1] - self.time[0]) / max(len(self.time) - 1, 1) if len(self.time) else 0.0
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     def column(self, values: Float, channel: str) -> Float:
         """(N,) of one channel out of (N, C) ``values``; NaN where this recording lacks the channel."""
@@ -74,7 +74,7 @@ def unroot(values: Float) -> Float:
 def telling_stretch(trace: Trace, channel: str, length: float) -> tuple[float, float]:
     """Start and end s of the stretch of ``length`` s in which the simulation is furthest off."""
     start, end = float(trace.time[0]), float(trace.time[-1])
-    width = max(int(length / trace.step), 1) if trace.step > 0 else 1
+    width = max(int(length / trace.step), 1)
     if width >= len(trace.time):
         return start, end
     squared = np.nan_to_num(trace.residual(channel, trace.simulation) ** 2, posinf=0.0)
@@ -83,7 +83,7 @@ def telling_stretch(trace: Trace, channel: str, length: float) -> tuple[float, f
     return float(trace.time[first]), float(trace.time[first]) + length
 
 
-def worst_first(traces: Sequence[Trace], floors: dict[str, float], most: int) -> list[Trace]:
+def worst_first(traces: Sequence[Trace], floors: Mapping[str, float], most: int) -> list[Trace]:
     """The ``most`` traces whose simulation is furthest off, in the order given."""
 
     def off(trace: Trace) -> float:

@@ -14,18 +14,16 @@ from cellwatt_plugins.mismatch.report import Trace
 
 def traces_of(runs: Sequence[Run], model: Model, solution: Solution) -> list[Trace]:
     """Return one trace a run, at all samples; ``solution`` holds the runs' states."""
-    out = []
+    out, joints = [], range(len(model.robot.joints))
     for run, states in zip(runs, solution.problem.states, strict=True):
         full = predict_states(model, states)
-        simulated = states.nominal
-        power = states.with_torque(simulated).nominal_power
-        names = tuple(f"tau_{i + 1}" for i in range(run.joints))
-        units = tuple(model.robot.unit(i, "N*m") for i in range(run.joints))
-        if run.power is not None:
-            names, units = (*names, "power"), (*units, "W")
+        powered = run.power is not None
+        names = (*(f"tau_{i + 1}" for i in joints), *["power"] * powered)
+        units = (*(model.robot.unit(i, "N*m") for i in joints), *["W"] * powered)
+        power = states.with_torque(states.nominal).nominal_power
         measured, stated, modelled = (
-            np.asarray(t if run.power is None or p is None else np.column_stack([t, p]))
-            for t, p in ((run.torque, run.power), (simulated, power), (full.torque, full.power))
+            torque if run.power is None or p is None else np.column_stack([torque, p])
+            for torque, p in ((run.torque, run.power), (states.nominal, power), (full.torque, full.power))
         )
         out.append(Trace(run.name, run.time, states.q, states.qd, names, units, measured, stated, modelled))
     return out

@@ -20,8 +20,6 @@ _WORDS = ((0.99, "near certain"), (0.95, "very likely"), (0.8, "likely"), (0.5, 
 
 def confidence(share: float) -> str:
     """A word and the percentage, never rounded up to certainty."""
-    if not math.isfinite(share):
-        return "confidence not stated"
     word = next((w for least, w in _WORDS if share >= least), "a guess")
     percent = ">99" if share > 0.99 else f"{math.floor(share * 100 + 1e-9)}"
     return f"{word}, {percent} %"

@@ -85,10 +85,9 @@ def correction(
 def holds(term: Term) -> bool:
     """True if ``Correction`` has an effect, or most of it."""
     name, shape = term.effect.name, term.shape
-    partly = (name == "asymmetric_friction" and shape[0] != 0) or (
-        name == "nonlinear_viscous_friction" and shape[0] > 1
-    )
-    return name in EXPRESSED or partly
+    if name == "asymmetric_friction":
+        return shape[0] != 0
+    return name in EXPRESSED or (name == "nonlinear_viscous_friction" and shape[0] > 1)
 
 
 EXPRESSED = frozenset(
@@ -109,22 +108,22 @@ EXPRESSED = frozenset(
 
 def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Float:
     """Torque (N, n) Nm of a term along one of ``every`` run that ``Correction`` does not have; W (N, 1) of a supply."""
-    effect, joint, shape = fitted.term.effect, fitted.term.joint, fitted.term.shape
-    course = effect.columns(states, joint, shape) @ fitted.coefficients
+    effect, at, shape = fitted.term.effect, fitted.term.joint or 0, fitted.term.shape
+    course = fitted.course(states)
     if effect.place == "supply":
-        return np.asarray(course[:, None])
-    if course.ndim == 2:
-        return np.asarray(course)
-    at = joint or 0
+        return course[:, None]
     if effect.name == "asymmetric_friction" and shape[0] != 0:
-        course = course - 0.5 * fitted.coefficients[0] * states.sign[:, at]
+        course[:, at] -= 0.5 * fitted.coefficients[0] * states.sign[:, at]
     if effect.name == "nonlinear_viscous_friction" and shape[0] > 1:
-        speed = states.qd[:, at]
-        powers = np.column_stack([speed, speed * np.abs(speed), speed**3])
-        course = course - fitted.coefficients[0] * (powers @ _polynomial(shape[0], _fastest(every, at)))
-    out = np.zeros_like(states.q)
-    out[:, at] = course
-    return out
+        course[:, at] -= fitted.coefficients[0] * (
+            powers(states.qd[:, at]) @ _polynomial(shape[0], _fastest(every, at))
+        )
+    return course
+
+
+def powers(speed: Float) -> Float:
+    """w, w·abs(w) and w³ of speeds (…,) rad/s, (…, 3): what ``damping`` goes with."""
+    return np.stack([speed, speed * np.abs(speed), speed**3], axis=-1)
 
 
 def why_left(fitted: FittedTerm) -> str:
@@ -144,7 +143,7 @@ def why_left(fitted: FittedTerm) -> str:
 def _polynomial(exponent: float, fastest: float) -> Float:
     """Coefficients (3,), none negative, of w, w² and w³ that follow w to an ``exponent`` up to ``fastest`` rad/s."""
     speed = np.linspace(0.0, fastest, 200)
-    return np.asarray(nnls(np.column_stack([speed, speed**2, speed**3]), speed**exponent)[0])
+    return np.asarray(nnls(powers(speed), speed**exponent)[0])
 
 
 def _fastest(states: Sequence[States], joint: int) -> float:

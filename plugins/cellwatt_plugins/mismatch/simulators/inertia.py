@@ -49,11 +49,12 @@ def moved(parameters: Float, frame: Float) -> Float:
 
 
 def at_centre(parameters: Float) -> tuple[float, Float, Float]:
-    """Mass kg, centre (3,) m and inertia (3, 3) kg m² about that centre of a body (10,)."""
+    """Mass kg, centre (3,) m and inertia xx yy zz xy xz yz (6,) kg m² about that centre of a body (10,)."""
     mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
     tensor = np.zeros((3, 3))
     tensor[_ROWS, _COLUMNS] = tensor[_COLUMNS, _ROWS] = parameters[4:]
-    return mass, centre, tensor - mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
+    tensor -= mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
+    return mass, centre, tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
 def about_origin(mass: float, centre: Float, inertia: Float) -> Float:

@@ -15,7 +15,7 @@ from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem
-from cellwatt_plugins.mismatch.fit.retuning import all_fixed, confirmed, links_fixed
+from cellwatt_plugins.mismatch.fit.retuning import all_fixed, confirmed, freed, links_fixed
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
@@ -29,7 +29,6 @@ from cellwatt_plugins.mismatch.simulators.write_urdf import what_urdf_holds, wri
 from cellwatt_plugins.mismatch.simulators.written import Applied, Written
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
 from cellwatt_plugins.robot import Body
-from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 
@@ -40,14 +39,6 @@ SAME = 1e-3
 """Share of a joint's torque by which the written file may differ from what was to be written."""
 WORTH = 0.02
 """Share of the noise floor from which torque that is left counts."""
-
-
-@dataclass(frozen=True)
-class ToMend:
-    """A simulator and the frames of the robot's URDF in it."""
-
-    simulator: Simulator
-    frames: Placing
 
 
 @dataclass(frozen=True)
@@ -88,31 +79,29 @@ class Mended:
         return {**asdict(self), "path": str(self.path)}
 
 
-def to_mend(path: Path, body: Body) -> ToMend:
+def to_mend(path: Path, body: Body) -> Placing:
     """A user's file, and where the URDF's frames are in it. Raises ``ConfigError`` where it cannot be used."""
-    simulator = load_simulator(path, body.names)
-    return ToMend(simulator, placing(simulator, body))
+    return placing(load_simulator(path, body.names), body)
 
 
-def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mended:
+def mend(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Mended:
     """Writes ``out/NAME.mended.xml`` (or ``.urdf``) with what was found, and compares it with the recordings.
 
     What the file holds is fitted anew without what it cannot hold. The numbers that stay the user's are more and more,
     until the error on data left out rises at no joint. Raises ``ConfigError`` where the file cannot be changed, or
     would be worse whatever is written.
     """
-    simulator, frames = user.simulator, user.frames
-    worse: list[str] = []
+    simulator, worse = user.simulator, list[str]()
     for solution in _choices(found):
-        error = _held_out(simulator, frames, found, solution, runs)
+        error = _held_out(user, found, solution, runs)
         worse = [each.channel for each in error if each.after > RISES * each.before]
         if worse:
             continue
-        goal = target_of(simulator, frames, solution, found.mounted)
+        goal = target_of(user, solution, found.mounted)
         written = write(simulator, goal, out)
-        verify(simulator, frames, goal, solution.problem, written)
+        verify(user, goal, solution.problem, written)
         refused = [*goal.refused, *written.refused]
-        notes = (*simulator.notes, *frames.notes, *goal.notes)
+        notes = (*simulator.notes, *user.notes, *goal.notes)
         return Mended(written.path, tuple(written.applied), tuple(left_of(found, solution, refused)), error, notes)
     raise ConfigError(
         f"{simulator.path}: not mended: whatever is written, its error on data left out would rise at "
@@ -125,10 +114,10 @@ def _choices(found: Explained) -> Iterator[Solution]:
     torque = found.torque
     free = torque.free or torque.problem
     terms = [term for term in torque.terms if holds(term)]
-    for freedom in (confirmed(free, terms, torque.factor), links_fixed(free), all_fixed(free)):
-        yield fitted(freedom.of(free), terms)
+    for factors in (confirmed(free, terms, torque.factor), links_fixed(free), all_fixed(free)):
+        yield fitted(freed(free, factors), terms)
     # Of what is left, joint after joint: the terms of a joint that is no better with them stay out.
-    problem = all_fixed(free).of(free)
+    problem = freed(free, all_fixed(free))
     held, kept = LeaveOut(problem, torque.factor), list(terms)
     for joint in problem.told:
         others = [t for t in kept if t.joint != joint]
@@ -137,13 +126,13 @@ def _choices(found: Explained) -> Iterator[Solution]:
     yield fitted(problem, kept)
 
 
-def target_of(simulator: Simulator, frames: Placing, solution: Solution, mount: Float | None) -> Target:
+def target_of(user: Placing, solution: Solution, mount: Float | None) -> Target:
     """Values to be written, as far as the kind of file can hold them."""
     states = solution.problem.states
     terms = [FittedTerm(term, solution.coefficients(term)) for term in solution.terms]
     found = correction(retuned(solution, None), terms, states, mount)
-    goal = target(simulator, frames, found, states, solution.problem.floor)
-    return what_urdf_holds(simulator, goal) if simulator.path.suffix.lower() == ".urdf" else goal
+    goal = target(user, found, states, solution.problem.floor)
+    return what_urdf_holds(user.simulator, goal) if user.simulator.path.suffix.lower() == ".urdf" else goal
 
 
 def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
@@ -153,14 +142,15 @@ def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
     return write_mjcf(simulator, goal, folder)
 
 
-def verify(simulator: Simulator, frames: Placing, goal: Target, problem: Problem, written: Written) -> None:
+def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> None:
     """Raises ``ConfigError`` where the written file does not say what it should of random poses."""
-    rng, shape = np.random.default_rng(1), (POSES, len(simulator.joints))
+    simulator, rng = user.simulator, np.random.default_rng(1)
+    shape = POSES, len(simulator.joints)
     motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
-    wanted = expected(simulator, frames, goal, problem.states[0], *motion)
+    wanted = expected(user, goal, problem.states[0], *motion)
     off = rms(_mended(simulator, written)[0].torque(*motion, leading=False) - wanted)
     added = rms(wanted - simulator.torque(*motion, leading=False))
-    share = off / (SAME * np.maximum(rms(wanted), problem.floor) + frames.off * added)
+    share = off / (SAME * np.maximum(rms(wanted), problem.floor) + user.off * added)
     if np.max(share) > 1:
         written.path.unlink()
         worst = int(np.argmax(share))
@@ -182,11 +172,10 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     return new, factor
 
 
-def _held_out(
-    simulator: Simulator, frames: Placing, found: Explained, solution: Solution, runs: Sequence[Run]
-) -> tuple[ChannelError, ...]:
+def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
     """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
-    problem, held = solution.problem, LeaveOut(solution.problem, solution.factor)
+    simulator, problem = user.simulator, solution.problem
+    held = LeaveOut(problem, solution.factor)
     measured = problem.stack([run.torque for run in runs])
     motion = [problem.stack([getattr(s, name) for s in problem.states]) for name in ("q", "qd", "qdd")]
     before = measured - simulator.torque(*motion)
@@ -194,7 +183,7 @@ def _held_out(
     for k, coefficients in enumerate(held.coefficients(solution.terms)):
         rows = held.fold == k
         with tempfile.TemporaryDirectory() as folder:
-            goal = target_of(simulator, frames, solution.with_coefficients(coefficients), found.mounted)
+            goal = target_of(user, solution.with_coefficients(coefficients), found.mounted)
             new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     return tuple(
@@ -211,7 +200,7 @@ def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, i
     for term in found.model.terms:
         effect, joint = term.term.effect, term.term.joint
         if (effect.name, joint) in why:
-            course = [_whole(term, s) for s in problem.states]
+            course = [term.course(s) for s in problem.states]
             out += _entries(effect.name, why.pop((effect.name, joint)), course, problem)
         elif effect.place == "supply":
             states = (problem if found.supply is None else found.supply.problem).states
@@ -224,16 +213,6 @@ def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, i
     if any(effect == "rotor_inertia" for effect, _ in why):
         reason = next(text for (effect, _), text in why.items() if effect == "rotor_inertia")
         out += _entries("rotor_inertia", reason, [rotor * s.qdd for s in problem.states], problem)
-    return out
-
-
-def _whole(fitted: FittedTerm, states: States) -> Float:
-    """Torque (N, n) Nm of a term."""
-    course = fitted.term.effect.columns(states, fitted.term.joint, fitted.term.shape) @ fitted.coefficients
-    if course.ndim == 2:
-        return np.asarray(course)
-    out = np.zeros_like(states.q)
-    out[:, fitted.term.joint or 0] = course
     return out
 
 

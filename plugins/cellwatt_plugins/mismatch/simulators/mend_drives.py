@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
-from cellwatt_plugins.mismatch.fit.retuning import FIXED, Freedom, all_fixed, confirmed, links_fixed
+from cellwatt_plugins.mismatch.fit.retuning import FIXED, all_fixed, confirmed, freed, links_fixed
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
@@ -23,12 +23,12 @@ from cellwatt_plugins.mismatch.simulators.mend import (
     RISES,
     ChannelError,
     Mended,
-    ToMend,
     left_of,
     target_of,
     verify,
     write,
 )
+from cellwatt_plugins.mismatch.simulators.placing import Placing
 from cellwatt_plugins.mismatch.simulators.rollout import WINDOW, rms_of, rolled_out
 from cellwatt_plugins.mismatch.simulators.target import Target
 from cellwatt_plugins.robot.regression import Prior
@@ -56,7 +56,7 @@ DAMPED = {0: -1.0, 1: 0.0}
 """Half steps by which Euler's and Runge and Kutta's velocity that is damped is later; of others one."""
 
 
-def _starts(free: Problem, found: Explained) -> Iterator[tuple[Freedom, list[Term]]]:
+def _starts(free: Problem, found: Explained) -> Iterator[tuple[Float, list[Term]]]:
     """What may be written, with more and more numbers as the user has them.
 
     What the file cannot hold is among the terms: other numbers are not to stand for it, and the callback adds it.
@@ -66,16 +66,6 @@ def _starts(free: Problem, found: Explained) -> Iterator[tuple[Freedom, list[Ter
     yield links_fixed(free), terms
     for count in range(len(terms), -1, -1):
         yield all_fixed(free), terms[:count]
-
-
-def _kept(problem: Problem, freedom: Freedom, joints: Sequence[int]) -> Freedom:
-    """The same freedom, but friction, rotors and drives of ``joints`` stay the user's."""
-    return Freedom(
-        tuple(
-            FIXED if block.channel in joints else factor
-            for factor, block in zip(freedom.factors, problem.nuisance, strict=True)
-        )
-    )
 
 
 def _as_stepped(problem: Problem, model: Any) -> Problem:
@@ -122,22 +112,22 @@ def _servo(solution: Solution) -> Servo:
     )
 
 
-def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mended:
+def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Mended:
     """``mend`` where motion alone is known: of what the file may hold, that is written which follows the arm best.
 
     Each is rolled out under the recorded commands, and no joint may follow worse; at worst the file stays as it is.
     Raises ``ConfigError`` where it cannot be changed.
     """
-    simulator, frames = user.simulator, user.frames
+    simulator = user.simulator
     noise = np.max([run.drive.moved.resolution for run in runs if run.drive is not None], axis=0)
     before = rms_of(rolled_out(simulator.path, simulator.joints, runs))
     free = _as_stepped(found.torque.free or found.torque.problem, simulator.model)
-    unchanged = fitted(all_fixed(free).of(free), [])
+    unchanged = fitted(freed(free, all_fixed(free)), [])
     best = 0.0, _goal(found, unchanged, user), unchanged, before
     turnover: Float | None = None
-    for freedom, terms in _starts(free, found):
+    for factors, terms in _starts(free, found):
         for _ in range(TRIES):
-            solution = fitted(freedom.of(free), terms)
+            solution = fitted(freed(free, factors), terms)
             goal = _goal(found, solution, user)
             turnover = _turnover(goal, user, runs) if turnover is None else turnover
             goal = replace(goal, turnover=turnover)
@@ -145,22 +135,20 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) 
             worse = np.flatnonzero(after > RISES * before + SAME * noise).tolist()
             if not worse:
                 break
-            freedom = _kept(free, freedom, worse)
+            # Friction, rotors and drives of these joints stay the user's.
+            factors = np.where([block.channel in worse for block in free.nuisance], FIXED, factors)
         left = float(np.sum(np.log((after + noise) / (before + noise))))
         if not worse and left < best[0]:
             best = left, goal, solution, after
     _, goal, solution, after = best
     written = write(simulator, goal, out)
-    verify(simulator, frames, goal, solution.problem, written)
+    verify(user, goal, solution.problem, written)
     stiffness = solution.problem.states[0].servos.servo.stiffness
     refused = [*goal.refused, *written.refused]
     left_out = [
-        replace(
-            left,
-            rms=left.rms / float(stiffness[(left.joint or 1) - 1]),
-            unit=simulator.unit((left.joint or 1) - 1, "rad"),
-        )
+        replace(left, rms=left.rms / float(stiffness[at]), unit=simulator.unit(at, "rad"))
         for left in left_of(found, solution, refused)
+        for at in [(left.joint or 1) - 1]
         if left.effect not in WRITTEN or left.effect in [effect for effect, *_ in refused]
     ]
     error = tuple(
@@ -168,7 +156,7 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) 
         for j, (b, a, f) in enumerate(zip(before, after, noise, strict=True))
     )
     beside = write_callback(written.path, simulator.joints, found.model.terms)
-    notes = [*simulator.notes, *frames.notes, *goal.notes, ROLLED]
+    notes = [*simulator.notes, *user.notes, *goal.notes, ROLLED]
     if best[0] == 0:
         notes.append("Nothing that was found makes it follow better: its numbers stay.")
     if any(change.what == "delay" for change in written.applied):
@@ -178,7 +166,7 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) 
     return Mended(written.path, tuple(written.applied), tuple(left_out), error, tuple(notes))
 
 
-def _turnover(goal: Target, user: ToMend, runs: Sequence[Run]) -> Float:
+def _turnover(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
     """The rad/s (n,) within which friction turns over with which each joint follows best; NaN where as it is."""
     best, least = np.full(len(goal.friction), np.nan), _errors(goal, user, runs)
     for factor in WIDTHS:
@@ -189,12 +177,12 @@ def _turnover(goal: Target, user: ToMend, runs: Sequence[Run]) -> Float:
     return best
 
 
-def _errors(goal: Target, user: ToMend, runs: Sequence[Run]) -> Float:
+def _errors(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
     """Error (n,) rad of a file with the numbers of ``goal``."""
     with tempfile.TemporaryDirectory() as folder:
         written = write(user.simulator, goal, Path(folder))
         return rms_of(rolled_out(written.path, user.simulator.joints, runs))
 
 
-def _goal(found: Explained, solution: Solution, user: ToMend) -> Target:
-    return replace(target_of(user.simulator, user.frames, solution, found.mounted), servo=_servo(solution))
+def _goal(found: Explained, solution: Solution, user: Placing) -> Target:
+    return replace(target_of(user, solution, found.mounted), servo=_servo(solution))

@@ -89,13 +89,9 @@ class Simulator:
             for i in range(model.nu)
             if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[i, 0] == own
         ]
-        plain = [
-            i
-            for i in acting
-            if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-            and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
-        ]
-        return plain[0] if len(acting) == len(plain) == 1 else None
+        if len(acting) != 1 or model.actuator_gaintype[acting[0]] != mujoco.mjtGain.mjGAIN_FIXED:
+            return None
+        return acting[0] if model.actuator_biastype[acting[0]] == mujoco.mjtBias.mjBIAS_NONE else None
 
     def control_gains(self) -> Float:
         """Torque (n,) Nm of one unit of control at each joint; NaN where its actuator takes something else."""

@@ -26,8 +26,9 @@ NOTED = (np.radians(0.1), 0.001)
 
 @dataclass(frozen=True)
 class Placing:
-    """Constant frames between the two descriptions of an arm of n joints."""
+    """A simulator of n joints, and constant frames between it and the robot's URDF."""
 
+    simulator: Simulator
     base: Float
     """(4, 4): the URDF's base in the simulator's world."""
     bodies: Float
@@ -57,12 +58,12 @@ def placing(simulator: Simulator, body: Body) -> Placing:
     _check(simulator, askew, aside)
     inside = np.linalg.inv(base @ frames[0]) @ theirs[0]
     if np.max(askew) <= NOTED[0] and np.max(aside) <= NOTED[1]:
-        return Placing(base, inside)
+        return Placing(simulator, base, inside)
     note = (
         f"{simulator.path.name}: its axes differ from the URDF's by up to {np.degrees(np.max(askew)):.2f}° and "
         f"{1000 * np.max(aside):.1f} mm"
     )
-    return Placing(base, inside, float(np.max(askew) + np.max(aside) / ARM), (note,))
+    return Placing(simulator, base, inside, float(np.max(askew) + np.max(aside) / ARM), (note,))
 
 
 def _check(simulator: Simulator, askew: Float, aside: Float) -> None:

@@ -51,7 +51,7 @@ def _run(path: Path, model: Any, joints: Sequence[str], run: Run) -> RolledOut:
     at, dof = [j.qposadr[0] for j in named], [j.dofadr[0] for j in named]
     drives = [actuator_of(model, j.id) for j in named]
     moved, step = run.drive.moved, model.opt.timestep
-    out = np.full_like(run.position, np.nan)
+    out, error = (np.full_like(run.position, np.nan) for _ in range(2))
     for first, last in _windows(run):
         mujoco.mj_resetData(model, data)
         data.qpos[at], data.qvel[dof] = moved.position[first], moved.velocity[first]
@@ -62,20 +62,14 @@ def _run(path: Path, model: Any, joints: Sequence[str], run: Run) -> RolledOut:
             time = run.time[first] + data.time
             # What is left of the row is less than a step.
             out[row + 1] = data.qpos[at] + (run.time[row + 1] - time) * data.qvel[dof]
-    off = np.nan_to_num(out - moved.position, nan=LOST, posinf=LOST, neginf=-LOST)
-    return RolledOut(out, np.where(np.isnan(out) & ~_rolled(run)[:, None], np.nan, np.clip(off, -LOST, LOST)))
+        off = out[first + 1 : last + 1] - moved.position[first + 1 : last + 1]
+        error[first + 1 : last + 1] = np.clip(np.nan_to_num(off, nan=LOST, posinf=LOST, neginf=-LOST), -LOST, LOST)
+    return RolledOut(out, error)
 
 
 def _windows(run: Run) -> Iterator[tuple[int, int]]:
     """First and last row of each window without gaps."""
     per = max(2, round(WINDOW / run.step))
     for first in range(0, len(run.time) - per, per):
-        if run.gaps is None or not run.gaps[first : first + per + 1].any():
+        if not run.filled[first : first + per + 1].any():
             yield first, first + per
-
-
-def _rolled(run: Run) -> NDArray[np.bool_]:
-    out = np.zeros(len(run.time), np.bool_)
-    for first, last in _windows(run):
-        out[first + 1 : last + 1] = True
-    return out

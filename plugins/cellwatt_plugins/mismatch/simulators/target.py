@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.simulators.correction import Correction
+from cellwatt_plugins.mismatch.simulators.correction import Correction, powers
 from cellwatt_plugins.mismatch.simulators.inertia import moved, nearest, physical
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.placing import Placing
@@ -59,8 +59,9 @@ class Target:
     """(n,) rad/s within which dry friction turns over; NaN: as the user's file softens it."""
 
 
-def target(simulator: Simulator, placing: Placing, found: Correction, states: Sequence[States], floor: Float) -> Target:
+def target(user: Placing, found: Correction, states: Sequence[States], floor: Float) -> Target:
     """The user's values and what was found. ``floor`` (n,) Nm is the noise. Raises ``ConfigError``."""
+    simulator = user.simulator
     if len(set(simulator.bodies.tolist())) < len(simulator.joints):
         raise ConfigError(f"{simulator.path}: two joints move the same body: give each joint a body of its own")
     model, (_, dof) = simulator.model, simulator.places
@@ -74,13 +75,9 @@ def target(simulator: Simulator, placing: Placing, found: Correction, states: Se
     ]
     damping[:, 0] = np.maximum(damping[:, 0], 0.0)
     stiffness, rest, refused = _springs(simulator, found.spring)
-    if not hasattr(model, "dof_dampingpoly"):
-        there = np.flatnonzero(np.any(damping[:, 1:] != 0, axis=1))
-        refused += [("nonlinear_viscous_friction", int(at), "powers of the speed need MuJoCo 3.7") for at in there]
-        damping[:, 1:] = 0.0
-    links, payload, more = _bodies(simulator, placing, found, states, floor)
-    inside = np.stack([np.linalg.inv(frame) for frame in placing.bodies])
-    own = np.stack([moved(row, frame) for row, frame in zip(simulator.links(), placing.bodies, strict=True)])
+    own = np.stack([moved(row, frame) for row, frame in zip(simulator.links(), user.bodies, strict=True)])
+    links, payload, more = _bodies(own, found, states, floor)
+    inside = np.linalg.inv(user.bodies)
     return Target(
         np.maximum(friction, 0.0),
         damping,
@@ -89,7 +86,7 @@ def target(simulator: Simulator, placing: Placing, found: Correction, states: Se
         rest,
         np.stack([moved(row, frame) for row, frame in zip(links, inside, strict=True)]),
         None if payload is None else moved(payload, inside[-1]),
-        model.opt.gravity + placing.base[:3, :3] @ found.gravity,
+        model.opt.gravity + user.base[:3, :3] @ found.gravity,
         1 / (1 + found.gain),
         (links - own, payload),
         tuple(refused),
@@ -97,10 +94,9 @@ def target(simulator: Simulator, placing: Placing, found: Correction, states: Se
     )
 
 
-def expected(
-    simulator: Simulator, placing: Placing, goal: Target, states: States, q: Float, qd: Float, qdd: Float
-) -> Float:
+def expected(user: Placing, goal: Target, states: States, q: Float, qd: Float, qdd: Float) -> Float:
     """Torque (N, n) Nm of a motion: the user's simulator and what is written, by the URDF's own dynamics."""
+    simulator = user.simulator
     model, (_, dof) = simulator.model, simulator.places
     before = np.array(model.opt.gravity)
     try:
@@ -109,26 +105,21 @@ def expected(
     finally:
         model.opt.gravity[:] = before
     links, payload = goal.changed
-    regressor = states.arm.body.with_gravity(placing.base[:3, :3].T @ goal.gravity).regressor(q, qd, qdd)
+    regressor = states.arm.body.with_gravity(user.base[:3, :3].T @ goal.gravity).regressor(q, qd, qdd)
     out = out + regressor @ links.ravel()
     if payload is not None:
         out += regressor[:, :, -10:] @ payload
     out += (goal.friction - model.dof_frictionloss[dof]) * direction(qd)
-    powers = np.stack([qd, qd * np.abs(qd), qd**3], axis=2)
-    out += np.einsum("njk,jk->nj", powers, goal.damping - damping_of(simulator))
+    out += np.einsum("njk,jk->nj", powers(qd), goal.damping - damping_of(simulator))
     out += (goal.armature - model.dof_armature[dof]) * qdd
     stiffness, rest = _spring(simulator)
     return np.asarray(out + goal.stiffness * (q - goal.rest) - stiffness * (q - rest))
 
 
 def damping_of(simulator: Simulator) -> Float:
-    """Damping (n, 3) of the user's joints; MuJoCo before 3.7 has the first alone."""
+    """Damping (n, 3) of the user's joints."""
     model, (_, dof) = simulator.model, simulator.places
-    out = np.zeros((len(dof), 3))
-    out[:, 0] = model.dof_damping[dof]
-    if hasattr(model, "dof_dampingpoly"):
-        out[:, 1:] = model.dof_dampingpoly[dof]
-    return out
+    return np.column_stack([model.dof_damping[dof], model.dof_dampingpoly[dof]])
 
 
 def _spring(simulator: Simulator) -> tuple[Float, Float]:
@@ -154,10 +145,9 @@ def _springs(simulator: Simulator, found: Float) -> tuple[Float, Float, list[tup
 
 
 def _bodies(
-    simulator: Simulator, placing: Placing, found: Correction, states: Sequence[States], floor: Float
+    own: Float, found: Correction, states: Sequence[States], floor: Float
 ) -> tuple[Float, Float | None, list[str]]:
-    """Links (n, 10) and payload (10,) in the URDF's joint frames, such that all can exist."""
-    own = np.stack([moved(row, frame) for row, frame in zip(simulator.links(), placing.bodies, strict=True)])
+    """Links (n, 10) and payload (10,) in the URDF's joint frames, such that all can exist; ``own`` are the user's."""
     wanted = own + found.links
     every = wanted if found.payload is None else np.vstack([wanted, found.payload])
     if np.all(physical(every)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,12 @@ from cellwatt_plugins.mismatch.simulators.inertia import at_centre
 from cellwatt_plugins.mismatch.simulators.markup import Element, number
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.target import Target, damping_of
-from cellwatt_plugins.mismatch.simulators.written import Applied, Written, differ, differs, say_inertial
+from cellwatt_plugins.mismatch.simulators.written import Written, differ, differs, name_of_payload, write_inertial
 from cellwatt_plugins.robot.servo.law import Servo, actuator_of, servo_of
 
 Float = NDArray[np.float64]
 
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
-_PAYLOAD = "payload"
 HARDNESS = (0.05, 0.9999)
 """Least and greatest impedance of dry friction: with little of it, a joint that sticks has no other inertia."""
 SERVO_UNITS = ("N*m/rad", "N*m*s/rad", "N*m", "s")
@@ -32,11 +32,7 @@ def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     found = [_joint(files, name) for name in simulator.joints]
     for at, (one, element) in enumerate(found):
         _write_joint(simulator, goal, at, one, element, done, _turns(files, simulator, at))
-    for at, (one, element) in enumerate(found):
-        _write_link(simulator, goal, at, one, _body(one, element, simulator.path), done)
-    if goal.payload is not None:
-        one, element = found[-1]
-        _add_payload(simulator, goal.payload, one, _body(one, element, simulator.path), done)
+    _write_links(simulator, goal, [(one, _body(one, e, simulator.path)) for one, e in found], done)
     _write_gravity(files, simulator, goal, done)
     _write_gears(files, simulator, goal, done)
     if goal.servo is not None:
@@ -80,83 +76,67 @@ def _turns(files: Files, simulator: Simulator, at: int) -> float:
 
 
 def _write_joint(
-    simulator: Simulator, goal: Target, at: int, one: One, element: Element, done: Written, unit: float
+    simulator: Simulator, goal: Target, at: int, one: One, element: Element, done: Written, turn: float
 ) -> None:
     model, name = simulator.model, simulator.joints[at]
     dof, place, own = simulator.places[1][at], simulator.places[0][at], model.joint(name).id
-    plain = (
-        ("frictionloss", goal.friction[at], model.dof_frictionloss[dof], "N*m"),
-        ("armature", goal.armature[at], model.dof_armature[dof], "kg*m^2"),
-        ("stiffness", goal.stiffness[at], model.jnt_stiffness[own], "N*m/rad"),
+    numbers = (
+        ("frictionloss", goal.friction[at], model.dof_frictionloss[dof], "N*m", 1.0),
+        ("armature", goal.armature[at], model.dof_armature[dof], "kg*m^2", 1.0),
+        ("stiffness", goal.stiffness[at], model.jnt_stiffness[own], "N*m/rad", 1.0),
+        ("springref", goal.rest[at], model.qpos_spring[place], "rad", turn),
     )
     if goal.turnover is not None and goal.turnover[at] > 0 < goal.friction[at]:
-        _write_turnover(simulator, goal, at, one, element, done)
-    for what, value, was, of in plain:
+        _write_turnover(simulator, float(goal.turnover[at]), goal, at, one, element, done)
+    for what, value, was, unit, per in numbers:
         if differs(value, was):
-            one.markup.set(element, **{what: number(value)})
-            done.applied.append(Applied(what, f"joint {name}", float(value), float(was), simulator.unit(at, of)))
-    if differs(goal.rest[at], model.qpos_spring[place]):
-        one.markup.set(element, springref=number(goal.rest[at] / unit))
-        rest, was = float(goal.rest[at]), float(model.qpos_spring[place])
-        done.applied.append(Applied("springref", f"joint {name}", rest, was, simulator.unit(at, "rad")))
-    of = simulator.unit(at, "N*m*s/rad")
-    _write_damping(goal.damping[at], damping_of(simulator)[at], name, one, element, done, of)
+            one.markup.set(element, **{what: number(value / per)})
+            done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
+    wanted, damping = goal.damping[at], damping_of(simulator)[at]
+    if differ(wanted, damping):
+        # One number, or three where powers of the speed are there.
+        if not (np.any(wanted[1:] != 0) or np.any(damping[1:] != 0)):
+            wanted, damping = wanted[0], damping[0]
+        one.markup.set(element, damping=" ".join(map(number, np.atleast_1d(wanted))))
+        done.say("damping", f"joint {name}", wanted, damping, simulator.unit(at, "N*m*s/rad"))
 
 
-def _write_turnover(simulator: Simulator, goal: Target, at: int, one: One, element: Element, done: Written) -> None:
-    """Softens dry friction so that it grows with the velocity until it is whole.
+def _write_turnover(
+    simulator: Simulator, width: float, goal: Target, at: int, one: One, element: Element, done: Written
+) -> None:
+    """Softens dry friction so that it grows with the velocity until it is whole, at ``width`` rad/s.
 
     MuJoCo brakes with inertia · 2/time/(1 - impedance) · velocity, up to the friction; its time is two steps or more.
     """
-    model, dof = simulator.model, simulator.places[1][at]
+    model, dof, where = simulator.model, simulator.places[1][at], f"joint {simulator.joints[at]}"
     inertia = 1 / model.dof_invweight0[dof] + goal.armature[at] - model.dof_armature[dof]
-    width, where = float(goal.turnover[at]) if goal.turnover is not None else 0.0, f"joint {simulator.joints[at]}"
     way = 2 * inertia * width / goal.friction[at]
     time = max(way / (1 - HARDNESS[0]), 2 * model.opt.timestep)
     hardness = float(np.clip(1 - way / time, *HARDNESS))
     one.markup.set(element, solreffriction=f"{number(time)} 1", solimpfriction=f"{number(hardness)} {number(hardness)}")
-    was = tuple(model.dof_solref[dof].tolist()), tuple(model.dof_solimp[dof, :2].tolist())
-    done.applied.append(Applied("solreffriction", where, (float(time), 1.0), was[0], "s"))
-    done.applied.append(Applied("solimpfriction", where, (hardness, hardness), was[1], ""))
-
-
-def _write_damping(wanted: Float, was: Float, name: str, one: One, element: Element, done: Written, unit: str) -> None:
-    """One number, or three where powers of the speed are there."""
-    if not differ(wanted, was):
-        return
-    count = 3 if np.any(wanted[1:] != 0) or np.any(was[1:] != 0) else 1
-    one.markup.set(element, damping=" ".join(map(number, wanted[:count])))
-    new, before = (tuple(values[:count].tolist()) if count > 1 else float(values[0]) for values in (wanted, was))
-    done.applied.append(Applied("damping", f"joint {name}", new, before, unit))
+    done.say("solreffriction", where, (time, 1.0), model.dof_solref[dof], "s")
+    done.say("solimpfriction", where, (hardness, hardness), model.dof_solimp[dof, :2], "")
 
 
 def _inertial(parameters: Float) -> str:
     mass, centre, inertia = at_centre(parameters)
-    entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return (
         f'<inertial pos="{" ".join(map(number, centre))}" mass="{number(mass)}" '
-        f'fullinertia="{" ".join(map(number, entries))}"/>'
+        f'fullinertia="{" ".join(map(number, inertia))}"/>'
     )
 
 
-def _write_link(simulator: Simulator, goal: Target, at: int, one: One, body: Element, done: Written) -> None:
-    own, new = simulator.links()[at], goal.links[at]
-    if not differ(new, own):
-        return
-    there = body.child("inertial")
-    if there is None:
-        one.markup.add(body, _inertial(new))
-    else:
-        one.markup.replace(there, _inertial(new))
-    where = f"body {body.attributes.get('name', f'of joint {simulator.joints[at]}')}"
-    say_inertial(new, own, where, done)
-
-
-def _add_payload(simulator: Simulator, parameters: Float, one: One, body: Element, done: Written) -> None:
-    names = {simulator.model.body(i).name for i in range(simulator.model.nbody)}
-    name = next(n for i in range(100) if (n := _PAYLOAD if i == 0 else f"{_PAYLOAD}_{i + 1}") not in names)
-    one.markup.add(body, f'<body name="{name}">{_inertial(parameters)}</body>')
-    say_inertial(parameters, None, f"body {name}", done)
+def _write_links(simulator: Simulator, goal: Target, bodies: Sequence[tuple[One, Element]], done: Written) -> None:
+    """The inertia of each joint's body, and a body for the payload in the last one."""
+    for (one, body), joint, new, own in zip(bodies, simulator.joints, goal.links, simulator.links(), strict=True):
+        if differ(new, own):
+            write_inertial(one, body, _inertial(new))
+            done.say_inertial(new, own, f"body {body.attributes.get('name', f'of joint {joint}')}")
+    if goal.payload is not None:
+        one, body = bodies[-1]
+        name = name_of_payload({simulator.model.body(i).name for i in range(simulator.model.nbody)})
+        one.markup.add(body, f'<body name="{name}">{_inertial(goal.payload)}</body>')
+        done.say_inertial(goal.payload, None, f"body {name}")
 
 
 def _write_gravity(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
@@ -171,7 +151,7 @@ def _write_gravity(files: Files, simulator: Simulator, goal: Target, done: Writt
     if not stated:
         main = files.every[0].markup
         main.add(main.root, f'<option gravity="{written}"/>')
-    done.applied.append(Applied("gravity", "option", tuple(goal.gravity.tolist()), tuple(was.tolist()), "m/s^2"))
+    done.say("gravity", "option", goal.gravity, was, "m/s^2")
 
 
 def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
@@ -187,7 +167,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
         gear[0] *= goal.gear[at]
         last = int(np.flatnonzero(gear)[-1]) + 1
         motors[0][0].markup.set(motors[0][1], gear=" ".join(map(number, gear[:last])))
-        done.applied.append(Applied("gear", f"motor of joint {name}", float(gear[0]), was, ""))
+        done.say("gear", f"motor of joint {name}", gear[0], was, "")
 
 
 def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written) -> None:
@@ -218,15 +198,10 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
             one.markup.set(element, gainprm=pull, biasprm=f"0 {number(-stiffness)} {number(-damping)}")
         if np.isfinite(new[2]) and differs(new[2], was[2]):
             one.markup.set(element, forcerange=f"{number(goal.low[at] / gear)} {number(goal.high[at] / gear)}")
-        if differs(new[3], was[3]) and not hasattr(simulator.model, "actuator_delay"):
-            done.refused.append(("time_delay", None, "delays of actuators need MuJoCo 3.5"))
-            new = (*new[:3], was[3])
         if differs(new[3], was[3]):
             rows = int(np.ceil(new[3] / simulator.model.opt.timestep)) + 2
             one.markup.set(element, delay=number(new[3]), nsample=str(rows), interp="linear")
         for what, value, before, unit in zip(("kp", "kv", "forcerange", "delay"), new, was, SERVO_UNITS, strict=True):
             if np.isfinite(value) and differs(value, before):
-                old = float(before) if np.isfinite(before) else None
-                done.applied.append(
-                    Applied(what, f"drive of joint {name}", float(value), old, simulator.unit(at, unit))
-                )
+                old = before if np.isfinite(before) else None
+                done.say(what, f"drive of joint {name}", value, old, simulator.unit(at, unit))

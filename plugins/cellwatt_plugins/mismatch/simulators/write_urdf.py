@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +15,12 @@ from cellwatt_plugins.mismatch.simulators.inertia import at_centre
 from cellwatt_plugins.mismatch.simulators.markup import Element, number
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.target import Target
-from cellwatt_plugins.mismatch.simulators.written import Applied, Written, differ, differs, say_inertial
+from cellwatt_plugins.mismatch.simulators.written import Written, differ, differs, name_of_payload, write_inertial
 
 Float = NDArray[np.float64]
 
 NO_TERM = "a URDF has no such term"
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
@@ -27,15 +29,18 @@ def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     main, done = files.every[0], Written(folder)
     links = {e.attributes.get("name", ""): e for e in main.markup.root.children if e.tag == "link"}
     joints = {e.attributes.get("name", ""): e for e in main.markup.root.children if e.tag == "joint"}
+    own = simulator.links()
     for at, name in enumerate(simulator.joints):
         _write_dynamics(simulator, goal, at, main, joints[name], done)
         child = joints[name].child("child")
         link = links.get("" if child is None else child.attributes.get("link", ""))
         if link is None:
             raise ConfigError(f"{simulator.path}: joint {name} has no child link")
-        _write_link(simulator, goal, at, main, link, done)
-        if at == len(simulator.joints) - 1 and goal.payload is not None:
-            _add_payload(goal.payload, main, link, set(links), done)
+        if differ(goal.links[at], own[at]):
+            write_inertial(main, link, _inertial(goal.links[at]))
+            done.say_inertial(goal.links[at], own[at], f"link {link.attributes.get('name', '')}")
+        if goal.payload is not None and at == len(own) - 1:
+            _add_payload(goal.payload, main, link, links, done)
     done.path = files.write(folder)[0]
     return done
 
@@ -50,7 +55,7 @@ def _write_dynamics(simulator: Simulator, goal: Target, at: int, one: One, joint
     new = {what: number(value) for what, (value, was, _) in wanted.items() if differs(value, was)}
     for what in new:
         value, was, unit = wanted[what]
-        done.applied.append(Applied(what, f"joint {name}", float(value), float(was), simulator.unit(at, unit)))
+        done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
     if there is not None:
         one.markup.set(there, **new)
     elif new:
@@ -59,35 +64,22 @@ def _write_dynamics(simulator: Simulator, goal: Target, at: int, one: One, joint
 
 def _inertial(parameters: Float) -> str:
     mass, centre, inertia = at_centre(parameters)
-    names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    entries = " ".join(f'{name}="{number(inertia[place])}"' for name, place in names.items())
+    entries = " ".join(f'{name}="{number(value)}"' for name, value in sorted(zip(ENTRIES, inertia, strict=True)))
     return (
         f'<inertial><origin xyz="{" ".join(map(number, centre))}"/><mass value="{number(mass)}"/>'
         f"<inertia {entries}/></inertial>"
     )
 
 
-def _write_link(simulator: Simulator, goal: Target, at: int, one: One, link: Element, done: Written) -> None:
-    own, new = simulator.links()[at], goal.links[at]
-    if not differ(new, own):
-        return
-    there = link.child("inertial")
-    if there is None:
-        one.markup.add(link, _inertial(new))
-    else:
-        one.markup.replace(there, _inertial(new))
-    say_inertial(new, own, f"link {link.attributes.get('name', '')}", done)
-
-
-def _add_payload(parameters: Float, one: One, link: Element, taken: set[str], done: Written) -> None:
-    name = next(n for i in range(100) if (n := "payload" if i == 0 else f"payload_{i + 1}") not in taken)
+def _add_payload(parameters: Float, one: One, link: Element, taken: Collection[str], done: Written) -> None:
+    name = name_of_payload(taken)
     one.markup.add(
         one.markup.root,
         f'<link name="{name}">{_inertial(parameters)}</link>',
         f'<joint name="{name}_fixed" type="fixed">'
         f'<parent link="{link.attributes["name"]}"/><child link="{name}"/></joint>',
     )
-    say_inertial(parameters, None, f"link {name}", done)
+    done.say_inertial(parameters, None, f"link {name}")
 
 
 def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from cellwatt_plugins.mismatch.simulators.files import One
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
+from cellwatt_plugins.mismatch.simulators.markup import Element
 
 Float = NDArray[np.float64]
 
 SMALL = 1e-9
 """Share of a number by which it must change to be written."""
+INERTIAL = (("mass", "kg"), ("centre of mass", "m"), ("inertia (xx yy zz xy xz yz)", "kg*m^2"))
+"""What ``at_centre`` gives, with the unit."""
 
 
 def differ(values: Float, were: Float) -> bool:
@@ -44,25 +49,38 @@ class Written:
     refused: list[tuple[str, int | None, str]] = field(default_factory=list)
     """Effects with their joints (0-based) that this kind of file cannot hold, and why."""
 
+    def say(self, what: str, where: str, value: ArrayLike, was: ArrayLike | None, unit: str) -> None:
+        """Note what was written, one number or some, and what it was."""
+        self.applied.append(Applied(what, where, _told(value), None if was is None else _told(was), unit))
+
+    def say_inertial(self, new: Float, own: Float | None, where: str) -> None:
+        """Note mass, centre and inertia of a body (10,) that was ``own`` (10,) before."""
+        now: Sequence[ArrayLike] = at_centre(new)
+        before: Sequence[ArrayLike | None] = [None] * len(now) if own is None or own[0] <= 0 else at_centre(own)
+        for (what, unit), value, was in zip(INERTIAL, now, before, strict=True):
+            self.say(what, where, value, was, unit)
+
+
+def _told(value: ArrayLike) -> float | tuple[float, ...]:
+    numbers = np.asarray(value, np.float64)
+    return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
+
 
 def differs(value: float, was: float) -> bool:
     """True if a number differs, rounding aside."""
     return abs(value - was) > SMALL * max(abs(value), abs(was), 1e-12)
 
 
-def say_inertial(new: Float, own: Float | None, where: str, done: Written) -> None:
-    """Notes mass, centre and inertia of a body (10,) that was ``own`` (10,) before."""
-    mass, centre, inertia = at_centre(new)
-    before = None if own is None or own[0] <= 0 else at_centre(own)
-    order = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
-    done.applied += [
-        Applied("mass", where, mass, before[0] if before else None, "kg"),
-        Applied("centre of mass", where, tuple(centre.tolist()), tuple(before[1].tolist()) if before else None, "m"),
-        Applied(
-            "inertia (xx yy zz xy xz yz)",
-            where,
-            tuple(inertia[order].tolist()),
-            tuple(before[2][order].tolist()) if before else None,
-            "kg*m^2",
-        ),
-    ]
+def write_inertial(one: One, body: Element, text: str) -> None:
+    """Write a body's inertia in place of what is there."""
+    there = body.child("inertial")
+    if there is None:
+        one.markup.add(body, text)
+    else:
+        one.markup.replace(there, text)
+
+
+def name_of_payload(taken: Collection[str]) -> str:
+    """A name that no other body has."""
+    names = ("payload", *(f"payload_{i}" for i in range(2, 101)))
+    return next(name for name in names if name not in taken)

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
-from cellwatt_plugins.mismatch.fit.retuning import all_fixed
+from cellwatt_plugins.mismatch.fit.retuning import all_fixed, freed
 from cellwatt_plugins.mismatch.fit.solution import Solution
-from cellwatt_plugins.mismatch.verdict.channels import channel_name
 from cellwatt_plugins.mismatch.verdict.findings import Step, StepKind
 from cellwatt_plugins.robot.curves import Curve
 
@@ -65,7 +64,7 @@ def falling(solution: Solution) -> Falling:
     steady = [t for t in best.terms if not t.effect.form.intermittent]
     # Of what is there at one time only, no data can be left out: it counts as fitted.
     once = {t.place: best.added(t) for t in _once(best)}
-    fixed = LeaveOut(all_fixed(best.problem).of(best.problem), best.factor)
+    fixed = LeaveOut(freed(best.problem, all_fixed(best.problem)), best.factor)
     free = LeaveOut(best.problem, best.factor)
     floor = best.problem.floor
 
@@ -123,7 +122,7 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
     def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
         ratios = [max(errors[at] / floors[at], LEAST) for at in errors]
         total = float(np.exp(np.mean(np.log(ratios)))) if ratios else 0.0
-        named = {channel_name(sides[i].problem, c): value for (i, c), value in errors.items()}
+        named = {sides[i].problem.channel(c)[0]: value for (i, c), value in errors.items()}
         return Step(kind, label, effect, None if joint is None else joint + 1, total, named, held_out)
 
     def put(i: int, values: Float) -> None:

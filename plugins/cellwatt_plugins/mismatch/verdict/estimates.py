@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +26,10 @@ def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
         terms += [FittedTerm(term, supply.coefficients(term)) for term in supply.terms]
-    body = base.arm.body
-    gravity = (
-        None
-        if np.array_equal(body.gravity_field, Arm.of(base.arm.description).body.gravity_field)
-        else body.gravity_field
-    )
-    return Model(
-        base.arm.description, retuned(torque, supply), tuple(terms), body.changed, gravity, base.field, base.lead
-    )
+    robot, body = base.arm.description, base.arm.body
+    same = np.array_equal(body.gravity_field, Arm.of(robot).body.gravity_field)
+    gravity = None if same else body.gravity_field
+    return Model(robot, retuned(torque, supply), tuple(terms), body.changed, gravity, base.field, base.lead)
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:
@@ -79,7 +75,8 @@ def estimates(solution: Solution) -> dict[tuple[str, int | None], Estimate]:
         slope = _slopes(solution.problem, term, solution.fit.coefficients[place])
         slopes.append(None if slope is None else len(blocks))
         if slope is not None:
-            blocks.append(Block(slope, block.channel, Prior.spread(1e3 * _typical(term))))
+            typical = np.array([max(abs(term.shape[i]), 1e-6) for i in _refined(term)])
+            blocks.append(Block(slope, block.channel, Prior.spread(1e3 * typical)))
     # Numbers that stay the user's are no more certain for that.
     design = (solution.free or solution.problem).design
     fit = Regression(design, blocks, solution.factor)
@@ -87,12 +84,9 @@ def estimates(solution: Solution) -> dict[tuple[str, int | None], Estimate]:
     out = {}
     for i, (term, at) in enumerate(zip(solution.terms, slopes, strict=True)):
         own = list(range(fit.slices[i].start, fit.slices[i].stop))
-        if at is None:
-            out[term.place] = _estimate(solution, term, covariance[np.ix_(own, own)], [])
-            continue
-        shaped = list(range(fit.slices[at].start, fit.slices[at].stop))
-        both = own + shaped
-        out[term.place] = _estimate(solution, term, covariance[np.ix_(both, both)], _refined(term))
+        shaped = [] if at is None else list(range(fit.slices[at].start, fit.slices[at].stop))
+        both = np.ix_(own + shaped, own + shaped)
+        out[term.place] = _estimate(solution, term, covariance[both], [] if at is None else _refined(term))
     return out
 
 
@@ -108,20 +102,14 @@ def _refined(term: Term) -> list[int]:
     return [i for i, (low, high) in enumerate(term.effect.bounds(term.shape)) if high > low]
 
 
-def _typical(term: Term) -> Float:
-    return np.array([max(abs(term.shape[i]), 1e-6) for i in _refined(term)])
-
-
 def _slopes(problem: Problem, term: Term, coefficients: Float) -> Float | None:
     """Change of a term's contribution with each refined shape parameter, (N, k) or (N, C, k); None where none is."""
     out = []
     for i in _refined(term):
         step = 1e-3 * max(abs(term.shape[i]), 1e-3)
-        sides = [
-            problem.block(
-                Term(term.effect, term.joint, (*term.shape[:i], term.shape[i] + way * step, *term.shape[i + 1 :]))
-            )
-            for way in (1, -1)
-        ]
-        out.append((sides[0].columns @ coefficients - sides[1].columns @ coefficients) / (2 * step))
+        more, less = (
+            problem.block(replace(term, shape=(*term.shape[:i], term.shape[i] + way, *term.shape[i + 1 :])))
+            for way in (step, -step)
+        )
+        out.append((more.columns @ coefficients - less.columns @ coefficients) / (2 * step))
     return np.stack(out, axis=-1) if out else None

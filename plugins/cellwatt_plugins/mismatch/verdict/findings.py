@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from cellwatt_plugins.mismatch.fit.problem import Float, Problem
 from cellwatt_plugins.mismatch.fit.solution import Trial
 from cellwatt_plugins.robot.effects.effect import Parameter
 
@@ -44,6 +45,12 @@ class Improvement:
     after: float
     noise_floor: float
     held_out: bool = True
+
+    @classmethod
+    def at(cls, problem: Problem, channel: int, before: Float, after: Float, held_out: bool = True) -> Improvement:
+        """That of a channel (0-based) out of the errors (C,) of all."""
+        floor = float(problem.floor[channel])
+        return cls(*problem.channel(channel), float(before[channel]), float(after[channel]), floor, held_out)
 
 
 @dataclass(frozen=True)

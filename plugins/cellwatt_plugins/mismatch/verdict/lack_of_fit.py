@@ -14,26 +14,17 @@ from cellwatt_plugins.mismatch.verdict.findings import Span, UnexplainedChannel
 Float = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits beyond which a residual is called unexplained."""
-
-    excess: float = 0.35
-    """Mean square residual beyond noise, in units of the noise, over a whole channel."""
-    share: float = 0.2
-    """Beyond this share of what the named effects explain there; below, it is what they do not get quite right."""
-    rough: float = 4.0
-    """The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much
-    as ``share`` of it is left while no link swings, too."""
-    size: float = 0.03
-    """Beyond this share of what was measured (standard deviation): less is of no use to anybody. Of what acts only here
-    and there, its size is that in the windows where it does."""
-    window: float = 0.5
-    """s of the windows that are looked at."""
-    strong: float = 6.0
-    """Mean square residual of a window, in units of the noise, that no chance makes."""
-    again: int = 5
-    """Windows in which it acts so, at least: what happens once or twice is no physics of the arm."""
+SHARE = 0.2
+"""Beyond this share of what the named effects explain there; below, it is what they do not get quite right."""
+ROUGH = 4.0
+"""The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much as
+``SHARE`` of it is left while no link swings, too."""
+WINDOW = 0.5
+"""s of the windows that are looked at."""
+STRONG = 6.0
+"""Mean square residual of a window, in units of the noise, that no chance makes."""
+AGAIN = 5
+"""Windows in which it acts so, at least: what happens once or twice is no physics of the arm."""
 
 
 @dataclass(frozen=True)
@@ -48,42 +39,47 @@ class LackOfFit:
     times: tuple[Span, ...]
 
 
-def lack_of_fit(before: Float, solution: Solution, limits: Limits = Limits()) -> list[LackOfFit]:
-    """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone."""
+def lack_of_fit(before: Float, solution: Solution, most: float = 0.35, size: float = 0.03) -> list[LackOfFit]:
+    """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone.
+
+    ``most`` is the mean square residual beyond noise, in units of the noise, over a whole channel; ``size`` the share
+    of what was measured (standard deviation) below which it is of no use to anybody. Of what acts only here and there,
+    its size is that in the windows where it does.
+    """
     problem, residual = solution.problem, solution.residual
     left = problem.chi2(residual)
     rough, calm = swinging_channels(solution), chi2_at_rest(solution)
     out = []
     for channel, excess in enumerate(left - 1.0):
         explained = max(0.0, float(before[channel] - left[channel]))
-        share = limits.rough if channel in rough else limits.share
-        theirs = channel in rough and calm[channel] - 1.0 < max(limits.excess, limits.share * excess)
-        if excess > max(limits.excess, share * explained) and not theirs:
-            means = np.concatenate([np.mean(w, axis=1) for w in _windows(solution, channel, limits)])
-            strong = means > limits.strong
-            acts = float(np.mean(means[strong])) - 1.0 if strong.sum() >= limits.again else excess
-            if np.sqrt(acts) * problem.floor[channel] >= limits.size * problem.measured[channel]:
-                out.append(_place(solution, channel, strong, limits))
+        share = ROUGH if channel in rough else SHARE
+        theirs = channel in rough and calm[channel] - 1.0 < max(most, SHARE * excess)
+        if excess > max(most, share * explained) and not theirs:
+            means = np.concatenate([np.mean(w, axis=1) for w in _windows(solution, channel)])
+            strong = means > STRONG
+            acts = float(np.mean(means[strong])) - 1.0 if strong.sum() >= AGAIN else excess
+            if np.sqrt(acts) * problem.floor[channel] >= size * problem.measured[channel]:
+                out.append(_place(solution, channel, strong))
     return out
 
 
-def _windows(solution: Solution, channel: int, limits: Limits) -> list[Float]:
+def _windows(solution: Solution, channel: int) -> list[Float]:
     """Squared residual over its variance by windows of each run, (W, samples)."""
     problem = solution.problem
     squared = np.square(solution.residual * problem.design.root)
     out = []
     for rows, part in zip(problem.rows, problem.split(squared), strict=True):
-        width = max(1, round(limits.window / rows.step))
+        width = max(1, round(WINDOW / rows.step))
         count = len(part) // width
         out.append(part[: count * width, channel].reshape(count, width))
     return out
 
 
-def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: Limits) -> LackOfFit:
+def _place(solution: Solution, channel: int, strong: NDArray[np.bool_]) -> LackOfFit:
     problem = solution.problem
     squared = solution.residual[:, channel] ** 2
     spans, positions, speeds, at = [], [], [], 0
-    every = zip(problem.states, problem.rows, _windows(solution, channel, limits), strict=True)
+    every = zip(problem.states, problem.rows, _windows(solution, channel), strict=True)
     for states, rows, windows in every:
         width = windows.shape[1]
         for i in range(len(windows)):

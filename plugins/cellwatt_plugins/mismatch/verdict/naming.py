@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
-from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.problem import Term, on_joints
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.mismatch.verdict.cascade import Added, Falling
-from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, mostly
@@ -73,11 +72,11 @@ def _finding(
     if term.joint is not None:
         parameters = {name: replace(p, unit=robot.unit(term.joint, p.unit)) for name, p in parameters.items()}
     described = term.effect.described(robot, term.joint)
-    statement = (
-        _mistuned(term, parameters, described) if described else term.effect.statement(_who(term.joint), parameters)
-    )
+    who = "The robot" if term.joint is None else f"Joint {term.joint + 1}"
+    statement = _mistuned(who, term, parameters, described) if described else term.effect.statement(who, parameters)
     channels = _channels(solution, term)
-    main = _main(solution, added, channels)
+    gone = (added.before - added.after) / solution.problem.floor
+    main = max(channels, key=lambda c: float(gone[c]))
     own, rivals = solution.rivals.get(term.place, (0.0, ()))
     seen = term.effect.form.intermittent
     step = 1.0 if seen else max(0.0, _share(solution, main, added.before, added.after))
@@ -93,7 +92,8 @@ def _finding(
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
-        improvement=_improvement(solution, added, main, held_out=not seen),
+        # Of what is there at one time only, no data can be left out.
+        improvement=Improvement.at(solution.problem, main, added.before, added.after, held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
         was=described or None,
     )
@@ -104,13 +104,12 @@ def _within_gain(term: Term, gain: float) -> bool:
     return gain > 0 and term.effect.name == "torque_gain"
 
 
-def _mistuned(term: Term, parameters: Mapping[str, Parameter], described: float) -> str:
+def _mistuned(who: str, term: Term, parameters: Mapping[str, Parameter], described: float) -> str:
     """One plain sentence on a parameter that the description has, but well off."""
     name, off = term.effect.name.replace("_", " "), next(iter(parameters.values()))
     unit = off.unit.replace("N*m", "Nm").replace("*", "·")
-    who = "The robot's" if term.joint is None else f"Joint {term.joint + 1}'s"
     return (
-        f"{who} {name} is {described + off.value:.3g} ± {off.std:.2g} {unit}, not {described:.3g}: "
+        f"{who}'s {name} is {described + off.value:.3g} ± {off.std:.2g} {unit}, not {described:.3g}: "
         "it is mistuned beyond its tolerance."
     )
 
@@ -143,17 +142,10 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
             f"{100 * share:.0f} % of what is left at joint {joint + 1} goes with {curve.along}, by no known law: the "
             "curve is in the model."
         )
+        name, unit = f"tau_{joint + 1}", robot.unit(joint, curve.unit)
         values = tuple(solution.coefficients(term).tolist())
-        out.append(
-            FoundCurve(
-                f"tau_{joint + 1}", curve.along, robot.unit(joint, curve.unit), term.shape, values, share, statement
-            )
-        )
+        out.append(FoundCurve(name, curve.along, unit, term.shape, values, share, statement))
     return out
-
-
-def _who(joint: int | None) -> str:
-    return "The robot" if joint is None else f"Joint {joint + 1}"
 
 
 def _channels(solution: Solution, term: Term) -> list[int]:
@@ -163,11 +155,6 @@ def _channels(solution: Solution, term: Term) -> list[int]:
     return felt or [int(np.argmax(size))]
 
 
-def _main(solution: Solution, added: Added, channels: Sequence[int]) -> int:
-    gain = (added.before - added.after) / solution.problem.floor
-    return max(channels, key=lambda c: float(gain[c]))
-
-
 def _share(solution: Solution, channel: int, before: Float, after: Float) -> float:
     """Share of a channel's mean square error beyond the noise that is gone."""
     beyond = float(before[channel] ** 2 - solution.problem.floor[channel] ** 2)
@@ -175,19 +162,17 @@ def _share(solution: Solution, channel: int, before: Float, after: Float) -> flo
 
 
 def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
-    names = tuple(channel_name(solution.problem, c) for c in channels)
+    names = tuple(solution.problem.channel(c)[0] for c in channels)
     if term.joint is None:
         return Where(names, times=_spans(solution, term))
     course = solution.problem.columns(term)
-    size = np.concatenate([_size(c @ solution.coefficients(term), term.joint) for c in course])
+    joints = len(solution.problem.floor)
+    every = [on_joints(c @ solution.coefficients(term), term.joint, joints)[:, term.joint] for c in course]
+    size = np.abs(np.concatenate(every))
     strong = size > 0.5 * np.max(size)
     speed = np.concatenate([s.qd[:, term.joint] for s in solution.problem.states])
     place = np.concatenate([s.q[:, term.joint] for s in solution.problem.states])
     return Where(names, mostly(place[strong], place), mostly(speed[strong], speed), _spans(solution, term))
-
-
-def _size(course: Float, joint: int) -> Float:
-    return np.abs(course[:, joint] if course.ndim == 2 else course)
 
 
 def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
@@ -200,13 +185,6 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
         there = size > 0.1 * max(1e-12, float(np.max(size)))
         out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in stretches(there)]
     return tuple(out[:40])
-
-
-def _improvement(solution: Solution, added: Added, main: int, held_out: bool) -> Improvement:
-    """Error before and after a term's step; of what is there at one time only, no data can be left out."""
-    name, unit = channel_name(solution.problem, main), channel_unit(solution.problem, main)
-    floor = float(solution.problem.floor[main])
-    return Improvement(name, unit, float(added.before[main]), float(added.after[main]), floor, held_out)
 
 
 def _confidence(term: Term, own: float, rivals: Sequence[Candidate]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,24 +26,12 @@ NAMED = 5
 """Recordings that notes name; ``findings.json`` and the report have all."""
 
 
-@dataclass(frozen=True)
-class _Known:
-    """What the recordings are compared with."""
-
-    model: Model
-    simulator: Path | None
-    rate: float
-    """Hz."""
-    usual: dict[str, float]
-    """Rms error of each channel in data left out of the fit."""
-
-
 def compare(
     files: Sequence[Source], findings: Findings, model: Model, simulator: Path | None, rate: float
 ) -> tuple[Other, ...]:
     """Each recording beside the model, at ``rate`` Hz."""
     usual = {fit.channel: max(fit.model, fit.noise_floor) for fit in findings.fit}
-    known = _Known(model, simulator, rate, usual)
+    known = model, simulator, rate, usual
     return tuple(spread(_compared, files, "comparing the other recordings", shared=known))
 
 
@@ -75,23 +63,23 @@ def _odd(other: Other) -> str:
     )
 
 
-def _compared(file: Source, known: _Known) -> Other:
-    """The channel of a recording that is furthest off."""
-    model = known.model
+def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, float]]) -> Other:
+    """The channel of a recording that is furthest off the model; ``usual`` is each channel's error in data left out."""
+    model, simulator, rate, usual = known
     try:
-        run = read_one(file, model.robot, known.simulator, known.rate)
+        run = read_one(file, model.robot, simulator, rate)
         states = model.baseline.states(run, -1, check_run(run, model.arm()))
     except RecordingError as error:
         return Other(file.name, None, why=str(error))
     predicted = predict_states(model, states)
-    counts = slice(None) if run.gaps is None else ~run.gaps
+    counts = ~run.filled
     parts = [(f"tau_{i + 1}", "N*m", run.torque[counts, i], predicted.torque[counts, i]) for i in range(run.joints)]
     if run.power is not None and held([(run.time, run.power)]) is None:
         parts.append(("power", "W", run.power[counts], predicted.power[counts]))
     found = [
-        Other(file.name, _explained(error, known.usual[name], measured, model), name, unit, error, known.usual[name])
+        Other(file.name, _explained(error, usual[name], measured, model), name, unit, error, usual[name])
         for name, unit, measured, said in parts
-        if name in known.usual
+        if name in usual
         for error in [float(np.sqrt(np.mean(np.square(measured - said))))]
     ]
     return max(found, key=lambda other: (other.explained is False, other.error / other.usual))

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.cascade import Falling
-from cellwatt_plugins.mismatch.verdict.channels import channel_unit
 from cellwatt_plugins.mismatch.verdict.findings import Retuned
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import INHERITED
@@ -91,32 +90,30 @@ def _moved(best: Solution) -> Iterator[Sequence[_Moved]]:
     covariance = best.fit.covariance
     robot, places = best.problem.states[0].robot, iter(best.problem.design.slices)
 
-    def fitted(place: slice) -> tuple[Float, Float]:
-        return best.fit.coefficients[place], covariance[place, place]
+    def alone(
+        place: slice, name: str, joint: int | None, was: float, unit: str, share: float, scale: float = 1.0
+    ) -> Sequence[_Moved]:
+        off, std = float(best.fit.coefficients[place][0]), float(np.sqrt(covariance[place, place][0, 0]))
+        return [_Moved(name, joint, was, scale * off, scale * std, unit, share * was)]
 
     if best.problem.side == "supply":
-        tolerance = robot.tolerances.supply
+        share = robot.tolerances.supply
         if robot.standby_power > 0:
-            off, spread = fitted(next(places))
-            std = float(np.sqrt(spread[0, 0]))
-            was = robot.standby_power
-            yield [_Moved("standby_power", None, was, float(off[0]), std, "W", tolerance * was)]
+            yield alone(next(places), "standby_power", None, robot.standby_power, "W", share)
         heating = np.flatnonzero((robot.column("winding_resistance") > 0) & (robot.column("torque_constant") > 0))
         for joint, place in zip(heating.tolist(), places, strict=False):
-            off, spread = fitted(place)
-            was, std = robot.joints[joint].winding_resistance, float(np.sqrt(spread[0, 0]))
-            yield [_Moved("winding_resistance", joint, was, was * float(off[0]), was * std, "Ohm", tolerance * was)]
+            was = robot.joints[joint].winding_resistance
+            yield alone(place, "winding_resistance", joint, was, "Ohm", share, was)
         return
     links = best.problem.states[0].arm.body.parameters().reshape(-1, PER_LINK)
     for joint, own in enumerate(links):
-        yield _link(joint, own, *fitted(next(places)), robot.tolerances.link)
+        place = next(places)
+        yield _link(joint, own, best.fit.coefficients[place], covariance[place, place], robot.tolerances.link)
     for name in FRICTION:
-        tolerance = robot.tolerances.rotor_inertia if name == "rotor_inertia" else robot.tolerances.friction
+        share = robot.tolerances.rotor_inertia if name == "rotor_inertia" else robot.tolerances.friction
         for joint, was in enumerate(robot.column(name).tolist()):
             if was > 0:
-                off, spread = fitted(next(places))
-                std, unit = float(np.sqrt(spread[0, 0])), robot.unit(joint, UNITS[name])
-                yield [_Moved(name, joint, was, float(off[0]), std, unit, tolerance * was)]
+                yield alone(next(places), name, joint, was, robot.unit(joint, UNITS[name]), share)
 
 
 def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -> list[_Moved]:
@@ -150,7 +147,7 @@ def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> Retuned:
     )
     falls = [
         f"{'the supply' if fall.problem.side == 'supply' else f'joint {c + 1}'} ({fall.untuned[c]:.3g} → "
-        f"{fall.model[c]:.3g} {channel_unit(fall.problem, c).replace('*', '')})"
+        f"{fall.model[c]:.3g} {fall.problem.channel(c)[1].replace('*', '')})"
         for c in explained
     ]
     statement += f", and with it retuning explains most of {' and '.join(falls)}." if falls else "."

@@ -16,7 +16,6 @@ from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import encoder_floor, rattling
 from cellwatt_plugins.mismatch.fit.rows import Filtered
 from cellwatt_plugins.mismatch.fit.solution import Solution
-from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Improvement, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, between
 from cellwatt_plugins.robot.effects.effect import Parameter
@@ -47,10 +46,9 @@ def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveO
 
 
 def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
-    name, unit = channel_name(solution.problem, left.channel), channel_unit(solution.problem, left.channel)
-    error = float(solution.problem.rms(held.residual(solution.terms))[left.channel])
-    best = solution.best
-    after = float(best.problem.rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
+    best, (name, unit) = solution.best, solution.problem.channel(left.channel)
+    error = solution.problem.rms(held.residual(solution.terms))
+    after = best.problem.rms(LeaveOut(best.problem, best.factor).residual(best.terms))
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = between(left, unit)
     if not where and left.times and left.times[0].start > AT_ONCE:
@@ -76,7 +74,7 @@ def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | N
         statement=statement,
         parameters={"rms": Parameter(left.rms, 0.0, unit)},
         where=Where((name,), left.position, left.velocity, left.times),
-        improvement=Improvement(name, unit, error, after, left.floor),
+        improvement=Improvement.at(solution.problem, left.channel, error, after),
         followed=False,
     )
 
@@ -107,14 +105,8 @@ def rattling_findings(solution: Solution) -> list[Finding]:
             statement=f"Joint {joint + 1} rattles in {100 * shares[joint]:.0f} % of the time, though no command asks "
             "for it: play between drive and link does this. What the joint did meanwhile was not judged.",
             parameters={},
-            where=Where((channel_name(problem, joint),)),
-            improvement=Improvement(
-                channel_name(problem, joint),
-                channel_unit(problem, joint),
-                float(error[joint]),
-                float(error[joint]),
-                float(problem.floor[joint]),
-            ),
+            where=Where((problem.channel(joint)[0],)),
+            improvement=Improvement.at(problem, joint, error, error),
             alternatives=(Alternative("time_delay", None, "a drive that acts late does this, too: lower its gain"),),
             followed=False,
         )

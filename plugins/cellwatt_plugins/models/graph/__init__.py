@@ -2,7 +2,7 @@
 
 from cellwatt_plugins.models.graph.builder import Graph
 from cellwatt_plugins.models.graph.chain import Chain
-from cellwatt_plugins.models.graph.dynamics import gravity_torque, inverse_dynamics
+from cellwatt_plugins.models.graph.dynamics import inverse_dynamics
 from cellwatt_plugins.models.graph.tensor import Tensor, beside, pick
 
-__all__ = ["Chain", "Graph", "Tensor", "beside", "gravity_torque", "inverse_dynamics", "pick"]
+__all__ = ["Chain", "Graph", "Tensor", "beside", "inverse_dynamics", "pick"]

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.body import PER_LINK
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

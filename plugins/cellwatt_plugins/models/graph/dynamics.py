@@ -8,46 +8,30 @@ products with a triangular matrix of ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cellwatt_plugins.models.graph.builder import Graph
 from cellwatt_plugins.models.graph.chain import Chain, skew_of
 
 
-@dataclass(frozen=True)
-class _Pose:
-    """Names of tensors that depend on the joint angles alone."""
-
-    twists: str
-    """Z: (N, n, 4, 4)."""
-    inertia: str
-    """T J Tᵀ: (N, n, 4, 4)."""
-
-
 def inverse_dynamics(graph: Graph, chain: Chain, q: str, qd: str | None = None, qdd: str | None = None) -> str:
     """Joint torques (N, n) Nm for tensors ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each; rigid bodies only.
 
-    A velocity or acceleration left out is zero.
+    A velocity or acceleration left out is zero: without both, the torques that hold the arm still.
     """
     count = chain.joints
-    pose = _pose(graph, chain, q)
+    twists, inertia = _pose(graph, chain, q)
     gravity = np.zeros((4, 4))
     gravity[:3, 3] = -chain.gravity
-    accelerations = _accelerations(graph, pose.twists, count, qd, qdd)
+    accelerations = _accelerations(graph, twists, count, qd, qdd)
     total = graph.constant(gravity) if accelerations is None else graph.op("Add", accelerations, gravity)
-    wrenches = graph.op("MatMul", total, pose.inertia)
+    wrenches = graph.op("MatMul", total, inertia)
     above = graph.op("MatMul", np.triu(np.ones((count, count))), graph.reshape(wrenches, (-1, count, 16)))
-    return graph.sum(graph.op("Mul", graph.reshape(pose.twists, (-1, count, 16)), above))
+    return graph.sum(graph.op("Mul", graph.reshape(twists, (-1, count, 16)), above))
 
 
-def gravity_torque(graph: Graph, chain: Chain, q: str) -> str:
-    """Torques (N, n) Nm that hold the arm still at ``q`` (N, n) rad."""
-    return inverse_dynamics(graph, chain, q)
-
-
-def _pose(graph: Graph, chain: Chain, q: str) -> _Pose:
+def _pose(graph: Graph, chain: Chain, q: str) -> tuple[str, str]:
+    """Unit twists Z, and inertias T J Tᵀ: (N, n, 4, 4) each."""
     count = chain.joints
     frames = _frames(graph, chain, q)
     flat = graph.reshape(frames, (-1, count, 1, 16))
@@ -56,7 +40,7 @@ def _pose(graph: Graph, chain: Chain, q: str) -> _Pose:
     origin = graph.op("Sub", np.eye(4), graph.reshape(moving, shape))
     twists = graph.op("MatMul", graph.reshape(turning, shape), origin)
     turned = graph.op("Transpose", frames, perm=[0, 1, 3, 2])
-    return _Pose(twists, graph.op("MatMul", graph.op("MatMul", frames, chain.pseudo_inertia()), turned))
+    return twists, graph.op("MatMul", graph.op("MatMul", frames, chain.pseudo_inertia()), turned)
 
 
 def _frames(graph: Graph, chain: Chain, q: str) -> str:

@@ -9,16 +9,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.smoothing import Smoother
-from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, LAWS, TORQUE, WARM, Motion
+from cellwatt_plugins.models.power.terms import EFFECTS, LAWS, TORQUE, WARM, Motion
 from cellwatt_plugins.robot import Arm, Body
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.priors import links_prior
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 CARRIED: Final = 4
 """Parameters of what is carried, per kg of the stated payload: its mass and m·c at the last joint's frame."""
@@ -99,14 +98,8 @@ class Design:
     """rad/s in which the direction of friction turns over."""
 
     @classmethod
-    def of(cls, rows: Rows, body: Body, inertial: Float, width: float, names: Sequence[str]) -> Design:
-        """All ``names`` as columns; ``inertial`` (R,) makes the load that some depend on."""
-        shared = shared_columns(rows, body, rows.payload is not None)
-        return cls.with_load(rows, shared, inertial, width, names)
-
-    @classmethod
-    def with_load(cls, rows: Rows, shared: Float, inertial: Float, width: float, names: Sequence[str]) -> Design:
-        """The same from shared columns that are there already."""
+    def of(cls, rows: Rows, shared: Float, inertial: Float, width: float, names: Sequence[str]) -> Design:
+        """All ``names`` as columns beside ``shared`` ones; ``inertial`` (R,) makes the load that some depend on."""
         motion = Motion(rows.q, rows.qd, rows.qdd, shared @ inertial, np.tanh(rows.qd / width), rows.warmth)
         return cls(shared, np.stack([TORQUE[name](motion) for name in names], axis=2), tuple(names), width)
 
@@ -136,11 +129,9 @@ class Belief:
             own_spread[design.names.index(name)] = SHARES[name]
         stated = {"rotor": "rotor_inertia", "coulomb": "coulomb_friction", "viscous": "viscous_friction"}
         for name, key in stated.items():
-            if name in design.names:
-                own[design.names.index(name)] = arm.column(key)
-        if "rotor" in design.names:
-            row, known = design.names.index("rotor"), arm.column("rotor_inertia")
-            own_spread[row] = np.where(known > 0, arm.description.tolerances.rotor_inertia * known, own_spread[row])
+            own[design.names.index(name)] = arm.column(key)
+        row, known = design.names.index("rotor"), arm.column("rotor_inertia")
+        own_spread[row] = np.where(known > 0, arm.description.tolerances.rotor_inertia * known, own_spread[row])
         return cls(shared, own, own_spread)
 
 
@@ -153,14 +144,8 @@ def shared_columns(rows: Rows, body: Body, carrying: bool) -> Float:
     return np.concatenate([columns, carried], axis=2)
 
 
-def possible(rows: Rows, width: float) -> dict[str, tuple[str, ...]]:
+def possible(rows: Rows, width: float) -> tuple[str, ...]:
     """The effects that these rows can show."""
-    known = {name: terms for name, terms in EFFECTS.items() if name != WARM or rows.warmth is not None}
     fastest = float(np.quantile(np.abs(rows.qd), 0.99))
     hidden = {words for words, (law, shape) in LAWS.items() if not law.shown(shape, 2 * width, fastest)}
-    return {name: terms for name, terms in known.items() if name not in hidden}
-
-
-def all_terms(effects: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """The terms that are always there, and those of effects, each once."""
-    return tuple(dict.fromkeys([*ALWAYS, *(term for terms in effects.values() for term in terms)]))
+    return tuple(e for e in EFFECTS if e not in hidden and (e != WARM or rows.warmth is not None))

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Rows, mean_temperature, shared_columns
@@ -19,11 +20,8 @@ from cellwatt_plugins.models.power.problem import MOST, Problem, row_folds
 from cellwatt_plugins.models.power.supply import Sharing
 from cellwatt_plugins.models.power.terms import WARM
 from cellwatt_plugins.models.power.together import fit_together
-from cellwatt_plugins.models.power.torque import Folds
 from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 DOUBTS: Final = (1.0, 3.0, 10.0)
 """Tolerances by which the links of the URDF may be off, tried on held-out moves."""
@@ -60,7 +58,6 @@ class Fitted:
     structure: Structure
     errors: Float
     """(p,) standard errors, see ``fit_together``; none where no power was measured."""
-    rows: int
 
 
 def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
@@ -77,7 +74,7 @@ def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
     if len((shown := rows.shown).power):
         torque = problem.solution(effects).torque(problem.design)
         drive = problem.drive(torque[shown.rows], rows.qd[shown.rows])
-        losses, sharing = supplies.select(drive, shown.power, fold[shown.at], problem.stated, shown.matrix)
+        losses, sharing = supplies.select(drive, shown.power, fold[shown.at], arm.description, shown.matrix)
     structure = Structure(effects, losses, sharing, doubt)
     return replace(structure, network=_network_helps(moves, arm, tuning, structure))
 
@@ -86,11 +83,11 @@ def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[
     """Effects of the torque, found twice as the rows' weights depend on them, and the doubt of the links."""
     effects: tuple[str, ...] = ()
     for _ in range(2):
-        folds = Folds.of([problem.sums(fold == k) for k in np.unique(fold)])
+        folds = [problem.sums(fold == k) for k in np.unique(fold)]
         effects = torques.select(folds, problem.belief, problem.design.names, problem.effects)
         problem = problem.reweighed(effects)
     chosen = problem.chosen(effects)
-    scores = {doubt: folds.misfits(problem.doubting(doubt), chosen).mean() for doubt in DOUBTS}
+    scores = {doubt: torques.misfits(folds, problem.doubting(doubt), chosen).mean() for doubt in DOUBTS}
     return problem, effects, min(scores, key=lambda doubt: float(scores[doubt]))
 
 
@@ -130,11 +127,11 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
         terms=tuple(problem.design.names[i] for i in chosen),
         weights=torque.own,
         constant=problem.constant,
-        resistance=problem.stated.resistances(),
+        resistance=supplies.resistances(arm.description),
         supply=supply,
         temperature=None if warmth is None else mean_temperature(warmth),
     )
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
         model = replace(model, leftover=Leftover.train(motion, problem.rows.torque - model.torque(motion), SEED))
-    return Fitted(model, structure, errors, len(problem.rows))
+    return Fitted(model, structure, errors)

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.moves import Moves
-
-Float = NDArray[np.float64]
 
 TURNS: Final = 4
 EXTREME: Final = 0.15

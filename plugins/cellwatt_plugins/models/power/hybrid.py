@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
 from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shared_columns
 from cellwatt_plugins.models.power.leftover import Leftover
@@ -17,8 +17,6 @@ from cellwatt_plugins.models.power.terms import TORQUE, Motion
 from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import Drives
-
-Float = NDArray[np.float64]
 
 AT_ONCE: Final = 5000
 """Rows whose columns are in memory together."""
@@ -66,7 +64,8 @@ class Hybrid:
         """The motion and the torque (N, n) in a model file whose rows hold ``columns`` values."""
         joints = chain.joints
         q, qd, qdd = self.smoother.trace(graph, joints, columns)
-        load = Tensor(graph, inverse_dynamics(graph, self._arm(chain), q.name, qd.name, qdd.name))
+        own = chain.with_inertial(self.inertial[: PER_LINK * joints])
+        load = Tensor(graph, inverse_dynamics(graph, own, q.name, qd.name, qdd.name))
         if self.carries(joints):
             unit = inverse_dynamics(graph, self._carried(chain), q.name, qd.name, qdd.name)
             load = load + Tensor(graph, unit) * self.smoother.trace_as_is(graph, 2 * joints, 1)
@@ -108,9 +107,6 @@ class Hybrid:
     def carries(self, joints: int) -> bool:
         """True if a payload is an input."""
         return len(self.inertial) > PER_LINK * joints
-
-    def _arm(self, chain: Chain) -> Chain:
-        return chain.with_inertial(self.inertial[: PER_LINK * chain.joints])
 
     def _carried(self, chain: Chain) -> Chain:
         carried = np.zeros(PER_LINK * chain.joints)

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.graph import beside
 from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.terms import Motion
-
-Float = NDArray[np.float64]
 
 NEURONS: Final = 8
 ITERATIONS: Final = 200

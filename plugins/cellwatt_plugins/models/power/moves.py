@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
 from cellwatt_plugins.models.predict import starts_of
 from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 POWER = ("supply.power", "bus.power")
 """Channels that a model of the supply power may be trained on; the first that is there counts."""
@@ -114,7 +113,8 @@ def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
     path, meter = file
     table = read_table(path)
     time = table.time
-    found = _quantities(table, joints, None if meter is None else _metered(table, joints, meter))
+    metered = None if meter is None else power_beside(meter, table.rising_time(), table.needed("position", joints))
+    found = _quantities(table, joints, metered)
     starts = starts_of(table)
     whole = np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1)
     starts |= np.diff(whole, prepend=False)
@@ -126,11 +126,6 @@ def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
             kept = {name: value[rows] for name, value in found.items()}
             out.append(Moves(move=np.zeros(np.sum(rows), np.int64), time=time[rows], **kept))
     return out
-
-
-def _metered(table: Table, joints: int, meter: Path) -> Float:
-    """Power (N,) W from a meter's own file."""
-    return power_beside(meter, table.rising_time(), table.needed("position", joints))
 
 
 def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, Float]:

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.terms import Motion
 from cellwatt_plugins.robot import RobotDescription
 
-Float = NDArray[np.float64]
-
 JOINT_NUMBERS: Final = ("k_m", "inertia", "viscous", "coulomb", "excess", "stribeck_velocity", "offset")
 """Of each joint: Nm/A, kg m², Nm s/rad, Nm, Nm, rad/s, Nm."""
+NUMBERS: Final = (*JOINT_NUMBERS, "inductance", "resistance")
 MOST: Final = 3.0
 """Bound of each friction number, as a multiple of the torque's size."""
 STRIBECK: Final = (0.01, 1.0)
@@ -64,7 +64,8 @@ class Nls:
         n = moves.joints
         if not len(shown.power):
             unknown = np.full(1 + 2 * n, np.nan)
-            return cls(joints, unknown, (errors, unknown), _doubts_of_joints(joints, robot, moves))
+            doubts = _doubts(joints, unknown, np.full(1 + 3 * n, np.nan), joints[:, 0], robot, moves)
+            return cls(joints, unknown, (errors, unknown), doubts)
         known = shown.seen(_columns(_current(joints, seen.motion), seen)[::every])
         low, high = _bounds(robot)
         free, _ = _solved(lambda x: known @ x - shown.power, lambda x: known, _start(shown, robot), low, high)
@@ -77,7 +78,7 @@ class Nls:
         again = [_joint(moves.current[kept, j], _part(seen.motion, kept, j), robot, j, constants[j]) for j in range(n)]
         values, deviations = (np.array(each) for each in zip(*again, strict=True))
         deviations[:, 0] = spread[1 + 2 * n :]
-        doubts = _doubts_of_joints(values, robot, moves) + _doubts_of_power(power, free, joints[:, 0], (low, high))
+        doubts = _doubts(values, power, free, joints[:, 0], robot, moves)
         return cls(values, power[: 1 + 2 * n], (deviations, spread[: 1 + 2 * n]), doubts)
 
     def predict(self, seen: Seen) -> tuple[Float, Float]:
@@ -176,42 +177,28 @@ def _solved(
     return found.x, np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)) * variance)
 
 
-def _at(value: float, low: float, high: float) -> bool:
-    width = AT_BOUND * (high - low) if np.isfinite(high) else AT_BOUND
-    return bool(value - low < width or high - value < width)
-
-
-def _doubts_of_joints(joints: Float, robot: RobotDescription, moves: Moves) -> tuple[str, ...]:
-    """Numbers of equation (11) at a bound where a motor's or gear's would not be."""
+def _doubts(
+    joints: Float, power: Float, free: Float, by_current: Float, robot: RobotDescription, moves: Moves
+) -> tuple[str, ...]:
+    """Numbers at a bound, where a motor's or gear's would not be, and each k_m of which power alone wants another."""
+    n, (least, most) = len(joints), _bounds(robot)
     found = []
-    for j, values in enumerate(joints):
-        if not np.isfinite(values).all():
-            continue
+    for j in np.flatnonzero(np.isfinite(joints).all(axis=1)).tolist():
         _, low, high = _joint_bounds(robot, j, float(np.nanstd(moves.current[:, j])))
+        windings = [1 + j, 1 + n + j]
+        low, high = np.append(low, least[windings]), np.append(high, most[windings])
+        values, near = np.append(joints[j], power[windings]), AT_BOUND * (high - low)
         told = [
-            f"{name} ({values[k]:.3g})"
-            for k, name in enumerate(JOINT_NUMBERS)
-            if name not in ("k_m", "stribeck_velocity") and _at(values[k], low[k], high[k])
+            f"{name} ({value:.3g})"
+            for name, value, at in zip(NUMBERS, values, (values - low < near) | (high - values < near), strict=True)
+            if at and name not in ("k_m", "stribeck_velocity")
         ]
         if told:
-            found.append(f"{robot.joints[j].name}: {', '.join(told)}: at a bound, the motion does not tell it")
-    return tuple(found)
-
-
-def _doubts_of_power(power: Float, free: Float, by_current: Float, bounds: tuple[Float, Float]) -> tuple[str, ...]:
-    """Numbers of equation (13) that the data want beyond what a motor has, or otherwise than (12) does."""
-    n = len(by_current)
-    low, high = bounds
-    found = []
-    for k, (name, unit) in enumerate((("inductance", "H"), ("resistance", "Ω"))):
-        first = 1 + k * n
-        at = [_at(power[first + j], low[first + j], high[first + j]) for j in range(n)]
-        if any(at):
-            which = ", ".join(f"{j + 1} ({power[first + j]:.2g} {unit})" for j in range(n) if at[j])
-            found.append(f"{name} of joint {which}: at its bound; beyond, it would stand for what equation (13) lacks")
-    for j in range(n):
+            found.append(
+                f"{robot.joints[j].name}: {', '.join(told)}: at a bound, it stands for what the equations lack"
+            )
         wanted = free[1 + 2 * n + j]
-        if np.isfinite(by_current[j]) and abs(wanted / by_current[j] - 1) > APART:
+        if abs(wanted / by_current[j] - 1) > APART:
             found.append(
                 f"k_m of joint {j + 1}: currents say {by_current[j]:.3g}, power alone {wanted:.3g} Nm/A: masses of the "
                 "URDF are off, or the supply loses what equation (13) lacks"

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.terms import Motion
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 ROWS: Final = 8000
 """That each is trained on."""

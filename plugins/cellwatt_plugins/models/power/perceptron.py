@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.scg import minimise
-
-Float = NDArray[np.float64]
 
 DECAY: Final = 1e-4
 """Penalty on the weights' squares, beside a mean square error of standardised outputs."""
@@ -58,29 +57,19 @@ class Perceptron:
         a, b = (x - mean) / scale, (y - level) / size
         shape = _Shape(x.shape[1], neurons, y.shape[1])
         draw = np.random.default_rng(seed)
-        best = _Best(draw.normal(size=shape.weights) / np.sqrt(x.shape[1]))
+        best, least_error, at = draw.normal(size=shape.weights) / np.sqrt(x.shape[1]), np.inf, 0
+        judged = held if held.any() else ~held
 
         def watch(step: int, w: Float) -> bool:
-            trained = held if held.any() else ~held
-            return best.seen(step, w, float(np.mean((shape.forward(w, a[trained])[1] - b[trained]) ** 2)))
+            nonlocal best, least_error, at
+            error = float(np.mean((shape.forward(w, a[judged])[1] - b[judged]) ** 2))
+            if error < least_error:
+                best, least_error, at = w, error, step
+            return step - at > PATIENCE
 
-        minimise(lambda w: shape.loss(w, a[~held], b[~held]), best.w, iterations, 1e-6, watch)
-        hidden, direct, out = shape.split(best.w)
+        minimise(lambda w: shape.loss(w, a[~held], b[~held]), best, iterations, 1e-6, watch)
+        hidden, direct, out = shape.split(best)
         return cls(mean, scale, hidden, np.concatenate([direct[:-1] * size, direct[-1:] * size + level]), out * size)
-
-
-class _Best:
-    """The weights with the least error so far."""
-
-    def __init__(self, w: Float) -> None:
-        self.w = w
-        self._error, self._step = np.inf, 0
-
-    def seen(self, step: int, w: Float, error: float) -> bool:
-        """True if none was better for so long that training may end."""
-        if error < self._error:
-            self.w, self._error, self._step = w, error, step
-        return step - self._step > PATIENCE
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power import torque as torques
-from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, all_terms, possible
+from cellwatt_plugins.models.power.design import (
+    CARRIED_AS_STATED,
+    Belief,
+    Design,
+    Rows,
+    possible,
+    shared_columns,
+)
 from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
-from cellwatt_plugins.models.power.supply import Stated
-from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS
+from cellwatt_plugins.models.power.supply import resistances
+from cellwatt_plugins.models.power.terms import terms_of
 from cellwatt_plugins.models.power.torque import Solution, Sums
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import Drives
-
-Float = NDArray[np.float64]
 
 MOST: Final = 20_000
 """Rows that a fit is made on."""
@@ -40,9 +46,8 @@ class Problem:
     """(N, n) Nm²: of what the columns leave of the torques."""
     constant: Float
     """(n,) Nm/A."""
-    stated: Stated
-    effects: dict[str, tuple[str, ...]]
-    """Effects to choose from, and the terms of each."""
+    effects: tuple[str, ...]
+    """Effects to choose from."""
 
     @classmethod
     def of(
@@ -56,24 +61,21 @@ class Problem:
         """With columns for some effects, or for all that the rows can show; links are off by ``doubt`` tolerances."""
         constant = arm.column("torque_constant")
         rows = Rows.of(moves, tuning.smoother, constant, MOST)
-        able = possible(rows, tuning.width) if effects is None else {e: EFFECTS[e] for e in effects}
+        able = possible(rows, tuning.width) if effects is None else effects
         inertial = arm.body.parameters()
         if rows.payload is not None:
             inertial = np.concatenate([inertial, CARRIED_AS_STATED])
-        design = Design.of(rows, arm.body, inertial, tuning.width, all_terms(able))
+        shared = shared_columns(rows, arm.body, rows.payload is not None)
+        design = Design.of(rows, shared, inertial, tuning.width, terms_of(able))
         scale = _scale(rows, design, inertial, constant)
         noise = np.nan_to_num(noise_of(moves.current * constant), nan=1e-6)
         variance = np.broadcast_to((0.05 * scale) ** 2 + noise**2, rows.q.shape)
-        stated = Stated(
-            arm.description.standby_power, arm.column("winding_resistance"), arm.description.tolerances.supply
-        )
         belief = Belief.of(arm, design, scale, doubt)
-        return cls(arm, rows, design, belief, variance, constant, stated, able).reweighed(effects or ())
+        return cls(arm, rows, design, belief, variance, constant, able).reweighed(effects or ())
 
     def chosen(self, effects: tuple[str, ...]) -> list[int]:
         """Places of the terms that are always there and of those of some effects, among the columns."""
-        terms = [*ALWAYS, *(term for effect in effects for term in EFFECTS[effect])]
-        return [self.design.names.index(name) for name in dict.fromkeys(terms)]
+        return [self.design.names.index(name) for name in terms_of(effects)]
 
     def sums(self, rows: NDArray[np.bool_]) -> Sums:
         """Over some rows."""
@@ -94,7 +96,7 @@ class Problem:
         known = np.isfinite(left).any(axis=0)
         least = np.ones(left.shape[1])
         least[known] = 1e-3 * np.sqrt(np.nanmean(left[:, known] ** 2, axis=0))
-        loaded = Design.with_load(rows, design.shared, solution.shared, design.width, design.names)
+        loaded = Design.of(rows, design.shared, solution.shared, design.width, design.names)
         return replace(self, variance=torques.variance_by_speed(left, rows.qd, least), design=loaded)
 
     def doubting(self, doubt: float) -> Belief:
@@ -105,7 +107,7 @@ class Problem:
     def drive(self, torque: Float, qd: Float) -> Drives:
         """Return the state of the drives for torques (N, n) Nm and velocities (N, n) rad/s."""
         current = torque / self.constant
-        return Drives.of(torque, qd, current, self.stated.resistances())
+        return Drives.of(torque, qd, current, resistances(self.arm.description))
 
 
 def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:

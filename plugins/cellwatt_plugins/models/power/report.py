@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.report import (
     Axis,
     Block,
     Figure,
-    Folded,
     Notes,
     Panel,
     Provenance,
@@ -23,20 +22,18 @@ from cellwatt.report import (
     Tile,
     heading,
 )
-from cellwatt.report.drawing import curve, dots
-from cellwatt.report.numbers import fixed, measured, number
+from cellwatt.report.drawing import curve
+from cellwatt.report.numbers import fixed, measured
 from cellwatt.report.theme import GOOD, MEASURED, MODEL, SIMULATION
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
 from cellwatt_plugins.models.power.training import BEST, Trained
-from cellwatt_plugins.models.power.wording import findings, pose_tables, rivals
-
-Float = NDArray[np.float64]
+from cellwatt_plugins.models.power.wording import findings, rivals
+from cellwatt_plugins.models.report import left_by_joint
 
 COLOURS: Final = {"NLS": SIMULATION, "SCG": GOOD, BEST: MODEL}
 ROLES: Final = {"NLS": "simulation", "SCG": "good", BEST: "model"}
-ACROSS, SHOWN = 3, 3
-"""Joints side by side; moves drawn over time."""
+SHOWN = 3
+"""Moves drawn over time."""
 CURRENTS = "Currents: root mean square error of each joint, in per cent of the current's spread."
 OVER_TIME = "Each move predicted by models that had not seen it: the slowest, a middling and the fastest move."
 
@@ -50,10 +47,6 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
         said = f"The model predicts the energy of moves that it has not seen to {best.energy_mean:.2f} % in the mean"
         said += f", {best.energy_worst:.2f} % at worst."
     known = [(name, score) for name, score in trained.scores.items() if score.energy_mean is not None]
-    poses = [
-        Folded(name, [table], name == BEST)
-        for (name, _), table in zip(known, pose_tables(trained, moves), strict=False)
-    ]
     return Report(
         name=robot,
         subject="current and power in motion",
@@ -70,11 +63,7 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
                 "Residual of each joint", _residuals(trained, moves), "Measured less predicted current over speed."
             ),
             Section("Rivals", [b for table in rivals(trained) for b in (heading(table.label), table)], CURRENTS),
-            Section("Energy error by start position and pose", poses, "%, absolute."),
             Section("The best model", [Notes([text.strip() for text in findings(trained)]), *_parameters(trained)]),
-            Section(
-                "NLS", [] if trained.nls is None else [_nls(trained.nls)], "The paper's numbers, with standard errors."
-            ),
         ],
         provenance=provenance,
     )
@@ -108,17 +97,8 @@ def _residuals(trained: Trained, moves: Moves) -> list[Block]:
     """Measured less predicted current of each joint over its velocity."""
     if not np.isfinite(moves.current).any():
         return []
-    panels = [
-        Panel(
-            [dots(BEST, moves.qd[:, j], moves.current[:, j] - trained.predictions[BEST][1][:, j], MODEL)],
-            Axis("rad/s"),
-            Axis("A" if j % ACROSS == 0 else ""),
-            title=f"joint {j + 1}",
-        )
-        for j in range(moves.joints)
-    ]
-    rows = [panels[i : i + ACROSS] for i in range(0, len(panels), ACROSS)]
-    return [Figure("Residual of each joint's current over its speed", rows, [170] * len(rows), legend=False)]
+    label, left = "Residual of each joint's current over its speed", moves.current - trained.predictions[BEST][1]
+    return [left_by_joint(label, BEST, moves.qd, left, ("rad/s", "A"))]
 
 
 def _parameters(trained: Trained) -> Sequence[Block]:
@@ -142,13 +122,3 @@ def _parameters(trained: Trained) -> Sequence[Block]:
         known = zip(names, supply.vector(), spread, strict=True)
         out.append(Table("Supply", ("supply", "value"), [[name, measured(v, s)] for name, v, s in known]))
     return out
-
-
-def _nls(nls: Nls) -> Table:
-    units = ("Nm/A", "kg m²", "Nm s/rad", "Nm", "Nm", "rad/s", "Nm")
-    heads = ["joint", *(f"{name.replace('_', ' ')}, {u}" for name, u in zip(JOINT_NUMBERS, units, strict=True))]
-    rows = [
-        [f"joint {j + 1}", *(measured(v, e) if e else number(v) for v, e in zip(values, errors, strict=True))]
-        for j, (values, errors) in enumerate(zip(nls.joints, nls.errors[0], strict=True))
-    ]
-    return Table("NLS", heads, rows)

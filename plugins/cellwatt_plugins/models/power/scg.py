@@ -10,11 +10,9 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.progress import steps
-
-Float = NDArray[np.float64]
 
 SIGMA: Final = 1e-5
 """σ: length of the step over which curvature is measured, times 1/|p|; 0 < σ ≤ 1e-4."""

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.progress import steps
 from cellwatt_plugins.models.graph import beside, pick
 from cellwatt_plugins.models.power.moves import Moves
@@ -15,8 +16,6 @@ from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
 from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.shown import Shown
 from cellwatt_plugins.models.power.terms import Motion
-
-Float = NDArray[np.float64]
 
 NEURONS: Final = 8
 ITERATIONS: Final = 400
@@ -40,16 +39,17 @@ class Scg:
         """Every seventh move or so tells when to stop."""
         every = max(2, round(1 / HELD))
 
-        def train(x: Float, y: Float, least: Float) -> Perceptron:
+        def train(x: Float, y: Float, least: Float, at: NDArray[np.intp]) -> Perceptron:
             kept = np.flatnonzero(np.isfinite(y).all(axis=1))
             kept = kept[:: max(1, len(kept) // ROWS)]
-            held = moves.move[kept] % every == every - 1 if moves.count >= every else np.zeros(len(kept), bool)
+            held = (moves.move[at[kept]] % every == every - 1) & (moves.count >= every)
             return Perceptron.train(x[kept], y[kept], held, NEURONS, ITERATIONS, seed, least)
 
         inputs = [_joint_inputs(seen.motion, j) for j in range(moves.joints)]
         least = ALIKE * np.median([each.std(axis=0) for each in inputs], axis=0)
+        rows = np.arange(len(moves))
         currents = tuple(
-            train(each, moves.current[:, [j]], least) for j, each in enumerate(steps(inputs, "network of joint"))
+            train(each, moves.current[:, [j]], least, rows) for j, each in enumerate(steps(inputs, "network of joint"))
         )
         found = cls(currents, None, seen.constant)
         if not np.isfinite(moves.power).any():
@@ -57,13 +57,8 @@ class Scg:
         terms = found._terms(found._currents(seen.motion), seen.motion.qd)
         groups = terms.std(axis=0).reshape(-1, moves.joints + 1)
         least = ALIKE * np.repeat(np.median(groups, axis=1), moves.joints + 1)
-        if moves.meter is None:
-            return cls(currents, train(terms, moves.power[:, None], least), seen.constant)
-        shown = Shown.of(moves, np.arange(len(moves)))
-        held = moves.move[shown.at] % every == every - 1
-        rows = shown.seen(terms)
-        supply = Perceptron.train(rows, shown.power[:, None], held, NEURONS, ITERATIONS, seed, least)
-        return cls(currents, supply, seen.constant)
+        shown = Shown.of(moves, rows)
+        return cls(currents, train(shown.seen(terms), shown.power[:, None], least, shown.at), seen.constant)
 
     def predict(self, seen: Seen) -> tuple[Float, Float]:
         """Power (N,) W and currents (N, n) A."""

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import readings_of
-
-Float = NDArray[np.float64]
 
 SAME_START: Final = 0.02
 """rad: moves whose joints start nearer than this start from the same position."""

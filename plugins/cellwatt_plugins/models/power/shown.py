@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import block_diag, csr_array
 
+from cellwatt.batch import Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Course, Readings, find, held, kinds_of_power
 from cellwatt_plugins.robot.motion import differentiate
-
-Float = NDArray[np.float64]
 
 PER_WINDOW: Final = 3
 """Rows that a window has at least, where the recording has them."""

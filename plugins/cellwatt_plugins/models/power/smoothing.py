@@ -12,11 +12,10 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.graph import Graph, Tensor
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.noise import white_noise
-
-Float = NDArray[np.float64]
 
 DIFFERENCES = 4
 """Noise is read off differences of this order, which leave nothing of a smooth motion."""

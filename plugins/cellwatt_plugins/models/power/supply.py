@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from cellwatt.batch import Float
 from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.folds import GAIN, grown
 from cellwatt_plugins.models.power.terms import DRIVE_ALWAYS, LOSSES
+from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton
 
-Float = NDArray[np.float64]
 Sharing = Literal["bus", "joint"]
 
 ROUNDS: Final = 12
@@ -97,35 +98,23 @@ def moving(drive: Drives) -> Any:
     return np.tanh(np.abs(drive.qd).sum(axis=-1, keepdims=True) / MOVING)
 
 
-@dataclass(frozen=True)
-class Believed:
-    """A supply as thought before any data, and the prior of its ``vector``."""
-
-    mean: Supply
-    prior: Prior
+def resistances(robot: RobotDescription) -> Float:
+    """(n,) Ω of the windings, guessed where unknown."""
+    stated = robot.column("winding_resistance")
+    return np.where(stated > 0, stated, GUESSED)
 
 
-@dataclass(frozen=True)
-class Stated:
-    """Figures of the supply in the robot's description."""
-
-    standby: float
-    """W; 0 where unknown."""
-    resistance: Float
-    """(n,) Ω; 0 where unknown."""
-    tolerance: float
-    """Share by which both may be off."""
-
-    def resistances(self) -> Float:
-        """(n,) Ω, guessed where unknown."""
-        return np.where(self.resistance > 0, self.resistance, GUESSED)
+Believed = tuple[Supply, Prior]
+"""A supply as thought before any data, and the prior of its ``vector``."""
 
 
-def believed(drive: Drives, power: Float, effects: Sequence[str], sharing: Sharing, stated: Stated) -> Believed:
+def believed(
+    drive: Drives, power: Float, effects: Sequence[str], sharing: Sharing, robot: RobotDescription
+) -> Believed:
     """Before any data: what is stated of the drives is about right, losses are small."""
     names = (*DRIVE_ALWAYS, *(term for effect in effects if effect in LOSSES for term in LOSSES[effect]))
     weights = np.array([[float(name in DRIVE_ALWAYS)] * drive.qd.shape[1] for name in names])
-    copper = np.where(stated.resistance > 0, np.hypot(stated.tolerance, WARMER), 1.0)
+    copper = np.where(robot.column("winding_resistance") > 0, np.hypot(robot.tolerances.supply, WARMER), 1.0)
     known = {"mechanical": np.full(copper.shape, GAIN_SPREAD), "copper": copper}
     spreads = []
     for name in names:
@@ -133,10 +122,10 @@ def believed(drive: Drives, power: Float, effects: Sequence[str], sharing: Shari
         # A joint that hardly moved may lose as much as the others once it does.
         spreads.append(known[name] if name in known else LOSS / np.maximum(size, 0.5 * size.max() + 1e-6))
     level = float(np.median(power))
-    mean = Supply(stated.standby or level, 1.1, 0.55, 0.0, names, weights, sharing)
+    mean = Supply(robot.standby_power or level, 1.1, 0.55, 0.0, names, weights, sharing)
     brakes = LOSS if BRAKES in effects else 1e-6
     fixed = [max(0.5 * level, 1.0), 0.15, 0.55, brakes]
-    return Believed(mean, Prior.spread(np.concatenate([fixed, *spreads]), mean.vector()))
+    return mean, Prior.spread(np.concatenate([fixed, *spreads]), mean.vector())
 
 
 def fit(drive: Drives, power: Float, belief: Believed, meter: csr_array | None = None) -> tuple[Supply, float]:
@@ -144,17 +133,18 @@ def fit(drive: Drives, power: Float, belief: Believed, meter: csr_array | None =
 
     ``power`` (M,) W is of the N rows, or what a slow ``meter`` (M, N) makes of them.
     """
+    mean, prior = belief
 
     def left(supply: Supply) -> Float:
         return np.asarray(power - through(meter, supply.power(drive))[:, 0])
 
     def linearised(x: Float) -> Products:
-        supply = belief.mean.with_vector(x)
+        supply = mean.with_vector(x)
         slope, rest = through(meter, supply.slopes(drive)[0]), left(supply)
         return Products.of(slope, rest + slope @ x, float(np.mean(rest**2)) + 1e-18)
 
-    x, _ = gauss_newton(linearised, belief.prior, belief.prior.mean, ROUNDS, STILL, possible)
-    found = belief.mean.with_vector(x)
+    x, _ = gauss_newton(linearised, prior, prior.mean, ROUNDS, STILL, possible)
+    found = mean.with_vector(x)
     return found, float(np.sqrt(np.mean(left(found) ** 2)))
 
 
@@ -170,26 +160,11 @@ def through(meter: csr_array | None, rows: Float) -> Float:
     return rows if meter is None else np.asarray(meter @ rows)
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """What losses are chosen by: ``power`` and ``meter`` as in ``fit``, with the ``fold`` of each value."""
-
-    drive: Drives
-    power: Float
-    fold: NDArray[np.int64]
-    stated: Stated
-    meter: csr_array | None
-
-    def part(self, kept: NDArray[np.bool_]) -> tuple[Drives, csr_array | None]:
-        """Drives and meter of some values."""
-        return (self.drive.rows(kept), None) if self.meter is None else (self.drive, self.meter[kept])
-
-
 def select(
-    drive: Drives, power: Float, fold: NDArray[np.int64], stated: Stated, meter: csr_array | None = None
+    drive: Drives, power: Float, fold: NDArray[np.int64], robot: RobotDescription, meter: csr_array | None = None
 ) -> tuple[tuple[str, ...], Sharing]:
     """Losses that lower the held-out error, and how drives share what comes back; ``power`` as in ``fit``."""
-    measured = _Measured(drive, power, fold, stated, meter)
+    measured = drive, power, fold, robot, meter
 
     def chosen(sharing: Sharing) -> tuple[list[str], Float]:
         def scores(sets: Sequence[Sequence[str]]) -> list[Float]:
@@ -201,15 +176,22 @@ def select(
     return (tuple(each), "joint") if (left_each / left).mean() < GAIN else (tuple(one), "bus")
 
 
-def _score(trial: tuple[tuple[str, ...], Sharing], measured: _Measured) -> Float:
+def _score(
+    trial: tuple[tuple[str, ...], Sharing],
+    measured: tuple[Drives, Float, NDArray[np.int64], RobotDescription, csr_array | None],
+) -> Float:
     """Mean square (folds,) W² of what a supply with some losses leaves of each fold, fitted to the others."""
-    power, fold = measured.power, measured.fold
-    belief = believed(measured.drive, power, *trial, measured.stated)
+    drive, power, fold, robot, meter = measured
+
+    def part(kept: NDArray[np.bool_]) -> tuple[Drives, csr_array | None]:
+        return (drive.rows(kept), None) if meter is None else (drive, meter[kept])
+
+    belief = believed(drive, power, *trial, robot)
     out = []
     for k in np.unique(fold):
-        kept = fold != k
-        own, seen = measured.part(kept)
-        supply, _ = fit(own, power[kept], belief, meter=seen)
-        own, seen = measured.part(~kept)
-        out.append(np.mean((power[~kept] - through(seen, supply.power(own))[:, 0]) ** 2))
+        held = fold == k
+        own, seen = part(~held)
+        supply, _ = fit(own, power[~held], belief, meter=seen)
+        own, seen = part(held)
+        out.append(np.mean((power[held] - through(seen, supply.power(own))[:, 0]) ** 2))
     return np.array(out)

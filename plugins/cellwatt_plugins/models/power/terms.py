@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -89,6 +89,11 @@ EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Effects that may be found beside the terms that are always there, and the terms of each."""
 WARM: Final = "friction by temperature"
+
+
+def terms_of(effects: Iterable[str]) -> tuple[str, ...]:
+    """The terms that are always there, and those of effects, each once."""
+    return tuple(dict.fromkeys([*ALWAYS, *(term for effect in effects for term in EFFECTS[effect])]))
 
 
 DRIVE_ALWAYS: Final = ("mechanical", "copper")

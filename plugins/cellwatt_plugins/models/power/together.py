@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.problem import Problem
@@ -14,8 +14,6 @@ from cellwatt_plugins.models.power.supply import Sharing, Supply
 from cellwatt_plugins.models.power.torque import Solution
 from cellwatt_plugins.robot.drive import Drives
 from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton
-
-Float = NDArray[np.float64]
 
 ROUNDS: Final = 6
 ROUNDS_BLIND: Final = 24
@@ -35,12 +33,12 @@ def fit_together(
     qd, count, shared = rows.qd[known], len(start.row), len(start.shared)
     columns = _columns(problem, chosen, shared)
     drive = problem.drive(columns @ start.row, qd)
-    belief = supplies.believed(drive, shown.power, losses, sharing, problem.stated)
-    prior = Prior.joined(torques.prior_of(problem.belief, chosen), belief.prior)
+    mean, own = believed = supplies.believed(drive, shown.power, losses, sharing, problem.arm.description)
+    prior = Prior.joined(torques.prior_of(problem.belief, chosen), own)
     currents = torques.together(problem.everything(), shared, chosen).placed(slice(0, count), len(prior.mean))
 
     def linearised(x: Float) -> Products:
-        supply = belief.mean.with_vector(x[count:])
+        supply = mean.with_vector(x[count:])
         drive = problem.drive(columns @ x[:count], qd)
         left = shown.power - supplies.through(shown.matrix, supply.power(drive))[:, 0]
         by_number, by_taken = supply.slopes(drive)
@@ -49,11 +47,11 @@ def fit_together(
         slope = supplies.through(shown.matrix, slope)
         return currents + Products.of(slope, left + slope @ x, float(np.mean(left**2)) + 1e-18)
 
-    first = np.concatenate([start.row, supplies.fit(drive, shown.power, belief, shown.matrix)[0].vector()])
+    first = np.concatenate([start.row, supplies.fit(drive, shown.power, believed, shown.matrix)[0].vector()])
     rounds = ROUNDS if np.isfinite(rows.torque).any() else ROUNDS_BLIND
     x, last = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
     torque = Solution.of(x[:count], shared, problem.arm.joints, chosen)
-    return torque, belief.mean.with_vector(x[count:]), last.deviations
+    return torque, mean.with_vector(x[count:]), last.deviations
 
 
 def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:
@@ -70,7 +68,7 @@ def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:
 def _taken_by_torque(problem: Problem, supply: Supply, drive: Drives) -> Float:
     """Derivative (N, n) of what a drive takes by its torque."""
     weight = dict(zip(supply.terms, supply.weights, strict=True))
-    resistance, constant = problem.stated.resistances(), problem.constant
+    resistance, constant = supplies.resistances(problem.arm.description), problem.constant
     out = weight["mechanical"] * drive.qd + weight["copper"] * 2 * drive.current * resistance / constant
     if "switching" in weight:
         out = out + weight["switching"] * np.sign(drive.current) / constant

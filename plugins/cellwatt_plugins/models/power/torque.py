@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.power.design import Belief, Design
 from cellwatt_plugins.models.power.folds import grown
-from cellwatt_plugins.models.power.terms import ALWAYS
+from cellwatt_plugins.models.power.terms import terms_of
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, variance_of
 
-Float = NDArray[np.float64]
 Sums = tuple[Products, ...]
 """Of each joint's torque with all of its columns, R shared ones and F of its own."""
 
@@ -97,40 +97,31 @@ def variance_by_speed(left: Float, qd: Float, least: Float) -> Float:
     return np.column_stack([variance_of(own, kind, low**2, FEWEST) for own, kind, low in joints])
 
 
-@dataclass(frozen=True)
-class Folds:
-    """Sums over the rows of each fold, and over those of all others."""
-
-    held: tuple[Sums, ...]
-    known: tuple[Sums, ...]
-    everything: Sums
-
-    @classmethod
-    def of(cls, held: Sequence[Sums]) -> Folds:
-        """From the sums of each fold."""
-        everything = tuple(sum(rest, first) for first, *rest in zip(*held, strict=True))
-        known = tuple(tuple(a - b for a, b in zip(everything, each, strict=True)) for each in held)
-        return cls(tuple(held), known, everything)
-
-    def misfits(self, belief: Belief, chosen: Sequence[int]) -> Float:
-        """Misfit of each fold under the solution of the others: (folds,)."""
-        pairs = zip(self.held, self.known, strict=True)
-        return np.array([misfit(held, solve(known, belief, chosen)) for held, known in pairs])
+def _all(folds: Sequence[Sums]) -> Sums:
+    """Sums over the rows of all folds."""
+    return tuple(sum(rest, first) for first, *rest in zip(*folds, strict=True))
 
 
-def select(folds: Folds, belief: Belief, names: Sequence[str], effects: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+def misfits(folds: Sequence[Sums], belief: Belief, chosen: Sequence[int]) -> Float:
+    """Misfit of each fold under the solution of the others, from the sums of each: (folds,)."""
+    everything = _all(folds)
+    known = (tuple(a - b for a, b in zip(everything, held, strict=True)) for held in folds)
+    return np.array([misfit(held, solve(rest, belief, chosen)) for held, rest in zip(folds, known, strict=True)])
+
+
+def select(folds: Sequence[Sums], belief: Belief, names: Sequence[str], effects: Sequence[str]) -> tuple[str, ...]:
     """Effects that lower the held-out error, the best first."""
+    everything = _all(folds)
 
     def places(found: Sequence[str]) -> list[int]:
-        terms = [*ALWAYS, *(term for effect in found for term in effects[effect])]
-        return [names.index(term) for term in dict.fromkeys(terms)]
+        return [names.index(term) for term in terms_of(found)]
 
     def tried(found: Sequence[str]) -> list[str]:
         more = {e: chosen for e in effects if len(chosen := places([*found, e])) > len(places(found))}
-        fit = {e: misfit(folds.everything, solve(folds.everything, belief, more[e])) for e in more}
+        fit = {e: misfit(everything, solve(everything, belief, more[e])) for e in more}
         return sorted(fit, key=lambda e: fit[e])[:TRIED]
 
     def scores(sets: Sequence[Sequence[str]]) -> list[Float]:
-        return [folds.misfits(belief, places(found)) for found in sets]
+        return [misfits(folds, belief, places(found)) for found in sets]
 
     return tuple(grown(scores, tried)[0])

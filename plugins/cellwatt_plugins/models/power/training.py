@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
@@ -26,7 +27,6 @@ from cellwatt_plugins.models.power.tuning import Tuning, tune
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
-Float = NDArray[np.float64]
 Predictions = dict[str, tuple[Float, Float]]
 """Power (N,) W and currents (N, n) A by method."""
 SHARES: Final = (0.05, 0.15, 0.8)
@@ -126,14 +126,8 @@ class _Known:
     seed: int
 
 
-@dataclass(frozen=True)
-class _Part:
-    """One method, fitted to all moves but those of a fold, or to all of them."""
-
-    method: str
-    fold: int | None
-    tuning: Tuning
-    structure: Structure
+_Part = tuple[str, int | None, Tuning, Structure]
+"""One method, fitted to all moves but those of a fold, or to all of them."""
 
 
 def _fitted(
@@ -145,16 +139,15 @@ def _fitted(
     if moves.count < FEW:  # of so few, what is left out would have a say in the choice of windows and effects
         chosen = spread(_chosen, which, "choosing effects without fold", shared=known)
     folds = [*zip(which, chosen, strict=True), (None, (tuning, structure))]
-    parts = [_Part(method, k, *own) for k, own in folds for method in methods]
+    parts: list[_Part] = [(method, k, *own) for k, own in folds for method in methods]
     models: dict[str, Any] = {}
     predictions = {method: (np.full(len(moves), np.nan), np.full(moves.q.shape, np.nan)) for method in methods}
-    for part, found in zip(parts, spread(_done, parts, "methods and folds", shared=known), strict=True):
-        if part.fold is None:
-            models[part.method] = found
-        else:
-            held = known.fold == part.fold
-            for whole, some in zip(predictions[part.method], found, strict=True):
-                whole[held] = some
+    for (method, k, *_), found in zip(parts, spread(_done, parts, "methods and folds", shared=known), strict=True):
+        if k is None:
+            models[method] = found
+            continue
+        for whole, some in zip(predictions[method], found, strict=True):
+            whole[known.fold == k] = some
     return models, predictions
 
 
@@ -167,20 +160,15 @@ def _chosen(k: int, known: _Known) -> tuple[Tuning, Structure]:
 
 def _done(part: _Part, known: _Known) -> Any:
     """Return the model of all moves, or the predictions for a fold of one that was fitted to the others."""
-    if part.fold is None:
-        return _model(part, known.moves, known)
-    held = known.fold == part.fold
-    model, unseen = _model(part, known.moves.where(~held), known), known.moves.where(held)
-    if isinstance(model, Fitted):
-        return estimate(model, unseen, known.arm)
-    return model.predict(Seen.of(unseen, known.arm, part.tuning))
-
-
-def _model(part: _Part, moves: Moves, known: _Known) -> Fitted | Nls | Scg:
-    if part.method == BEST:
-        return fit(moves, known.arm, part.tuning, part.structure)
-    seen = Seen.of(moves, known.arm, part.tuning)
-    return Nls.fit(moves, seen, known.arm.description) if part.method == "NLS" else Scg.fit(moves, seen, known.seed)
+    method, k, tuning, structure = part
+    arm, held = known.arm, known.fold == (-1 if k is None else k)
+    moves, unseen = known.moves.where(~held), known.moves.where(held)
+    if method == BEST:
+        fitted = fit(moves, arm, tuning, structure)
+        return fitted if k is None else estimate(fitted, unseen, arm)
+    seen = Seen.of(moves, arm, tuning)
+    model = Nls.fit(moves, seen, arm.description) if method == "NLS" else Scg.fit(moves, seen, known.seed)
+    return model if k is None else model.predict(Seen.of(unseen, arm, tuning))
 
 
 def _scores(moves: Moves, predictions: Predictions, rows: NDArray[np.bool_]) -> dict[str, Score]:

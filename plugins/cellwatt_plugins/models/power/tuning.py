@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, shared_columns
@@ -17,9 +16,8 @@ from cellwatt_plugins.models.power.torque import solve, sums_of
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import SIGN_WIDTH
 
-Float = NDArray[np.float64]
-Spans = tuple[Span, Span]
-"""Of velocity and acceleration."""
+Trial = tuple[Span, Span, float]
+"""Spans of velocity and acceleration, and the width, rad/s."""
 
 TRIED: Final = 5000
 """Rows that a trial is made on."""
@@ -46,23 +44,16 @@ class Tuning:
 
 @dataclass(frozen=True)
 class _Known:
-    """What a trial needs: ``moves`` and the ``noise`` of all of them, and the ``width`` that is tried with."""
+    """What a trial needs: ``moves`` and the ``noise`` of all of them."""
 
     moves: Moves
     noise: Noise
     arm: Arm
     ahead: bool
-    width: float = SIGN_WIDTH
 
     def smoother(self, velocity: Span, acceleration: Span) -> Smoother:
         """The smoother of some spans."""
         return Smoother.design(self.noise, self.moves.step, velocity, acceleration, self.ahead)
-
-    def smoothed(self, velocity: Span, acceleration: Span) -> tuple[Rows, Float]:
-        """Rows of the trials, and their columns that all joints share."""
-        smoother = self.smoother(velocity, acceleration)
-        rows = Rows.of(self.moves, smoother, self.arm.column("torque_constant"), TRIED, whole=False)
-        return rows, shared_columns(rows, self.arm.body, rows.payload is not None)
 
 
 def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
@@ -76,34 +67,19 @@ def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
     slow = [Span(n, order) for n in rows for order in orders]
     fast = [Span(n, order) for n in rows for order in ((3,) if ahead else (2, 3)) if n > order]
     start = min(rows, key=lambda n: abs(n * step - 0.12))
-    velocity, acceleration = Span(start, 2), Span(max(start, 5), 3)
-    if not np.isfinite(known.moves.current).any():
-        return Tuning(known.smoother(velocity, acceleration), SIGN_WIDTH)
-    velocity, _ = _best([(span, acceleration) for span in slow], known)
-    width = _best_width(WIDTHS, (velocity, acceleration), known)
-    known = replace(known, width=width)
-    _, acceleration = _best([(velocity, span) for span in fast], known)
-    velocity, _ = _best([(span, acceleration) for span in slow], known)
-    near = [width * factor for factor in (0.8, 0.9, 1.0, 1.1, 1.25)]
-    return Tuning(known.smoother(velocity, acceleration), _best_width(near, (velocity, acceleration), known))
+    velocity, acceleration, width = Span(start, 2), Span(max(start, 5), 3), SIGN_WIDTH
+    if np.isfinite(known.moves.current).any():
+        velocity, *_ = _best([(span, acceleration, width) for span in slow], known)
+        *_, width = _best([(velocity, acceleration, each) for each in WIDTHS], known)
+        _, acceleration, _ = _best([(velocity, span, width) for span in fast], known)
+        velocity, *_ = _best([(span, acceleration, width) for span in slow], known)
+        *_, width = _best([(velocity, acceleration, width * near) for near in (0.8, 0.9, 1.0, 1.1, 1.25)], known)
+    return Tuning(known.smoother(velocity, acceleration), width)
 
 
-def _best(tried: Sequence[Spans], known: _Known) -> Spans:
-    costs = spread(_cost, tried, "spans", shared=known)
+def _best(tried: Sequence[Trial], known: _Known) -> Trial:
+    costs = spread(_left, tried, "spans and widths", shared=known)
     return tried[min(range(len(tried)), key=costs.__getitem__)]
-
-
-def _cost(spans: Spans, known: _Known) -> float:
-    return _left(*known.smoothed(*spans), known.arm, known.width)
-
-
-def _best_width(tried: Sequence[float], spans: Spans, known: _Known) -> float:
-    costs = spread(_cost_of_width, tried, "widths", shared=(*known.smoothed(*spans), known.arm))
-    return tried[min(range(len(tried)), key=costs.__getitem__)]
-
-
-def _cost_of_width(width: float, known: tuple[Rows, Float, Arm]) -> float:
-    return _left(*known, width)
 
 
 def _some(moves: Moves) -> Moves:
@@ -113,12 +89,16 @@ def _some(moves: Moves) -> Moves:
     return moves if wanted >= moves.count else moves.only(np.linspace(0, moves.count - 1, wanted).astype(int).tolist())
 
 
-def _left(rows: Rows, shared: Float, arm: Arm, width: float) -> float:
+def _left(trial: Trial, known: _Known) -> float:
     """Sum over the joints of the logarithm of what is left of their torques."""
+    velocity, acceleration, width = trial
+    arm, smoother = known.arm, known.smoother(velocity, acceleration)
+    rows = Rows.of(known.moves, smoother, arm.column("torque_constant"), TRIED, whole=False)
+    shared = shared_columns(rows, arm.body, rows.payload is not None)
     inertial = arm.body.parameters()
     if rows.payload is not None:
         inertial = np.concatenate([inertial, CARRIED_AS_STATED])
-    design = Design.with_load(rows, shared, inertial, width, TERMS)
+    design = Design.of(rows, shared, inertial, width, TERMS)
     scale = np.nanstd(rows.torque, axis=0) + 1e-9
     belief = Belief.of(arm, design, scale, DOUBT)
     variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)

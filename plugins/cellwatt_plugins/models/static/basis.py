@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot import Body, RobotDescription
 from cellwatt_plugins.robot.body import PER_LINK
-
-Float = NDArray[np.float64]
 
 PER_GRAVITY: Final = 4
 """Parameters of a link that gravity feels: m and m·c (3)."""
@@ -77,15 +76,7 @@ def gravity_parameters(body: Body) -> Float:
 
 def joint_limits(robot: RobotDescription, q: Float) -> Float:
     """Lowest and highest angle of each joint, (n, 2) rad; those of the poses ``q`` (N, n) where robot.yaml has none."""
-    low, high = q.min(axis=0), q.max(axis=0)
-    found = [
-        (
-            low[i] if joint.lower_limit is None else joint.lower_limit,
-            high[i] if joint.upper_limit is None else joint.upper_limit,
-        )
-        for i, joint in enumerate(robot.joints)
-    ]
-    limits = np.array(found)
+    limits = np.where(np.isnan(robot.limits), np.column_stack([q.min(axis=0), q.max(axis=0)]), robot.limits)
     flat = limits[:, 1] - limits[:, 0] < 1e-3
     return np.where(flat[:, None], limits.mean(axis=1)[:, None] + np.array([-0.5, 0.5]), limits)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -56,17 +57,7 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 @click.option("--name", default="POSES", show_default=True, help="The job's name.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
-def plan_poses(
-    robot: Path | None,
-    count: int,
-    out: Path,
-    cell: Path | None,
-    source: str | None,
-    speed: float,
-    hold: float,
-    name: str,
-    as_json: bool,
-) -> None:
+def plan_poses(as_json: bool, **asked: Any) -> None:
     """Plan poses to hold: spread over the joints' ranges, clear of the arm itself and the floor, with short ways.
 
     Writes plan.csv and, with --cell, an INFORM job that an operator loads and runs: cellwatt itself moves nothing.
@@ -74,5 +65,5 @@ def plan_poses(
     """
     from cellwatt_plugins.models.static.planning import write_plan
 
-    report = write_plan(robot, count, out, cell, source, speed, hold, name)
+    report = write_plan(**asked)
     click.echo(json.dumps(report.as_json()) if as_json else report.in_words())

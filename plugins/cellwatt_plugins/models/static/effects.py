@@ -16,12 +16,10 @@ from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
 from cellwatt_plugins.robot.priors import body_prior, link_prior
-
-Float = NDArray[np.float64]
 
 GAIN: Final = 0.05
 """Torque gains are thought to be off by this share (one standard deviation, as all here)."""

@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
-Float = NDArray[np.float64]
 Evaluate = Callable[[Float], tuple[Float, Float]]
 """From parameters (P,) to what they predict (N, n), and its slopes (N, n, P)."""
 
@@ -58,8 +58,6 @@ class Posterior:
     """(groups,): taken in."""
     gain: Float
     """(groups,): by how much (natural log) each makes the data more probable."""
-    spread: Float
-    """(groups,): size of each group, in multiples of its scale."""
 
     @property
     def deviation(self) -> Float:
@@ -86,7 +84,7 @@ def fit(evaluate: Evaluate, measured: Float, used: NDArray[np.bool_], prior: Bel
         raise CellwattError("the poses do not determine a model: are they all the same?") from error
     covariance = np.zeros((len(prior.scale), len(prior.scale)))
     covariance[np.ix_(search.on, search.on)] = search.fit.covariance
-    return Posterior(search.mean, covariance, search.noise, search.active, search.gains(), search.spread)
+    return Posterior(search.mean, covariance, search.noise, search.active, search.gains())
 
 
 def _sums(evaluate: Evaluate, measured: Float, used: NDArray[np.bool_], mean: Float) -> list[Products]:

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.polynomial.legendre import leg2poly
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.describe import write_model
-from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, gravity_torque
+from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, inverse_dynamics
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
 from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
 from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
@@ -20,8 +20,6 @@ from cellwatt_plugins.models.static.identify import HeldArm, Identified
 from cellwatt_plugins.models.static.paper import Perceptron
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot.drive import copper_gain
-
-Float = NDArray[np.float64]
 
 TOTAL: Final = "torque_sum"
 """Output: absolute sum of the torques, eq. 5."""
@@ -87,7 +85,7 @@ def write_paper(path: Path, network: Perceptron | None, arm: HeldArm, poses: Pos
     total: Any = 0.0
     inputs = Tensor(graph, graph.input)
     if with_gravity:
-        torque = Tensor(graph, gravity_torque(graph, Chain.of(arm.arm.body), graph.input))
+        torque = Tensor(graph, inverse_dynamics(graph, Chain.of(arm.arm.body), graph.input))
         total = np.abs(torque).sum(keepdims=True)
         inputs = beside([inputs, torque])
     if network is not None:
@@ -110,10 +108,10 @@ def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | 
     """Gravity, springs, hoses and what is left over."""
     effects, mean = model.effects, model.posterior.mean
     turned = Tensor(graph, q) + mean[effects.slices["zero"]]
-    gravity = Tensor(graph, gravity_torque(graph, _chain(model, arm), turned.name))
+    gravity = Tensor(graph, inverse_dynamics(graph, _chain(model, arm), turned.name))
     if payload is not None:
         known = graph.op("Where", graph.op("Equal", payload, payload), payload, 0.0)
-        gravity = gravity + Tensor(graph, gravity_torque(graph, _one_kilogram(model, arm), q)) * Tensor(graph, known)
+        gravity = gravity + Tensor(graph, inverse_dynamics(graph, _one_kilogram(model, arm), q)) * Tensor(graph, known)
     load = gravity * (1.0 + mean[effects.slices["gain"]])
     if not mean[effects.linear].any() and model.leftover is None:
         return load

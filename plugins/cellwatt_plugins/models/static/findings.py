@@ -7,13 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
 from cellwatt_plugins.models.static.effects import Group
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
-
-Float = NDArray[np.float64]
 
 _CLEAR: Final = 3.0
 """Standard deviations below which nothing is told: of the forty figures looked at, two would pass two by chance."""
@@ -82,10 +80,6 @@ class _Told:
     def mean(self) -> Float:
         return self.model.posterior.mean[self.part]
 
-    @property
-    def deviation(self) -> Float:
-        return self.model.posterior.deviation[self.part]
-
     def figure(self, name: str, weights: Float, unit: str) -> Figure:
         """A linear combination of the group's parameters."""
         covariance = self.model.posterior.covariance[self.part, self.part]
@@ -144,16 +138,8 @@ def _masses(model: Identified) -> Iterator[Finding]:
 def _friction(told: _Told) -> list[Finding]:
     figure = told.figure("friction", np.ones(1), "Nm")
     joint = told.group.joints[0] + 1
-    return [
-        told.finding(f"Joint {joint}: friction holds {figure}, for or against, by the direction of approach.", figure)
-    ]
-
-
-def _load_friction(told: _Told) -> list[Finding]:
-    own = np.eye(told.model.effects.joints)
-    weights = 100.0 * np.column_stack([np.ones(len(own)), own])
-    figures = [told.figure(f"joint {j + 1}", each, "%") for j, each in enumerate(weights)]
-    return _clear(told, figures, "Friction also holds a share of the load")
+    text = f"Joint {joint}: friction holds {figure}, for or against, by the direction of approach."
+    return [told.finding(text, figure)]
 
 
 def _spring(told: _Told) -> list[Finding]:
@@ -191,28 +177,26 @@ def _payload(told: _Told) -> list[Finding]:
 
 
 def _each(told: _Told) -> list[Finding]:
+    """Those of the figures that are clearly not 0, in one sentence."""
     text, factor, unit, names = _EACH[told.group.kind]
     names = names or tuple(f"joint {j + 1}" for j in range(told.model.effects.joints))
-    weights = factor * np.eye(len(names))
-    return _clear(told, [told.figure(name, own, unit) for name, own in zip(names, weights, strict=True)], text)
-
-
-def _clear(told: _Told, figures: list[Figure], text: str) -> list[Finding]:
-    """Those of the figures that are clearly not 0, in one sentence."""
+    common = np.ones((len(names), len(told.mean) - len(names)))
+    weights = factor * np.column_stack([common, np.eye(len(names))])
+    figures = [told.figure(name, own, unit) for name, own in zip(names, weights, strict=True)]
     clear = [f for f in figures if abs(f.value) > _CLEAR * f.deviation]
     words = ", ".join(f"{f.name} {f}" for f in clear)
     return [told.finding(f"{text}: {words}.", *clear)] if clear else []
 
 
 _EACH: Final[dict[str, tuple[str, float, str, tuple[str, ...]]]] = {
+    "load friction": ("Friction also holds a share of the load", 100.0, "%", ()),
     "gain": ("Torques read high (or low, where negative) against gravity of the other joints", 100.0, "%", ()),
     "zero": ("Zero positions are off", float(np.degrees(1.0)), "°", ()),
     "tilt": ("The base is not level", float(np.degrees(1.0)), "°", ("down along x", "down along y")),
 }
-"""What is said of groups with a figure a joint, what turns these into their unit, and their names where no joint's."""
+"""Of groups with a figure a joint (what all joints share comes first): words, factor to the unit, names but joints'."""
 _TOLD: Final = {
     "friction": _friction,
-    "load friction": _load_friction,
     "spring": _spring,
     "bent spring": _bent_spring,
     "hose": _hose,

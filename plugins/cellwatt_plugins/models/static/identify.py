@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.scheduler import spread
 from cellwatt_plugins.models.static.basis import Basis, gravity_parameters, joint_limits
 from cellwatt_plugins.models.static.effects import Effects
@@ -15,8 +16,6 @@ from cellwatt_plugins.models.static.evidence import Belief, Posterior, fit
 from cellwatt_plugins.models.static.leftover import Leftover, learned
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 FOLDS: Final = 5
 _NOISE: Final = 0.002  # of the rated torque, before the data
@@ -123,25 +122,18 @@ def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) ->
     plain, with_rest = np.empty((2, 2, len(poses)))
     gained = np.empty(len(poses))
     for part, one in zip(parts, said, strict=True):
-        plain[:, part], with_rest[:, part], gained[part] = one.plain, one.with_rest, one.gained
+        plain[:, part], with_rest[:, part], gained[part] = one
     model = identify(basis, poses.torque, effects)
     if np.mean(gained) > 2.0 * np.std(gained) / np.sqrt(len(gained)):
         return Checked(with_leftover(model, basis, poses.torque), *with_rest)
     return Checked(model, *plain)
 
 
-@dataclass(frozen=True)
-class _Said:
-    """Absolute sums (2, k) Nm of k poses left out, told and blind, by physics and with what is left over; what the
-    latter gained (k,)."""
+def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> tuple[Float, Float, Float]:
+    """Absolute sums (2, k) Nm of k poses, told and blind, by models of all others: physics, and with what is left over.
 
-    plain: Float
-    with_rest: Float
-    gained: Float
-
-
-def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> _Said:
-    """What models of all other poses say of a part."""
+    Last, what the latter gained (k,).
+    """
     poses, basis, effects = known
     rest = np.setdiff1d(np.arange(len(poses)), part)
     model = identify(basis.rows(rest), poses.torque[rest], effects)
@@ -150,7 +142,7 @@ def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> _S
     totals = [np.stack([m.total(seen), m.total(blind)]) for m in (model, fuller)]
     errors = [((poses.torque[part] - m.torque(seen)) / model.posterior.noise) ** 2 for m in (model, fuller)]
     gained = np.nansum(np.where(seen.direction == 0, np.nan, errors[0] - errors[1]), axis=1)
-    return _Said(totals[0], totals[1], gained)
+    return totals[0], totals[1], gained
 
 
 def with_leftover(model: Identified, basis: Basis, torque: Float) -> Identified:

@@ -73,7 +73,7 @@ def sizes_for(count: int) -> tuple[int, ...]:
 def learning_curve(poses: Poses, basis: Basis, effects: Effects, floor: float, reached: float, seed: int) -> Curve:
     """Trains on part of the poses, ``REPEATS`` times each; physics alone."""
     sizes = sizes_for(len(poses))
-    draws = [_Draw(size, repeat, seed) for size in sizes for repeat in range(REPEATS)]
+    draws = [(seed, size, repeat) for size in sizes for repeat in range(REPEATS)]
     errors = spread(_error, draws, "models of fewer poses", shared=(poses, basis, effects))
     points = []
     for k, size in enumerate(sizes):
@@ -83,19 +83,11 @@ def learning_curve(poses: Poses, basis: Basis, effects: Effects, floor: float, r
     return Curve(tuple(points), floor, reached, len(poses))
 
 
-@dataclass(frozen=True)
-class _Draw:
-    """Some of the poses, drawn at random."""
-
-    size: int
-    repeat: int
-    seed: int
-
-
-def _error(draw: _Draw, known: tuple[Poses, Basis, Effects]) -> float:
-    """Root mean square error in Nm of a model of the poses drawn, on the others."""
+def _error(draw: tuple[int, int, int], known: tuple[Poses, Basis, Effects]) -> float:
+    """Root mean square error in Nm of a model of some poses, drawn by seed, size and repeat, on the others."""
     poses, basis, effects = known
-    rows = np.random.default_rng((draw.seed, draw.size, draw.repeat)).permutation(len(poses))
-    model = identify(basis.rows(rows[: draw.size]), poses.torque[rows[: draw.size]], effects)
-    rest = rows[draw.size :]
+    rows = np.random.default_rng(draw).permutation(len(poses))
+    size = draw[1]
+    model = identify(basis.rows(rows[:size]), poses.torque[rows[:size]], effects)
+    rest = rows[size:]
     return float(np.sqrt(np.mean((model.total(basis.rows(rest)) - poses.total[rest]) ** 2)))

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
+from cellwatt.progress import steps
 from cellwatt.scheduler import spread
-
-if TYPE_CHECKING:
-    import optuna
-
-Float = NDArray[np.float64]
 
 NEURONS: Final = (8, 1000)
 """The paper's range of hidden neurons."""
 TRIALS: Final = 20
 """Networks that the search trains for each method …"""
 DRAWN: Final = 10
-"""… of which the sizes of the first are drawn at random: they do not depend on each other."""
+"""… of which the sizes of the first are drawn at random."""
 TEST: Final = 0.2
 """Share of the poses that is kept for testing."""
 _VALIDATION: Final = 0.2  # of the rest, for the search: the test is never looked at
@@ -69,64 +66,33 @@ def split(count: int, seed: int, share: float = TEST) -> tuple[NDArray[np.intp],
     return np.sort(rows[test:]), np.sort(rows[:test])
 
 
-@dataclass(frozen=True)
-class Search:
-    """Search for a network from ``inputs`` (N, k) to ``target`` (N,): so many ``trials``, the first of known error."""
-
-    inputs: Float
-    target: Float
-    seed: int
-    trials: int
-    errors: tuple[float, ...] = ()
+Pair = tuple[Float, Float]
+"""Inputs (N, k) and targets (N,)."""
 
 
-def searched(pairs: Sequence[tuple[Float, Float]], seed: int) -> list[Perceptron]:
-    """For each of some inputs (N, k) and targets (N,) the network with the number of neurons that tree-structured
-    Parzen estimators find best, trained on all rows."""
-    searches = [Search(inputs, target, seed, TRIALS) for inputs, target in pairs]
-    drawn = [(search, neurons) for search in searches for neurons in _drawn(search)]
-    errors = np.split(np.array(spread(_error, drawn, "networks of random sizes")), len(searches))
-    begun = [replace(search, errors=tuple(known.tolist())) for search, known in zip(searches, errors, strict=True)]
-    return spread(_best, begun, "networks of better sizes")
+def searched(pairs: Sequence[Pair], seed: int) -> list[Perceptron]:
+    """For each of some ``pairs`` the network with the number of neurons that tree-structured Parzen estimators find
+    best, trained on all rows."""
+    return spread(_best, pairs, "networks of the best size", shared=seed)
 
 
-def _drawn(search: Search) -> list[int]:
-    """Neurons of the networks that do not depend on others."""
-    study = _study(search)
-    return [_suggested(study.ask()) for _ in range(min(DRAWN, search.trials))]
-
-
-def _error(network: tuple[Search, int]) -> float:
-    """Mean square error of a network of so many neurons on the rows that are held out."""
-    search, neurons = network
-    rows = np.random.default_rng(search.seed).permutation(len(search.inputs))
-    held = max(1, round(_VALIDATION * len(rows)))
-    learnt = trained(search.inputs[rows[held:]], search.target[rows[held:]], neurons, search.seed)
-    return float(np.mean((learnt(search.inputs[rows[:held]]) - search.target[rows[:held]]) ** 2))
-
-
-def _best(search: Search) -> Perceptron:
-    """The network of a search once the random ones are known."""
-    study = _study(search)
-    for known in search.errors:
-        trial = study.ask()
-        _suggested(trial)
-        study.tell(trial, known)
-    for _ in range(search.trials - len(search.errors)):
-        trial = study.ask()
-        study.tell(trial, _error((search, _suggested(trial))))
-    return trained(search.inputs, search.target, int(study.best_params["neurons"]), search.seed)
-
-
-def _study(search: Search) -> optuna.Study:
+def _best(pair: Pair, seed: int) -> Perceptron:
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    return optuna.create_study(sampler=optuna.samplers.TPESampler(n_startup_trials=DRAWN, seed=search.seed))
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(n_startup_trials=DRAWN, seed=seed))
+    for _ in steps(range(TRIALS), "network"):
+        trial = study.ask()
+        study.tell(trial, _error(*pair, trial.suggest_int("neurons", *NEURONS), seed))
+    return trained(*pair, int(study.best_params["neurons"]), seed)
 
 
-def _suggested(trial: optuna.Trial) -> int:
-    return trial.suggest_int("neurons", *NEURONS)
+def _error(inputs: Float, target: Float, neurons: int, seed: int) -> float:
+    """Mean square error of a network of so many neurons on rows that are held out."""
+    rows = np.random.default_rng(seed).permutation(len(inputs))
+    held, rows = np.split(rows, [max(1, round(_VALIDATION * len(rows)))])
+    learnt = trained(inputs[rows], target[rows], neurons, seed)
+    return float(np.mean((learnt(inputs[held]) - target[held]) ** 2))
 
 
 def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int = EPOCHS) -> Perceptron:

@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import ConfigError
 from cellwatt.progress import stage, steps
 from cellwatt_plugins.robot.collision import Checker
-
-Float = NDArray[np.float64]
 
 STAGE: Final = 40
 """So many poses may be enough for a model."""

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
 from cellwatt.files import write_csv, write_file
@@ -17,44 +18,35 @@ from cellwatt_plugins.models.static.plan import Plan, plan_poses
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
 
-Float = NDArray[np.float64]
-
 LONGEST: Final = 900
 """Poses in one job: controllers take 999 steps."""
 _LARGEST: Final = 2**31 - 1
 
 
-@dataclass(frozen=True)
-class Encoders:
-    """Conversion of joint angles to pulses; as in the settings of the yaskawa driver."""
+def pulses_of(q: Float, encoders: Any) -> NDArray[np.int64]:
+    """Pulses of joint angles ``q`` (N, n) rad, by ``encoders``, the settings of a yaskawa source.
 
-    pulses_per_degree: Float
-    """(n,)."""
-    coupling: Float | None = None
-    """(n, n): joint angles = coupling · motor angles + zero."""
-    zero: Float | None = None
-    """(n,) rad at pulse 0."""
-
-    def pulses(self, q: Float) -> NDArray[np.int64]:
-        """For angles (N, n) rad. Raises ``ConfigError`` where the settings are of another number of joints."""
-        n = q.shape[1]
-        if len(self.pulses_per_degree) != n:
-            raise ConfigError(f"pulses_per_degree has {len(self.pulses_per_degree)} values, the robot {n} joints")
-        motors = q - (0.0 if self.zero is None else self.zero)
-        if self.coupling is not None:
-            motors = motors @ np.linalg.inv(self.coupling).T
-        pulses = np.rint(np.degrees(motors) * self.pulses_per_degree)
-        if np.abs(pulses).max() > _LARGEST:
-            raise ConfigError("pulses_per_degree: a pose has more pulses than a controller counts")
-        return pulses.astype(np.int64)
+    Joint angles are coupling · motor angles + zero. Raises ``ConfigError`` where the settings are of another number of
+    joints.
+    """
+    n, per_degree = q.shape[1], np.array(encoders.pulses_per_degree, np.float64)
+    if len(per_degree) != n:
+        raise ConfigError(f"pulses_per_degree has {len(per_degree)} values, the robot {n} joints")
+    motors = q - (0.0 if encoders.zero is None else np.array(encoders.zero))
+    if encoders.coupling is not None:
+        motors = motors @ np.linalg.inv(np.array(encoders.coupling)).T
+    pulses = np.rint(np.degrees(motors) * per_degree)
+    if np.abs(pulses).max() > _LARGEST:
+        raise ConfigError("pulses_per_degree: a pose has more pulses than a controller counts")
+    return pulses.astype(np.int64)
 
 
-def jobs(name: str, q: Float, encoders: Encoders, speed: float, hold: float, when: datetime) -> dict[str, str]:
+def jobs(name: str, q: Float, encoders: Any, speed: float, hold: float, when: datetime) -> dict[str, str]:
     """File name → text of the jobs that visit ``q`` (N, n) rad and wait ``hold`` s in each.
 
     ``speed`` is the per cent of the joints' full speed.
     """
-    pulses = encoders.pulses(q)
+    pulses = pulses_of(q, encoders)
     parts = np.array_split(pulses, -(-len(pulses) // LONGEST))
     names = [name] if len(parts) == 1 else [f"{name}-{i + 1}" for i in range(len(parts))]
     return {f"{n}.JBI": _job(n, part, speed, hold, when) for n, part in zip(names, parts, strict=True)}
@@ -152,8 +144,8 @@ def write_plan(
     return PlanReport(arm.name, plan, duration, files)
 
 
-def _encoders(cell: Path, source: str | None) -> Encoders:
-    """From the settings of the one source that has ``pulses_per_degree``."""
+def _encoders(cell: Path, source: str | None) -> Any:
+    """The settings of the one source that has ``pulses_per_degree``."""
     sources = load(cell).sources
     if source is not None and source not in sources:
         raise ConfigError(f"{cell}: no source {source!r}, there are: {', '.join(sources)}")
@@ -163,9 +155,4 @@ def _encoders(cell: Path, source: str | None) -> Encoders:
         found = f"these have: {', '.join(counted)}: choose one with --source" if counted else "none has"
         raise ConfigError(f"{cell}: expected one source with pulses_per_degree; {found}")
     (settings,) = counted.values()
-    coupling, zero = getattr(settings, "coupling", None), getattr(settings, "zero", None)
-    return Encoders(
-        np.array(getattr(settings, "pulses_per_degree", ()), np.float64),
-        None if coupling is None else np.array(coupling, np.float64),
-        None if zero is None else np.array(zero, np.float64),
-    )
+    return settings

@@ -11,19 +11,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float, Nanoseconds
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
-from cellwatt_plugins.models.static.held import HeldPose, Recogniser
+from cellwatt_plugins.models.static.held import held, turned
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.samples import torque_in
-
-Float = NDArray[np.float64]
 
 FEWEST: Final = 12
 """Poses that a training needs."""
 _LIGHT: Final = 0.05  # kg: payloads that differ by less teach nothing
-COLUMNS: Final = ("q", "torque", "spread", "count", "approach", "payload")
+COLUMNS: Final = ("q", "torque", "approach", "payload")
 """Fields of ``Poses`` with a row a pose."""
 _SHORT: Final = 0.25
 """Poses with less than this share of the usual number of samples are left out."""
@@ -37,10 +36,6 @@ class Poses:
     """(N, n) rad."""
     torque: Float
     """(N, n) Nm at the joint, mean over the pose."""
-    spread: Float
-    """(N, n) Nm, standard deviation of the single samples; NaN where there is one."""
-    count: NDArray[np.int64]
-    """(N,) samples."""
     approach: Float
     """(N, n) rad, the way each joint came to the pose; NaN where that is not known."""
     payload: Float
@@ -86,29 +81,30 @@ def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
 def _read(path: Path, robot: RobotDescription) -> Poses:
     table = read_table(path, [joint.name for joint in robot.joints])
     q = table.needed("position", len(robot.joints))
-    torque, unit = torque_in(table, robot)
+    torque = torque_in(table, robot)
     before = table.joints("came_from")
     approach = np.full_like(q, np.nan) if before is None else q - table.needed("came_from", q.shape[1])
     payload = table.whole("tool.payload")
     payload = _unknown(len(q)) if payload is None else payload
     if "pose" in table.columns:
-        if "count" not in table.columns:
-            return _grouped(table.columns["pose"], q, torque, approach, payload)
-        spread = table.joints("torque_spread")
-        spread = np.full_like(q, np.nan) if spread is None else unit * spread
-        return Poses(q, torque, spread, table.columns["count"].astype(np.int64), approach, payload)
+        if "count" in table.columns:
+            return Poses(q, torque, approach, payload)
+        return _grouped(table.columns["pose"], q, torque, approach, payload)
     if table.clock is None:
         raise RecordingError(f"{path}: expected a column pose, or t (s) with the arm's motion in between")
-    found = Recogniser(q.shape[1]).update(np.rint(table.time * 1e9).astype(np.int64), q, torque)
-    if not found:
+    whole = np.isfinite(np.hstack([q, torque])).all(axis=1)
+    poses = _recognised(np.rint(table.time[whole] * 1e9).astype(np.int64), q[whole], torque[whole])
+    if not len(poses):
         raise RecordingError(f"{path}: no pose was held long enough: all joints at rest for 2.5 s")
-    return of_held(found)
+    return poses
 
 
-def of_held(found: Sequence[HeldPose]) -> Poses:
-    """Recognised poses."""
-    columns: dict[str, Any] = {name: np.array([getattr(pose, name) for pose in found]) for name in COLUMNS[:-1]}
-    return Poses(**columns, payload=_unknown(len(found)))
+def _recognised(time: Nanoseconds, q: Float, torque: Float) -> Poses:
+    """The poses that an arm held in samples of its motion: times (N,) ns, angles and torques (N, n)."""
+    found, before = held(time, q), turned(q)
+    mean = np.array([q[part].mean(axis=0) for part in found]).reshape(-1, q.shape[1])
+    known = np.array([torque[part].mean(axis=0) for part in found])
+    return Poses(mean, known, mean - before[[part.stop - 1 for part in found]], _unknown(len(found)))
 
 
 def _unknown(count: int) -> Float:
@@ -119,22 +115,12 @@ def _grouped(pose: Float, q: Float, torque: Float, known: Float, payload: Float)
     """Means of neighbouring rows of one pose; each is come to from the one before it unless its approach is known."""
     starts = np.flatnonzero(np.concatenate([[True], np.diff(pose) != 0]))
     count = np.diff(np.append(starts, len(q)))
-    means, spreads = _mean(torque, starts, count)
-    angles, _ = _mean(q, starts, count)
+    means, angles = (np.add.reduceat(each, starts) / count[:, None] for each in (torque, q))
     before = np.vstack([np.full((1, q.shape[1]), np.nan), angles[:-1]])
     approach = np.where(np.isfinite(known[starts]), known[starts], angles - before)
     whole = count >= _SHORT * np.median(count)
     notes = (f"{int(np.sum(~whole))} poses have too few samples and are left out",) if not whole.all() else ()
-    payload = payload[starts]
-    return Poses(angles[whole], means[whole], spreads[whole], count[whole], approach[whole], payload[whole], notes)
-
-
-def _mean(values: Float, starts: NDArray[np.intp], count: NDArray[np.intp]) -> tuple[Float, Float]:
-    """Mean and standard deviation of neighbouring rows."""
-    each = count[:, None]
-    mean = np.add.reduceat(values, starts) / each
-    square = np.add.reduceat((values - np.repeat(mean, count, axis=0)) ** 2, starts)
-    return mean, np.sqrt(np.where(each > 1, square / np.maximum(each - 1, 1), np.nan))
+    return Poses(angles[whole], means[whole], approach[whole], payload[starts][whole], notes)
 
 
 def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:

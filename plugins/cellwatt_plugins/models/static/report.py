@@ -8,11 +8,10 @@ from cellwatt.report import Axis, Bars, Figure, Notes, Panel, Provenance, Report
 from cellwatt.report.drawing import band, dots, line
 from cellwatt.report.numbers import measured, number
 from cellwatt.report.theme import MEASURED, MODEL, NOISE
+from cellwatt_plugins.models.report import left_by_joint
 from cellwatt_plugins.models.static.training import COVERAGE, Trained
 from cellwatt_plugins.models.static.wording import TITLES, rivals
 
-ACROSS = 3
-"""Joints side by side."""
 SEEN = (
     "Each pose predicted by a model that had not seen it. Band: {share:.0f} % of new poses lie within ± {width:.2f} Nm."
 )
@@ -73,19 +72,9 @@ def _predicted(trained: Trained) -> Figure:
 
 def _residuals(trained: Trained) -> Figure:
     """Measured less modelled torque of each joint over its position."""
-    noise = trained.checked.model.posterior.noise
-    panels = [
-        Panel(
-            [dots("pose", trained.poses.q[:, j], trained.residual[:, j], MODEL)],
-            Axis("rad"),
-            Axis("Nm" if j % ACROSS == 0 else ""),
-            band(-2 * noise[j], 2 * noise[j], NOISE),
-            f"joint {j + 1}",
-        )
-        for j in range(len(noise))
-    ]
-    rows = [panels[i : i + ACROSS] for i in range(0, len(panels), ACROSS)]
-    return Figure("Residual of each joint over its position", rows, [170] * len(rows), legend=False)
+    bands = [band(-2 * noise, 2 * noise, NOISE) for noise in trained.checked.model.posterior.noise]
+    label = "Residual of each joint over its position"
+    return left_by_joint(label, "pose", trained.poses.q, trained.residual, ("rad", "Nm"), bands)
 
 
 def _figures(trained: Trained) -> Table:

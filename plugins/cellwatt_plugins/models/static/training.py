@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.progress import stage
 from cellwatt_plugins.models.static import exported, paper
 from cellwatt_plugins.models.static.basis import Basis
@@ -61,8 +61,6 @@ class Scores:
         """For ``--json``."""
         return {**asdict(self), "accuracy": self.accuracy}
 
-
-Float = NDArray[np.float64]
 
 SEED: Final = 0
 SHARES: Final = (0.7, 0.15, 0.15)
@@ -142,7 +140,7 @@ class Trained:
 def train(poses: Poses, arm: HeldArm) -> Trained:
     """Trains all methods."""
     basis, effects = arm.basis(poses), arm.effects(poses)
-    with stage("networks as published", 2, share=SHARES[0]):
+    with stage("networks as published", 1, share=SHARES[0]):
         methods, networks = _published(poses, basis, effects)
     with stage("", share=SHARES[1]):
         checked = identify_checked(poses, basis, effects, SEED)

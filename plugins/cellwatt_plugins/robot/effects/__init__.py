@@ -5,6 +5,7 @@ To add an effect, write its module.
 
 import importlib
 import pkgutil
+from inspect import isabstract
 
 from cellwatt_plugins.robot.curves import CURVES
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -18,9 +19,9 @@ def _written_here() -> list[Effect]:
         kind
         for module in modules
         for kind in vars(module).values()
-        if isinstance(kind, type) and issubclass(kind, Effect) and kind.__module__ == module.__name__
+        if isinstance(kind, type) and issubclass(kind, Effect) and not isabstract(kind)
     }
-    return sorted((kind() for kind in kinds - {Effect, Friction}), key=lambda effect: effect.name)
+    return sorted((kind() for kind in kinds), key=lambda effect: effect.name)
 
 
 EFFECTS: tuple[Effect, ...] = tuple(_written_here())

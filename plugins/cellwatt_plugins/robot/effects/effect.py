@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import (
     Acceptance,
@@ -24,9 +24,10 @@ from cellwatt_plugins.robot.effects.declaration import (
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
-Float = NDArray[np.float64]
 Shape = tuple[float, ...]
 """Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
+Names = tuple[tuple[str, str], ...]
+"""Names of parameters, with their units."""
 UNIT_SPREAD = 0.05
 """Standard deviation from 1 of the coefficient of an effect that is simulated to scale."""
 WIDE = 10.0
@@ -42,6 +43,15 @@ class Parameter:
     value: float
     std: float
     unit: str
+
+    def __format__(self, spec: str) -> str:
+        """The value as ``spec`` says, else with its uncertainty as people write it, e.g. ``4.1 ± 0.2 Nm``."""
+        unit = self.unit.replace("N*m", "Nm").replace("*", "·")
+        if spec or not np.isfinite(self.std) or self.std <= 0:
+            return format(self.value, spec) if spec else f"{self.value:.3g} {unit}".rstrip()
+        size = int(np.floor(np.log10(self.std)))
+        digits = max(0, (self.std < 10**size * 2) - size)
+        return f"{self.value:.{digits}f} ± {self.std:.{digits}f} {unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -84,6 +94,13 @@ class Effect(ABC):
     relations: ClassVar[Relations] = Relations()
     uncertainty: ClassVar[Uncertainty] = Uncertainty()
     confusions: ClassVar[tuple[Confusion, ...]] = ()
+    tried: ClassVar[Sequence[Shape]] = ((),)
+    """Shapes to try, where recordings have no say in them."""
+    coefficients_are: ClassVar[Names] = ()
+    shape_is: ClassVar[Names] = ()
+    """Its first coefficients, and its shape, as parameters; a number without a name is not told."""
+    sentence: ClassVar[str] = ""
+    """One plain sentence with ``{who}`` (``{joint}`` inside it) and parameters, as ``{force}`` or ``{speed:.2g}``."""
 
     @property
     def place(self) -> Place:
@@ -123,7 +140,7 @@ class Effect(ABC):
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         """Shapes to try, given each run's states and what is left unexplained there, (N, C) each."""
-        return [()]
+        return self.tried
 
     def reshaped(self, runs: Sequence[States], joint: int | None, course: Sequence[Float], own: Float) -> Shape | None:
         """The shape anew, now that coefficients ``own`` (m,) are known; ``course`` (N, C): what is left without it.
@@ -173,21 +190,11 @@ class Effect(ABC):
         """Least and greatest value of each shape parameter, for its refinement; () where it is not refined."""
         return ()
 
-    @abstractmethod
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         """Physical parameters with units."""
+        found = {name: estimate.coefficient(i, unit) for i, (name, unit) in enumerate(self.coefficients_are)}
+        return found | {name: estimate.shaped(i, unit) for i, (name, unit) in enumerate(self.shape_is) if name}
 
-    @abstractmethod
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         """One plain sentence; ``who`` names the place, e.g. ``Joint 2``."""
-
-
-def said(parameter: Parameter) -> str:
-    """A value with its uncertainty as people write it, e.g. ``4.1 ± 0.2 Nm``."""
-    unit = parameter.unit.replace("N*m", "Nm").replace("*", "·")
-    if not np.isfinite(parameter.std) or parameter.std <= 0:
-        return f"{parameter.value:.3g} {unit}".rstrip()
-    digits = max(
-        0, -int(np.floor(np.log10(parameter.std))) + (parameter.std < 10 ** np.floor(np.log10(parameter.std)) * 2)
-    )
-    return f"{parameter.value:.{digits}f} ± {parameter.std:.{digits}f} {unit}".rstrip()
+        return self.sentence.format(who=who, joint=who.lower(), **parameters)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
@@ -18,7 +19,6 @@ from cellwatt_plugins.robot.motion import Moved, Turning
 if TYPE_CHECKING:
     from cellwatt_plugins.robot.servo.law import Drive
 
-Float = NDArray[np.float64]
 
 REST = 0.3
 """s for which a joint must not move to be at rest."""

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt.errors import RecordingError
 from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion
 from cellwatt_plugins.robot.meter.model import Readings
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 FURTHEST: Final = 5.0
 """s: the two clocks are taken to differ by no more."""

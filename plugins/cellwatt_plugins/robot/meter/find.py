@@ -10,10 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.meter.kinds import Course
 from cellwatt_plugins.robot.meter.model import Meter, Readings
-
-Float = NDArray[np.float64]
 
 WINDOWS: Final = (0.05, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0)
 """Windows that are tried, in intervals from one value to the next."""
@@ -128,26 +127,11 @@ def find(
     if not unexplained < 1 - ALIKE:
         return None
     usual = usual or shown.interval
-    return _refined(shown, _Halves.of(courses), window, float(late), usual, unexplained)
-
-
-@dataclass(frozen=True)
-class _Halves:
-    """The kinds from every other row, and from those between: what is wrong with one is not wrong with the other.
-
-    The wider a window, the less noise of torques and velocities is left in its mean: least squares would find windows
-    too wide. So one half is fitted with the other one, smoothed, as its instruments.
-    """
-
-    even: _Sums
-    odd: _Sums
-
-    @classmethod
-    def of(cls, courses: Sequence[Course]) -> _Halves:
-        return cls(*(_Sums.of([Course(c.time[i::2], c.kinds[i::2]) for c in courses]) for i in (0, 1)))
-
-    def inside(self, segment: NDArray[np.intp], start: Float, end: Float) -> NDArray[np.bool_]:
-        return self.even.inside(segment, start, end) & self.odd.inside(segment, start, end)
+    # The wider a window, the less noise of torques and velocities is left in its mean: least squares would find windows
+    # too wide. So every other row is fitted with those between, smoothed, as its instruments: what is wrong with one
+    # half is not wrong with the other.
+    halves = [_Sums.of([Course(c.time[i::2], c.kinds[i::2]) for c in courses]) for i in (0, 1)]
+    return _refined(shown, halves, window, float(late), usual, unexplained)
 
 
 def _design(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, ago: float) -> Float:
@@ -169,13 +153,15 @@ def _solved(instruments: Float, design: Float, value: Float) -> Float:
     return np.asarray(np.linalg.lstsq(gram, instruments.T @ value, rcond=RIDGE)[0])
 
 
-def _refined(shown: _Shown, halves: _Halves, window: float, late: float, usual: float, unexplained: float) -> Meter:
-    """Gauss-Newton on the middle and the width of the window, and all weights."""
-    sides = (halves.even, halves.odd)
-    step, ago = halves.even.step, late + window / 2
+def _refined(
+    shown: _Shown, sides: Sequence[_Sums], window: float, late: float, usual: float, unexplained: float
+) -> Meter:
+    """Gauss-Newton on the middle and the width of the window, and all weights; the ``sides`` fit each other."""
+    step, ago = sides[0].step, late + window / 2
     for _ in range(STEPS):
         middle = shown.time - ago
-        kept = halves.inside(shown.segment, middle - window / 2, middle + window / 2)
+        begin, end = middle - window / 2, middle + window / 2
+        kept = np.all([side.inside(shown.segment, begin, end) for side in sides], axis=0)
         value, wider = np.tile(shown.value[kept], 2), float(np.hypot(window, SMOOTH))
         design = np.concatenate([_design(shown, side, kept, window, ago) for side in sides])
         smooth = np.concatenate([_design(shown, side, kept, wider, ago) for side in sides[::-1]])

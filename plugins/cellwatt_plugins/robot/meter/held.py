@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.meter.model import Readings
-
-Float = NDArray[np.float64]
 
 SHORTEST: Final = 2
 """Rows that nearly every value is held for at least, where the meter is slower than the rows."""

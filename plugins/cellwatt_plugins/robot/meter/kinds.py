@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
 
 MOVES: Final = 0.01
 """rad/s above which a joint moves."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-Float = NDArray[np.float64]
+from cellwatt.batch import Float
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from cellwatt.alarms import AlarmBook
+from cellwatt.batch import Float, Nanoseconds
 from cellwatt.channel import Quality
 from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Frames, Layout
@@ -22,8 +23,6 @@ from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power
 from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
 
 POWER: Final = "supply.power"
 """Name that drivers give the power of a supply."""
@@ -102,7 +101,7 @@ class MeterStage(Stage[MeterSettings]):
         found: list[Result] = []
         for k, column in enumerate(self._meters):
             channel = self.layout.channels[column]
-            shown = _Shown(stamps[there[:, k], k], values[there[:, k], column])
+            shown = stamps[there[:, k], k], values[there[:, k], column]
             fits = [(meter, arm) for arm in self._arms if (meter := self._found(time, values, shown, channel, arm))]
             if not fits:
                 continue
@@ -114,7 +113,7 @@ class MeterStage(Stage[MeterSettings]):
         return found
 
     def _found(
-        self, time: NDArray[np.int64], values: Float, shown: _Shown, channel: FrameChannel, arm: _Arm
+        self, time: Nanoseconds, values: Float, shown: tuple[Nanoseconds, Float], channel: FrameChannel, arm: _Arm
     ) -> Meter | None:
         """The meter, as far as the motion of one arm tells; by its efforts where it has any."""
         positions, efforts = values[:, arm.positions], values[:, arm.efforts]
@@ -127,32 +126,24 @@ class MeterStage(Stage[MeterSettings]):
         ]
         origin, readings, courses = int(time[0]), [], []
         for s in segments:
-            inside = shown.between(int(time[s.start]), int(time[s.stop - 1]))
+            inside = _readings(*shown, time[s], origin)
             if inside is not None:
-                readings.append(inside.readings(origin))
+                readings.append(inside)
                 courses.append(_course(time[s] - origin, positions[s], efforts[s]))
         return find(readings, courses, usual=channel.window or None) if readings else None
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """Values in rows (n,), and when each came, ns: a held value has the stamp of the row before."""
+def _readings(stamp: Nanoseconds, value: Float, during: Nanoseconds, origin: int) -> Readings | None:
+    """Values in rows (n,), each once, that came ``during`` some frames; a held one has the stamp of the row before.
 
-    stamp: NDArray[np.int64]
-    value: Float
-
-    def between(self, start: int, end: int) -> _Shown | None:
-        """Those that came within a time; None where they are too few to have an interval."""
-        inside = np.flatnonzero((self.stamp >= start) & (self.stamp <= end))
-        new = inside[np.unique(self.stamp[inside], return_index=True)[1]]
-        # A meter asked again before it has a new value tells the last one once more.
-        fresh = new[np.flatnonzero(np.diff(self.value[new], prepend=np.nan) != 0)]
-        return _Shown(self.stamp[fresh], self.value[fresh]) if len(fresh) > 1 else None
-
-    def readings(self, origin: int) -> Readings:
-        """Each once, on a clock that begins at ``origin`` ns."""
-        came = np.asarray((self.stamp - origin) * 1e-9, np.float64)
-        return Readings(came, self.value, float(np.median(np.diff(came))))
+    On a clock that begins at ``origin`` ns. None where they are too few to have an interval.
+    """
+    inside = np.flatnonzero((stamp >= during[0]) & (stamp <= during[-1]))
+    new = inside[np.unique(stamp[inside], return_index=True)[1]]
+    # A meter asked again before it has a new value tells the last one once more.
+    fresh = new[np.flatnonzero(np.diff(value[new], prepend=np.nan) != 0)]
+    came = np.asarray((stamp[fresh] - origin) * 1e-9, np.float64)
+    return Readings(came, value[fresh], float(np.median(np.diff(came)))) if len(fresh) > 1 else None
 
 
 def _meters(layout: Layout, power: str | None) -> tuple[int, ...]:
@@ -182,7 +173,7 @@ def _arms(layout: Layout, arm: str | None) -> list[_Arm]:
     return found
 
 
-def _whole(time: NDArray[np.int64], values: Float, step: int) -> list[slice]:
+def _whole(time: Nanoseconds, values: Float, step: int) -> list[slice]:
     """Stretches of neighbouring frames in which no value is missing."""
     there = np.flatnonzero(~np.isnan(values).any(axis=1))
     if not len(there):
@@ -191,7 +182,7 @@ def _whole(time: NDArray[np.int64], values: Float, step: int) -> list[slice]:
     return [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(there, cuts)]
 
 
-def _course(time: NDArray[np.int64], positions: Float, efforts: Float) -> Course:
+def _course(time: Nanoseconds, positions: Float, efforts: Float) -> Course:
     """Kinds of power along a stretch."""
     t = np.asarray(time * 1e-9, np.float64)
     step = float(t[1] - t[0])

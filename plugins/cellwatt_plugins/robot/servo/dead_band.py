@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 SHARES = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
@@ -28,6 +28,8 @@ class DriveDeadBand(Effect):
         Confusion("coulomb_friction", "push the joint by hand in rest: a band lets it go without any resistance"),
         Confusion("backlash", "lock the motor: play stays, a dead band does not"),
     )
+    shape_is = (("half_width", "rad"),)
+    sentence = "The drive of {joint} does nothing within {half_width} of its command: a dead band is missing."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         error = np.abs(np.concatenate([run.servos.error[:, joint or 0] for run in runs]))
@@ -46,12 +48,3 @@ class DriveDeadBand(Effect):
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.5 * shape[0], 2 * shape[0]), (shape[1], shape[1])]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"half_width": estimate.shaped(0, "rad")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"The drive of {who.lower()} does nothing within {said(parameters['half_width'])} of its command: "
-            "a dead band is missing."
-        )

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo.law import earlier
 
-DELAYS = tuple(float(d) for d in np.geomspace(0.003, 0.15, 14))
+DELAYS = tuple((float(d),) for d in np.geomspace(0.003, 0.15, 14))
 """s that are tried."""
 SHARE = 0.4
 """Of a row: a delay as short as that is when commands were logged."""
@@ -27,9 +28,7 @@ class CommandDelay(Effect):
     form = Form(to_scale=True)
     acceptance = Acceptance(several_channels=True)
     confusions = (Confusion("drive_gain", "move at two speeds: a delay grows with the speed, a soft loop with torque"),)
-
-    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(d,) for d in DELAYS]
+    tried = DELAYS
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         return abs(shape[0]) > SHARE * runs[0].step

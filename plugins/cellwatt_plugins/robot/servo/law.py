@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.motion import Moved
 from cellwatt_plugins.robot.servo.motion import held
-
-Float = NDArray[np.float64]
 
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Parts of a row at which a drive is looked at."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 MOST = (0.5, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 0.997)
@@ -28,6 +28,8 @@ class DriveLimit(Effect):
     acts_on = "drive"
     form = Form(to_scale=True, error=0.02)
     confusions = (Confusion("drive_gain", "move slower: a soft loop stays soft, a limit is not reached"),)
+    shape_is = (("limit", "N*m"),)
+    sentence = "The drive of {joint} gives no more than {limit}: its limit is lower."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         asked, given = self._torques(runs, joint or 0)
@@ -58,9 +60,3 @@ class DriveLimit(Effect):
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.7 * shape[0], 1.3 * shape[0])]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"limit": estimate.shaped(0, "N*m")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return f"The drive of {who.lower()} gives no more than {said(parameters['limit'])}: its limit is lower."

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.motion import Moved, differentiate, expected_sign, from_encoders, smooth
-
-Float = NDArray[np.float64]
 
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.regression import Prior
@@ -34,6 +35,7 @@ class Play(Effect):
     confusions = (
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),
     )
+    sentence = "{who} has a play of {gap} between drive and link: backlash is missing."
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
         return robot.joints[joint or 0].rotor_inertia > 0
@@ -69,6 +71,3 @@ class Play(Effect):
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {"gap": Parameter(2 * estimate.coefficients[0], 2 * estimate.coefficient(0, "rad").std, "rad")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return f"{who} has a play of {said(parameters['gap'])} between drive and link: backlash is missing."

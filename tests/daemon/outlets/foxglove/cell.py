@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import Any, Final
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from cellwatt import Alarm, Frames, Layout
 from cellwatt.frames import FrameChannel
 from cellwatt.results import Energy, Event, Interval, Prediction, Result, Task
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STATUS
-from tests.daemon.outlets.zenoh.processes import ROOT
 
-URDF = ROOT / "plugins/cellwatt_plugins/robot/packaged/mh12/robot.urdf"
 UNITS = {
     **{f"arm.joint_{i}.position": "rad" for i in range(1, 7)},
     **{f"arm.joint_{i}.current": "A" for i in range(1, 7)},
@@ -69,17 +66,3 @@ LOGGED: Final = [
     (2, "The settings were read again.", "cellwatt"),
 ]
 """Lines of the log: level as ``foxglove.Log`` counts it, text, name."""
-
-
-def joints() -> list[dict[str, Any]]:
-    """The joints of the packaged arm as its file has them."""
-    return [
-        {
-            "name": joint.attrib["name"],
-            "xyz": [float(v) for v in joint.find("origin").attrib.get("xyz", "0 0 0").split()],  # type: ignore[union-attr]
-            "rpy": [float(v) for v in joint.find("origin").attrib.get("rpy", "0 0 0").split()],  # type: ignore[union-attr]
-            "axis": [float(v) for v in joint.find("axis").attrib["xyz"].split()],  # type: ignore[union-attr]
-        }
-        for joint in ElementTree.parse(URDF).getroot().iter("joint")
-        if joint.attrib["type"] == "revolute"
-    ]

@@ -1,13 +1,11 @@
-"""``serve`` as a process: arguments are the cell's port, its own, and URDFs by source; ends when stdin is closed."""
+"""``serve`` as a process: arguments are the cell's port and its own; ends when stdin is closed."""
 
 from __future__ import annotations
 
 import _thread
-import json
 import signal
 import sys
 import threading
-from pathlib import Path
 
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.foxglove import serve
@@ -22,11 +20,10 @@ def _end_with_stdin() -> None:
 
 def main() -> None:
     link = LinkSettings(mode="client", connect=(f"tcp/127.0.0.1:{sys.argv[1]}",))
-    arms = {source: Path(file) for source, file in json.loads(sys.argv[3]).items()}
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     threading.Thread(target=_end_with_stdin, daemon=True).start()
     try:
-        serve(link, SITE, CELL, port=int(sys.argv[2]), arms=arms, tell=lambda line: print(line, flush=True))
+        serve(link, SITE, CELL, port=int(sys.argv[2]), tell=lambda line: print(line, flush=True))
     except KeyboardInterrupt:
         print("ended", flush=True)
     except CellwattError as error:

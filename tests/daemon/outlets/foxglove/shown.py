@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from cellwatt import Frames
@@ -40,9 +38,7 @@ class Shown:
 
 
 @asynccontextmanager
-async def shown(
-    frames: Callable[[int, int], Frames] | None = None, *, arms: Mapping[str, Path] | None = None, port: int = 0
-) -> AsyncIterator[Shown]:
+async def shown(frames: Callable[[int, int], Frames] | None = None, *, port: int = 0) -> AsyncIterator[Shown]:
     """A cell that is served on ``port`` (0: a free one); ends the server if the test has not.
 
     It tells ``frames(first, count)`` one by one until it is served.
@@ -52,7 +48,6 @@ async def shown(
     async with serving(ZenohOutlet("zenoh", settings, FakeView())) as outlet:
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "tests.daemon.outlets.foxglove.serve_process", str(bus), str(port)),
-            json.dumps({source: str(file) for source, file in (arms or {}).items()}),
             cwd=ROOT,
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,

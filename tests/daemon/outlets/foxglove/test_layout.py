@@ -9,8 +9,7 @@ import pytest
 
 from cellwatt.config import load
 from cellwatt.outlets.foxglove import layout_for, layout_of
-from cellwatt.outlets.foxglove.arm import WORLD
-from cellwatt.outlets.foxglove.topics import LOG, SCENE
+from cellwatt.outlets.foxglove.topics import LOG
 from tests.daemon.outlets.foxglove.cell import UNITS
 from tests.daemon.outlets.zenoh.processes import ROOT
 
@@ -31,8 +30,6 @@ def test_the_packaged_file_is_that_of_the_demo() -> None:
     packaged = json.loads(PACKAGED.read_text())
     assert packaged == layout_for(UNITS, ["power"])
     assert packaged["configById"]["RosOut!log"]["topicToRender"] == LOG
-    assert packaged["configById"]["3D!arms"]["followTf"] == WORLD
-    assert packaged["configById"]["3D!arms"]["topics"] == {SCENE: {"visible": True}}
 
 
 def test_the_demos_own_file_gives_its_channels_and_its_model() -> None:
@@ -46,17 +43,15 @@ def test_the_demos_own_file_gives_its_channels_and_its_model() -> None:
 @pytest.mark.parametrize(
     ("channels", "panels"),
     [
-        (["arm.joint_1.torque", "arm.joint_1.current"], {"Joint torques [Nm]": ["arm.joint_1.torque"]}),
-        (["arm.joint_1.current", "arm.bus.current"], {"Joint currents [A]": ["arm.joint_1.current"]}),
-        (["arm.joint_1.target_torque"], {"Target torques [Nm]": ["arm.joint_1.target_torque"]}),
         (
-            ["arm.joint_1.current", "arm.joint_1.target_torque", "other.joint_1.torque"],
+            ["arm.joint_1.current", "arm.bus.current", "other.joint_1.torque"],
             {"Joint torques [Nm]": ["other.joint_1.torque"], "Joint currents [A]": ["arm.joint_1.current"]},
         ),
+        (["arm.joint_1.target_torque"], {"Target torques [Nm]": ["arm.joint_1.target_torque"]}),
         (["board.supply.power"], {}),
     ],
 )
-def test_efforts_are_the_best_that_each_arm_tells(channels: list[str], panels: dict[str, list[str]]) -> None:
+def test_efforts_are_those_that_arms_tell(channels: list[str], panels: dict[str, list[str]]) -> None:
     layout = layout_for(dict.fromkeys(channels, "Nm"), [])
     plots = [config for name, config in layout["configById"].items() if name.startswith("Plot!")][2:]
     assert {plot[TITLE]: [path["label"] for path in plot["paths"]] for plot in plots} == panels

@@ -21,16 +21,15 @@ from cellwatt.frames import cut
 from cellwatt.outlets.foxglove import serve
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.record import Header, Recorder, RecordSettings
-from tests.daemon.outlets.foxglove.cell import HEALTH, LOGGED, TOLD, UNITS, URDF, frames
+from tests.daemon.outlets.foxglove.cell import HEALTH, LOGGED, TOLD, UNITS, frames
 from tests.daemon.outlets.foxglove.client import Client
-from tests.daemon.outlets.foxglove.moving import tool, tool_of
 from tests.daemon.outlets.foxglove.paths import found
 from tests.daemon.outlets.foxglove.shown import shown
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE
 from tests.patience import eventually
 
 PACKAGED = Path(__file__).parents[4] / "daemon/cellwatt/outlets/foxglove/layout.json"
-DRAWN = {"/log", "/channels"}
+DRAWN = {"/log"}
 
 
 @dataclass
@@ -72,7 +71,7 @@ async def observe() -> Seen:
             last = int(blocks[-1].time[-1])
             await eventually(lambda: complete(first, last) and amber(), "all of it")
         async with Client(cell.port) as later:
-            await eventually(lambda: len(later.told["/log"]) == 2 and later.told["/channels"], "what still holds")
+            await eventually(lambda: len(later.told["/log"]) == 2, "what still holds")
             await eventually(lambda: len(later.told["/alarm"]) == 2, "the alarms that are up")
         ended = await cell.end()
     return Seen(blocks, first, later, ended)
@@ -124,10 +123,6 @@ def test_frames_arrive_as_they_were_published(seen: Seen) -> None:
     np.testing.assert_array_equal([[getattr(m, name) for name in names] for m in told], sent.values)
     assert [list(m.quality) for m in told] == sent.quality.tolist()
     assert [list(m.bound) for m in told] == sent.bound.tolist()
-    (channels,) = seen.first.decoded("/channels")
-    assert {c["field"]: (c["channel"], c["unit"]) for c in channels["channels"]} == {
-        name.replace(".", "_"): (name, unit) for name, unit in UNITS.items()
-    }
 
 
 def test_the_log_tells_alarms_that_are_new_or_over_and_events(seen: Seen) -> None:
@@ -144,7 +139,6 @@ def test_who_comes_later_is_told_what_still_holds(seen: Seen) -> None:
     assert {m.message for m in seen.later.decoded("/log")} == {"Joint 1 needs more power.", "Joint 3 needs more power."}
     standing = {m["id"]: m["evidence"]["residual_W"] for m in seen.later.decoded("/alarm")}
     assert standing == {"a.1": 13.0, "a.3": 12.5}
-    assert seen.later.decoded("/channels") == seen.first.decoded("/channels")
     assert not seen.later.told["/event"]
 
 
@@ -222,20 +216,6 @@ def test_every_path_of_the_packaged_layout_leads_to_values_live_and_recorded(see
     assert panels("RosOut")["RosOut!log"]["topicToRender"] in live
 
 
-async def test_the_arm_moves_as_the_published_frames_say() -> None:
-    async with shown(frames, arms={"arm": URDF}) as cell:
-        async with Client(cell.port) as client:
-            await eventually(lambda: client.told["/health"] and client.told["/scene"], "health and links")
-            block = frames(cell.begun, 12)
-            cell.outlet.offer(block)
-            last = int(block.time[-1])
-            await eventually(lambda: client.told["/tf"] and client.told["/tf"][-1].time == last, "the last pose")
-            told, scene = client.decoded("/tf")[-1], client.decoded("/scene")[0]
-        assert (await cell.end())[0] == 0
-    assert tool_of(told) == pytest.approx(tool(block.values[-1, :6]), abs=1e-12)
-    assert {entity.frame_id for entity in scene.entities} <= {t.child_frame_id for t in told.transforms}
-
-
 async def test_other_channels_start_the_server_anew_where_it_was() -> None:
     async with shown() as cell:  # without frames it serves all the same, after a while
         async with Client(cell.port) as client:
@@ -244,15 +224,15 @@ async def test_other_channels_start_the_server_anew_where_it_was() -> None:
             cell.outlet.offer(frames(0, 1))
             await eventually(lambda: client.ended, "the end of the connection")
         async with Client(cell.port) as client:  # it may join before the frame that made the server start anew is told
-            await eventually(lambda: client.told["/health"] and client.told["/channels"], "health")
+            await eventually(lambda: client.told["/health"], "health")
             cell.outlet.offer(frames(1, 1))
             sent = frames(1, 1).time[0]
             await eventually(lambda: sent in [told.time for told in client.told["/frame"]], "a frame")
             cell.outlet.offer(wide(2, 1))
             await eventually(lambda: client.ended, "the end of the connection")
         async with Client(cell.port) as client:
-            await eventually(lambda: client.told["/channels"], "the other channels")
-            assert {len(told["channels"]) for told in client.decoded("/channels")} == {200}
+            await eventually(lambda: "/frame" in client.channels, "the other channels")
+            assert b"arm_c_199" in base64.b64decode(client.channels["/frame"]["schema"])
         assert (await cell.end())[0] == 0
 
 
@@ -275,8 +255,6 @@ def test_it_stays_on_this_pc() -> None:
         with pytest.raises(ConfigError, match=f"not opened on {host}; .* ssh -L 8765:127.0.0.1:8765") as told:
             serve(link, SITE, CELL, host=host)
         assert "\n" not in str(told.value)
-    with pytest.raises(ConfigError, match="there is no URDF of arm at"):
-        serve(link, SITE, CELL, arms={"arm": Path("nowhere.urdf")})
 
 
 @pytest.mark.slow

@@ -114,7 +114,7 @@ async def test_results_and_rows_on_their_way_come_again_where_there_is_no_record
     outlet = outlet_of(cell, broker.url)
     async with serving(outlet, cell) as ends:
         await eventually(lambda: outlet._session is not None and outlet._outbox.serving, "connected")
-        await eventually(lambda: outlet._session is None or not outlet._session._tasks, "the birth is confirmed")
+        await eventually(lambda: outlet._session is None or not outlet._session._asked, "the birth is confirmed")
         broker.hang()
         for number in range(5):
             outlet.offer(alarm(number, active=False))

@@ -15,7 +15,7 @@ from cellwatt import Alarm, AlarmBook, Energy, Event, Task
 from cellwatt.errors import ProtocolError
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.message import Message, Order
-from cellwatt.outlets.mqtt.payload import DataType, Metric, decode, encode
+from cellwatt.outlets.mqtt.payload import DataType, decode, encode, metric
 from cellwatt.outlets.mqtt.settings import SparkplugSettings
 from cellwatt.outlets.selection import Row
 from tests.daemon.outlets.mqtt.wire import command, payload
@@ -273,7 +273,7 @@ def test_names_that_topics_cannot_hold_are_escaped() -> None:
 
 @pytest.mark.parametrize("size", range(0, 60, 7))
 def test_bytes_that_are_no_payload_are_refused_or_read(size: int) -> None:
-    whole = encode([Metric(DataType.BOOLEAN, True, 7, "Node Control/Rebirth", 4)], 9, 1)
+    whole = encode([metric(DataType.BOOLEAN, True, 7, "Node Control/Rebirth", 4)], 9, 1)
     with suppress(ProtocolError):
         decode(whole[:size] + b"\x0f\xff" * (size % 3))
 
@@ -288,6 +288,6 @@ def test_results_have_units_and_their_own_time() -> None:
 
 
 def test_a_text_that_is_not_utf_8_is_no_command():
-    told = encode([Metric(DataType.BOOLEAN, True, 5, name="Node Control/Rebirth")], 5, None)
+    told = encode([metric(DataType.BOOLEAN, True, 5, name="Node Control/Rebirth")], 5, None)
     with pytest.raises(ProtocolError, match="not UTF-8"):
         decode(told.replace(b"Node", b"\xff\xfeod"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ from cellwatt.outlets.apart import wire
 from cellwatt.outlets.page import archive, shapes
 from cellwatt.outlets.page.cells import page_of
 from cellwatt.outlets.page.feed import Feed
-from cellwatt.outlets.page.levels.curves import Curves
+from cellwatt.outlets.page.levels.curves import curves
+from cellwatt.outlets.page.levels.episodes import alarm_history
+from cellwatt.outlets.page.levels.store import Store
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.outlets.page.cell import (
@@ -29,6 +32,7 @@ from tests.daemon.outlets.page.cell import (
     interval,
     status,
 )
+from tests.daemon.outlets.page.recorded import recording
 from tests.daemon.outlets.page.test_api import shelved
 
 
@@ -138,7 +142,7 @@ NAMES = ("arm.joint_1.position", "arm.supply.power", "prediction/power/power", "
 
 def drawn(live: LiveCell, names: Sequence[str], start: float, end: float, points: int, folder: Any = None) -> Any:
     """Curves of a record, with what is in memory."""
-    return Curves(folder, CELL).curves(names, start, end, points, archive.in_memory(live, names))
+    return curves(Store(folder, CELL), names, start, end, points, archive.in_memory(live, names))
 
 
 def test_curves_at_the_step_of_the_frames_have_one_value() -> None:
@@ -150,19 +154,18 @@ def test_curves_at_the_step_of_the_frames_have_one_value() -> None:
     assert drawn(lively(20), NAMES, MS, MS + 40, 10)["v"]["prediction/power/power"] == {"min": [101.0, None]}
 
 
-def test_intervals_and_alarms_are_told_once() -> None:
+def test_intervals_and_alarms_are_told_once(tmp_path: Path) -> None:
     live = lively(5)
     live.add("interval", asdict(interval(1)))
     live.add("alarm", asdict(alarm(1)))
     live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000)))
     live.add("alarm", asdict(alarm(2)))
-    recorded = {"id": "alarm-1", "severity": "error", "statement": "", "raised": MS + 1, "cleared": None}
-    told = {"intervals": [shapes.span("interval", asdict(interval(1)))], "alarms": [recorded]}
-    got = archive.marks(told, live, MS, MS + 2000)
+    up = alarm(1, time=EPOCH + 1_000_000)
+    recording(tmp_path, [[interval(1), up]], session=EPOCH, cell=CELL)
+    got = drawn(live, (), MS, MS + 2000, 10, tmp_path)
     assert len(got["intervals"]) == 1
     assert {(a["id"], a["cleared"]) for a in got["alarms"]} == {("alarm-1", MS + 500), ("alarm-2", None)}
-    nothing: dict[str, Any] = {"intervals": [], "alarms": []}
-    assert archive.marks(nothing, live, MS + 600, MS + 700) == {**nothing, "alarms": got["alarms"][1:]}
+    assert drawn(live, (), MS + 600, MS + 700, 10)["alarms"] == got["alarms"][1:]
 
 
 def test_alarms_in_memory_are_a_short_history() -> None:
@@ -170,14 +173,15 @@ def test_alarms_in_memory_are_a_short_history() -> None:
     live.add("alarm", asdict(alarm(1)))
     live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000, statement="Resolved.")))
     live.add("alarm", asdict(alarm(2)))
-    got = archive.alarms(live, MS, MS + 2000, 10)
+    held, nowhere = archive.in_memory(live), Store(None, CELL)
+    got = alarm_history(nowhere, MS, MS + 2000, 10, held)
     assert [(a["id"], a["cleared"], a["cleared_statement"]) for a in got["alarms"]] == [
         ("alarm-2", None, None),
         ("alarm-1", MS + 500, "Resolved."),
     ]
     assert got["complete"] is True
-    assert archive.alarms(live, MS, MS + 2000, 1)["complete"] is False
-    assert [a["id"] for a in archive.alarms(live, MS + 600, MS + 700, 10)["alarms"]] == ["alarm-2"]
+    assert alarm_history(nowhere, MS, MS + 2000, 1, held)["complete"] is False
+    assert [a["id"] for a in alarm_history(nowhere, MS + 600, MS + 700, 10, held)["alarms"]] == ["alarm-2"]
 
 
 # forms --------------------------------------------------------------------------------------------

@@ -15,10 +15,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt.outlets.page.levels import curves, episodes, level_file, store
+from cellwatt.outlets.page.levels import curves as module
+from cellwatt.outlets.page.levels import episodes, level_file, store
 from cellwatt.outlets.page.levels.buckets import STEPS, chosen
-from cellwatt.outlets.page.levels.curves import Curves
+from cellwatt.outlets.page.levels.curves import curves
 from cellwatt.outlets.page.levels.following import gather
+from cellwatt.outlets.page.levels.store import Store
 from cellwatt.record import Recorder, RecordSettings, recover
 from cellwatt.record.header import FileName
 from tests.daemon.outlets.page.recorded import (
@@ -97,7 +99,7 @@ def test_every_step_has_the_true_extremes(seed, gaps, spikes, chunk, files, begi
         for number, part in enumerate(parts, 1):
             if len(part):
                 recording(Path(folder), in_chunks(time[part], values[part], chunk, rate=1e9 / step), number)
-        found = Curves(Path(folder), CELL).curves(["arm.power"], start, end, points)
+        found = curves(Store(Path(folder), CELL), ["arm.power"], start, end, points)
     assert len(found["t"]) <= points
     assert found["complete"] and found["from_record"]
     given_ = found["v"]["arm.power"]
@@ -144,11 +146,11 @@ def test_channels_may_change_from_file_to_file(tmp_path):
     recording(tmp_path, [[frames(first, np.arange(100), ("arm.power",), 1.0)]], 1)
     both = np.stack([np.arange(100) * 2, np.arange(100) * 3], axis=1)
     recording(tmp_path, [[frames(second, both, ("mains.power", "arm.power"), 1.0)]], 2)
-    found = Curves(tmp_path, CELL).curves(["arm.power", "mains.power"], START, START + 200_000, 20)
+    found = curves(Store(tmp_path, CELL), ["arm.power", "mains.power"], START, START + 200_000, 20)
     assert found["step_ms"] == 10_000.0
     assert found["v"]["arm.power"]["max"][:11] == [*range(9, 100, 10), 27.0]
     assert found["v"]["mains.power"]["min"] == [None] * 10 + [*range(0, 200, 20)]
-    nothing = Curves(tmp_path / "nowhere", CELL).curves(["arm.power"], START, START + 1000, 100)
+    nothing = curves(Store(tmp_path / "nowhere", CELL), ["arm.power"], START, START + 1000, 100)
     assert nothing["complete"] and set(nothing["v"]["arm.power"]["min"]) == {None}
 
 
@@ -157,12 +159,12 @@ def test_predictions_are_channels(tmp_path):
     said = np.cos(np.arange(3000) / 50)
     chunks = [[prediction(time[i : i + 50].tolist(), total=said[i : i + 50].tolist())] for i in range(0, 3000, 50)]
     recording(tmp_path, [[*c, *f] for c, f in zip(chunks, in_chunks(time, 2 * said, 50), strict=True)])
-    reader = Curves(tmp_path, CELL)
+    reader = Store(tmp_path, CELL)
     name = "prediction/power/total"
-    short = reader.curves([name, "arm.power"], START, START + 2000, 100)
+    short = curves(reader, [name, "arm.power"], START, START + 2000, 100)
     assert short["v"][name]["min"] == said[:100].tolist()
     assert short["v"]["arm.power"]["min"] == (2 * said[:100]).tolist()
-    long = reader.curves([name], START, START + 60_000, 60)
+    long = curves(reader, [name], START, START + 60_000, 60)
     low, high = extremes(time, said, long["t"], long["step_ms"])
     assert same(long["v"][name]["min"], low) and same(long["v"][name]["max"], high)
 
@@ -172,10 +174,10 @@ def test_cells_that_share_a_folder_do_not_mix(tmp_path):
     recording(tmp_path, [[frames(time, np.ones(100), rate=1.0)]])
     recording(tmp_path, [[frames(time, np.full(100, 7.0), rate=1.0)]], cell="other")
     for cell, value in ((CELL, 1.0), ("other", 7.0)):
-        reader = Curves(tmp_path, cell)
-        found = reader.curves(["arm.power"], START, START + 100_000, 10)
+        reader = Store(tmp_path, cell)
+        found = curves(reader, ["arm.power"], START, START + 100_000, 10)
         assert set(found["v"]["arm.power"]["max"]) == {value}
-        reader.store.look(int)
+        reader.look(int)
     assert len(list((tmp_path / "levels").iterdir())) == 2
 
 
@@ -184,20 +186,20 @@ def test_cells_that_share_a_folder_do_not_mix(tmp_path):
 
 def test_a_recording_that_was_followed_and_repaired_is_whole(tmp_path):
     time = SESSION + np.arange(1000) * STEP
-    written, reader = Written(tmp_path), Curves(tmp_path, CELL)
+    written, reader = Written(tmp_path), Store(tmp_path, CELL)
     for i in range(0, 1000, 100):
         written.chunk(frames(time[i : i + 100], np.arange(i, i + 100)))
     span = (["arm.power"], START, START + 20_000, 50)
     part = written.crash()
     os.truncate(part, part.stat().st_size - 400)
-    torn = reader.curves(*span)
+    torn = curves(reader, *span)
     repaired = recover(part)
     assert repaired is not None and repaired.result is not None
     low, high = extremes(time, np.arange(1000), torn["t"], 400.0)  # the index of the last chunk alone was torn
-    reader.store.look(int)
+    reader.look(int)
     assert level_file.path_of(repaired.result).exists()
-    for each in (reader, Curves(tmp_path, CELL)):
-        assert each.curves(*span)["v"] == {"arm.power": {"min": low, "max": high}}
+    for each in (reader, Store(tmp_path, CELL)):
+        assert curves(each, *span)["v"] == {"arm.power": {"min": low, "max": high}}
 
 
 def test_a_damaged_chunk_leaves_a_gap(tmp_path):
@@ -213,7 +215,7 @@ def test_a_damaged_chunk_leaves_a_gap(tmp_path):
     for look in ("open", "closed"):
         if look == "closed":
             written.close()
-        found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 20_000, 40)
+        found = curves(Store(tmp_path, CELL), ["arm.power"], START, START + 20_000, 40)
         low = extremes(np.delete(time, range(400, 500)), np.delete(random, range(400, 500)), found["t"], 600.0)[0]
         assert same(found["v"]["arm.power"]["min"], low)
 
@@ -227,17 +229,17 @@ def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path,
     values = random.standard_normal((count, 30)).cumsum(axis=0)
     names = tuple(f"arm.c{i}" for i in range(30))
     settings_ = RecordSettings(folder=tmp_path, keep="200 kB", file_size="40 kB", flush="10 ms")
-    recorder, reader = Recorder(settings_, HEADER), Curves(tmp_path, CELL)
+    recorder, reader = Recorder(settings_, HEADER), Store(tmp_path, CELL)
     recorder.start()
-    reader.keeper.start()
+    reader.start()
     try:
         for i in range(0, count, 50):
             assert recorder.put(frames(time[i : i + 50], values[i : i + 50], names))
             assert recorder.flush(60)
             end = time[i + 49] / MS + 20
-            found = reader.curves(["arm.c7"], max(end - 1000, START), end, 500)
+            found = curves(reader, ["arm.c7"], max(end - 1000, START), end, 500)
             assert found["v"]["arm.c7"]["min"] == values[i : i + 50, 7].tolist()
-            whole = reader.curves(["arm.c7"], START, end, 400)
+            whole = curves(reader, ["arm.c7"], START, end, 400)
             low, high = extremes(time[: i + 50], values[: i + 50, 7], whole["t"], whole["step_ms"])
             given_ = whole["v"]["arm.c7"]
             kept = [v is not None for v in given_["min"]]
@@ -248,8 +250,8 @@ def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path,
     finally:
         asyncio.run(recorder.close())
         wait_until(lambda: levels_of(tmp_path) == {p.stem for p in tmp_path.glob("*.mcap")})
-        reader.keeper.close()
-    assert reader.store.counts["damaged"] == 0
+        reader.close()
+    assert reader.counts["damaged"] == 0
     first_file = FileName.parse(min(tmp_path.glob("*.mcap")).name)
     assert first_file is not None and first_file.number > 1, "retention removed some"
 
@@ -272,56 +274,56 @@ def test_no_damage_gives_wrong_numbers(data):
             [[frames(time, np.arange(300), rate=1.0), interval(1, SESSION, SESSION + S), alarm("a", SESSION, SESSION)]],
         )
         span = (["arm.power"], START, START + 300_000, 30)
-        true = Curves(folder, CELL).curves(*span)
+        true = curves(Store(folder, CELL), *span)
         file = level_file.path_of(path)
         body = bytearray(file.read_bytes())
         for _ in range(data.draw(st.integers(1, 3))):
             body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
         file.write_bytes(body[: data.draw(st.integers(0, len(body)))])
-        reader = Curves(folder, CELL)
-        reader.curves(*span)
-        assert reader.curves(*span) == true
+        reader = Store(folder, CELL)
+        curves(reader, *span)
+        assert curves(reader, *span) == true
 
 
 def test_a_level_file_of_another_recording_is_not_used(tmp_path):
     time = SESSION + np.arange(300) * S
     path = recording(tmp_path, [[frames(time, np.zeros(300), rate=1.0)]])
     span = (["arm.power"], START, START + 300_000, 30)
-    Curves(tmp_path, CELL).curves(*span)
+    curves(Store(tmp_path, CELL), *span)
     path.unlink()
     recording(tmp_path, [[frames(time, np.arange(300), rate=1.0)]])
-    assert Curves(tmp_path, CELL).curves(*span)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
+    assert curves(Store(tmp_path, CELL), *span)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
 
 
 def test_levels_go_with_their_recording(tmp_path):
     hours(tmp_path)
-    reader = Curves(tmp_path, CELL)
+    reader = Store(tmp_path, CELL)
     span = (["arm.power"], START, START + 3 * 3_600_000, 100)
-    reader.curves(*span)
+    curves(reader, *span)
     (tmp_path / "levels" / "notes.txt").write_text("mine")
     min(tmp_path.glob("*.mcap")).unlink()
-    reader.store.look(int)
+    reader.look(int)
     left = {path.name for path in (tmp_path / "levels").iterdir()}
     assert left == {"notes.txt", *(p.stem + ".levels" for p in tmp_path.glob("*.mcap"))} and len(left) == 3
-    assert reader.curves(*span)["v"]["arm.power"]["max"][0] is None
+    assert curves(reader, *span)["v"]["arm.power"]["max"][0] is None
 
 
 def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
     hours(tmp_path)
     span = (["arm.power"], START, START + 3 * 3_600_000, 100)
-    true = Curves(tmp_path, CELL).curves(*span)
+    true = curves(Store(tmp_path, CELL), *span)
     files = sorted((tmp_path / "levels").iterdir())
     read = []
     monkeypatch.setattr(store, "gather", lambda path, *more: read.append(path.stem) or gather(path, *more))
-    reader = Curves(tmp_path, CELL, sum(file.stat().st_size for file in files[1:]))
+    reader = Store(tmp_path, CELL, sum(file.stat().st_size for file in files[1:]))
     for _ in range(2):
-        reader.store.look(int)
+        reader.look(int)
     assert sorted((tmp_path / "levels").iterdir()) == files[1:]
-    assert reader.store.counts["over budget"] == 1 and read == [], "it is not made anew at each look"
-    assert reader.curves(*span) == true and set(read) == {files[0].stem}
+    assert reader.counts["over budget"] == 1 and read == [], "it is not made anew at each look"
+    assert curves(reader, *span) == true and set(read) == {files[0].stem}
     time = SESSION + 3 * 3600 * S + np.arange(3600) * S
     newest = recording(tmp_path, [[frames(time, np.arange(3600.0), rate=1.0)]], number=4)
-    reader.store.look(int)
+    reader.look(int)
     assert sorted((tmp_path / "levels").iterdir()) == [files[2], level_file.path_of(newest)]
 
 
@@ -338,20 +340,20 @@ def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch
             patch.setattr(store, "RESERVE", 1e18)
         else:
             patch.setattr(level_file, "write", refuse)
-        reader = Curves(tmp_path, CELL)
-        refused = reader.curves(*span)
-        assert refused["complete"] and reader.store.counts["unwritten"] == 3
-        reader.store.look(int)
-        assert reader.store.counts["unwritten"] == 3, "not tried again at each look"
+        reader = Store(tmp_path, CELL)
+        refused = curves(reader, *span)
+        assert refused["complete"] and reader.counts["unwritten"] == 3
+        reader.look(int)
+        assert reader.counts["unwritten"] == 3, "not tried again at each look"
     assert ("no room for level files" if full else "Read-only file system") in caplog.text
     assert not (tmp_path / "levels").exists()
-    assert Curves(tmp_path, CELL).curves(*span) == refused
+    assert curves(Store(tmp_path, CELL), *span) == refused
 
 
 def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
     hours(tmp_path)
-    monkeypatch.setattr(curves, "PATIENCE", -1.0)
-    found = Curves(tmp_path, CELL).curves(["arm.power"], START, START + 3 * 3_600_000, 100)
+    monkeypatch.setattr(module, "PATIENCE", -1.0)
+    found = curves(Store(tmp_path, CELL), ["arm.power"], START, START + 3 * 3_600_000, 100)
     assert not found["complete"] and set(found["v"]["arm.power"]["max"]) == {None}
 
 
@@ -359,12 +361,12 @@ def test_a_recording_that_holds_nothing_is_told_and_not_read_again_and_again(tmp
     hours(tmp_path, 2)
     bad = min(tmp_path.glob("*.mcap"))
     bad.write_bytes(b"nothing" * 100)
-    reader = Curves(tmp_path, CELL)
+    reader = Store(tmp_path, CELL)
     span = (["arm.power"], START, START + 2 * 3_600_000, 100)
-    found = reader.curves(*span)
-    assert reader.curves(*span) == found
+    found = curves(reader, *span)
+    assert curves(reader, *span) == found
     assert any(v is not None for v in found["v"]["arm.power"]["max"])
-    assert reader.store.counts["unreadable"] == 1
+    assert reader.counts["unreadable"] == 1
     assert bad.name in caplog.text
 
 
@@ -387,8 +389,8 @@ def test_intervals_and_alarms_come_with_the_curves(tmp_path):
     ]
     recording(tmp_path, [first], 1)
     written = Written(tmp_path, 2).chunk(*second)
-    reader = Curves(tmp_path, CELL)
-    whole = reader.curves(["arm.power"], START, START + 100_000, 50)
+    reader = Store(tmp_path, CELL)
+    whole = curves(reader, ["arm.power"], START, START + 100_000, 50)
     shape = {"source": "arm", "closed": True}
     assert whole["intervals"] == [
         {**shape, "number": 1, "start": START, "end": START + 10_000, "moving": [1, 2]},
@@ -398,7 +400,7 @@ def test_intervals_and_alarms_come_with_the_curves(tmp_path):
     b = {"id": "b", "severity": "error", "statement": "B", "raised": START + 81_000, "cleared": None}
     assert whole["alarms"] == [a, b]
     for start, end, expected in ((0, 5000, []), (20_000, 30_000, [a]), (75_000, 80_000, []), (90_000, 95_000, [b])):
-        found = reader.curves(["arm.power"], START + start, START + end, 1000)
+        found = curves(reader, ["arm.power"], START + start, START + end, 1000)
         assert found["alarms"] == expected and found["complete"]
     written.crash()
 
@@ -407,6 +409,6 @@ def test_too_many_intervals_are_cut_to_the_longest(tmp_path, monkeypatch):
     monkeypatch.setattr(episodes, "MOST", 5)
     spans = [interval(i, SESSION + i * S, SESSION + i * S + (i + 1) * 10 * MS) for i in range(20)]
     recording(tmp_path, [spans])
-    found = Curves(tmp_path, CELL).curves([], START, START + 100_000, 50)
+    found = curves(Store(tmp_path, CELL), [], START, START + 100_000, 50)
     assert [i["number"] for i in found["intervals"]] == [15, 16, 17, 18, 19]
     assert not found["complete"]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.levels import episodes as past
-from cellwatt.outlets.page.levels.curves import Curves
+from cellwatt.outlets.page.levels.curves import curves
 from cellwatt.outlets.page.levels.episodes import alarm_history, episodes, read
 from cellwatt.outlets.page.levels.store import Store
 from cellwatt.record import packs
@@ -121,9 +121,9 @@ def test_an_alarm_of_two_packs_has_its_own_each_time(tmp_path):
         event("evidence", at(362), alarms=["a"], pack="two.mcap", start=at(180), end=at(361)),
     ]
     recording(tmp_path, [items])
-    reader = Curves(tmp_path, CELL)
-    recordings = reader.store.recordings()
-    sources, _ = read(reader.store, recordings, 0, at(1000), int)
+    reader = Store(tmp_path, CELL)
+    recordings = reader.recordings()
+    sources, _ = read(reader, recordings, 0, at(1000), int)
     assert [(e.raised, e.pack) for e in episodes(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
 
 
@@ -178,7 +178,7 @@ def test_any_history_is_told_as_it_was(operations, levels):
             chunk = [interval(number, session, session + 1), *items]
             recording(folder, [chunk], number, session)
         if levels:
-            Curves(folder, CELL).curves([], START, START + 1e6, 10)
+            curves(Store(folder, CELL), [], START, START + 1e6, 10)
             assert list((folder / "levels").iterdir())
         found = history(folder)
     plain = [{k: a[k] for k in ("id", "since", "cleared")} | {"people": len(a["people"])} for a in found["alarms"]]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from cellwatt.door.tries import LONGEST, Tries
+from cellwatt.door.tries import LONGEST, Guard
 from cellwatt.outlets.page.sessions import FILE, LASTS, MOST, Sessions
 
 
@@ -104,34 +105,43 @@ def test_a_folder_that_cannot_be_written_is_told(world: World, caplog: pytest.Lo
 # tries --------------------------------------------------------------------------------------------
 
 
+def guard(now: list[float]) -> Guard:
+    """A guard at a time."""
+    return Guard("door", Counter(), lambda: now[0])
+
+
 def test_after_five_tries_the_wait_doubles_up_to_five_minutes() -> None:
-    tries, now, waits = Tries(), 0.0, []
+    now: list[float] = [0.0]
+    door, waits = guard(now), []
     for _ in range(20):
-        waits.append(tries.wait(("a",), now))
-        now += waits[-1]
-        tries.begin(("a",), now)
+        waits.append(door.begin("192.0.2.1", "ada"))
+        if waits[-1]:
+            now[0] += waits[-1]
+            assert door.begin("192.0.2.1", "ada") == 0.0
     assert waits[:10] == [0, 0, 0, 0, 0, 1, 2, 4, 8, 16]
     assert waits[-1] == LONGEST
 
 
 def test_tries_count_by_address_and_by_name() -> None:
-    tries = Tries()
+    door = guard([0.0])
     for _ in range(5):
-        tries.begin(("address a", "name x"), 0.0)
-    assert tries.wait(("address a", "name y"), 0.0) == 1.0
-    assert tries.wait(("address b", "name x"), 0.0) == 1.0
-    assert tries.wait(("address b", "name y"), 0.0) == 0.0
-    tries.succeed(("address a", "name x"))
-    assert tries.wait(("address a", "name x"), 0.0) == 0.0
+        door.begin("192.0.2.1", "ada")
+    assert door.begin("192.0.2.1", "eve") == 1.0
+    assert door.begin("192.0.2.2", "ada") == 1.0
+    assert door.begin("127.0.0.1", "ada") == 1.0
+    assert door.begin("192.0.2.2", "eve") == 0.0
+    door.succeed("192.0.2.1", "ada")
+    assert door.begin("192.0.2.1", "ada") == 0.0
 
 
 def test_tries_are_forgotten_in_time_and_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    tries = Tries()
+    now: list[float] = [0.0]
+    door = guard(now)
     for _ in range(5):
-        tries.begin(("a",), 0.0)
-    tries.begin(("a",), 4000.0)
-    assert tries.wait(("a",), 4000.0) == 0.0
+        door.begin("127.0.0.1", "ada")
+    now[0] = 4000.0
+    assert [door.begin("127.0.0.1", "ada") for _ in range(2)] == [0.0, 0.0]
     monkeypatch.setattr("cellwatt.door.tries.MOST", 10)
     for number in range(100):
-        tries.begin((str(number),), 0.0)
-    assert len(tries._failed) == 10
+        door.begin("127.0.0.1", str(number))
+    assert len(door._failed) == 10

@@ -32,7 +32,7 @@ async def mute(page: Served) -> socket.socket:
 
 
 async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(streams, "MOST_BYTES", 50_000)
+    monkeypatch.setattr(streams, "MOST_VALUES", 5000)
     async with served(tmp_path) as page, client() as browser:
         silent = await mute(page)
         try:
@@ -45,8 +45,8 @@ async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, mo
                     while len(got) < sent:
                         got += (await stream.until("frames"))["t"]
                 assert got == [t / 1e6 for t in frames(0, sent, WIDE).time.tolist()], "the other got every frame"
-                (stalled,) = [b for g in page.hub._groups.values() for b in g.members if b.dropped]
-                assert stalled._size <= 50_000
+                (stalled,) = [each for each in page.hub.members if each.dropped]
+                assert sum(map(len, stalled.frames)) * 61 <= 5000
         finally:
             silent.close()
         await eventually(lambda: page.feed.take_gap("x") or len(page.browsers) == 0, "both have left")
@@ -68,15 +68,17 @@ async def test_a_browser_that_takes_nothing_for_long_is_disconnected(
         silent.close()
 
 
-async def test_events_go_last(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_frames_go_before_any_event_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "MOST_BYTES", 100)
-    browser = Browser(Browsers(1).counts)
+    monkeypatch.setattr(streams, "MOST_VALUES", 100)
+    browser = Browser(Browsers(1).counts, WIDE.names)
     browser.put(b"alarm" * 10)
-    for _ in range(5):
-        browser.put(b"frame" * 10, frames=True)
+    for number in range(5):
+        browser.put_frames(frames(number, 1, WIDE))
     browser.put(b"clear" * 10)
-    assert await browser._next() == b'event: behind\ndata: {"dropped":5}\n\n', "it is told how much it missed"
+    assert await browser._next() == b'event: behind\ndata: {"dropped":4}\n\n', "it is told how much it missed"
     assert [await browser._next() for _ in range(2)] == [b"alarm" * 10, b"clear" * 10]
+    assert (await browser._next()).startswith(b"event: frames")
     for _ in range(3):
         browser.put(b"alarm" * 10)
     assert browser._ended, "one that cannot even take events has to ask anew"
@@ -102,17 +104,3 @@ async def test_a_quiet_stream_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         lines = [await response.content.readline() for _ in range(5)]
         assert lines[0].startswith(b"retry: ")
         assert b": still here\n" in lines
-
-
-async def test_blocks_are_made_once_for_all_that_want_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[str] = []
-    encoded = streams.encoded
-    monkeypatch.setattr(streams, "encoded", lambda event, data: made.append(event) or encoded(event, data))
-    async with served(tmp_path) as page, client() as browser:
-        url = f"{page.url}{API}/stream?channels=arm.c_0&rate=25"
-        async with browser.get(url) as one, browser.get(url) as two, browser.get(f"{url}&channels=arm.c_1") as other:
-            await eventually(lambda: len(page.hub) == 3, "all browsers")
-            page.feed.take_frames(frames(0, 5, WIDE))
-            blocks = [await Stream(response).until("frames") for response in (one, two, other)]
-        assert blocks[0] == blocks[1] == blocks[2]
-        assert made.count("frames") == 1

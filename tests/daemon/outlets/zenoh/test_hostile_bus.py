@@ -52,9 +52,9 @@ class Stranger:
         mark = Mark(session, number, count, EPOCH)
         self.put("alarm/error/joint_fault", encode_item(alarm(1), mark), mark)
 
-    def health(self, session: int, positions: dict[str, tuple[int, int]], marked: bool = True) -> None:
+    def health(self, session: int, positions: dict[str, tuple[int, int]]) -> None:
         mark = Mark(session, 7, 1, EPOCH)
-        self.put("health", health(mark, session, positions, {"state": "red"}), mark if marked else None)
+        self.put("health", health(mark, session, positions, {"state": "red"}), mark)
 
 
 @pytest.fixture
@@ -190,6 +190,7 @@ NO_MESSAGES: list[tuple[str, bytes, Mark | None]] = [
     ("health", DEEP, MARK),
     ("health", b'{"session": 1, "time": 1, "positions": {"frame": [1, 9223372036854775808]}, "status": {}}', MARK),
     ("health", encode_json({"positions": {f"raw/a{i}/b": (1, 1) for i in range(2000)}}), MARK),
+    ("health", b'{"session": 1, "time": 1, "positions": {}, "status": {}}', None),
     ("raw/%FF/\u00e4\u2028", b"", None),
 ]
 

@@ -86,6 +86,10 @@ async def consumer(outlet: ZenohOutlet, endpoint: str) -> AsyncIterator[Consumer
         yield found
 
 
+async def opened(outlet: ZenohOutlet) -> None:
+    await eventually(lambda: outlet._publisher, "a session")
+
+
 async def hears(consumer: Consumer, outlet: ZenohOutlet) -> None:
     """Until the subscription has reached the outlet."""
     await eventually(lambda: outlet.health({}) or consumer.samples, "health")
@@ -211,9 +215,10 @@ async def test_nothing_is_encoded_while_nobody_subscribes(
     monkeypatch.setattr(publisher, "encode_apart", lambda block: encoded.append(block) or real(block))
     assert not outlet.awaited
     async with doing(outlet.run()):
+        await opened(outlet)
         outlet.offer(batch(0, 5))
         outlet.offer(frames(0, 2))
-        await eventually(lambda: outlet.account.received == 7, "nobody is served")
+        assert outlet.account.received == 7
         assert not outlet.awaited and not encoded
         async with client(endpoint) as session:
             consumer = Consumer(session)
@@ -253,7 +258,7 @@ async def test_the_schema_goes_out_first_then_now_and_then_and_when_somebody_com
         assert read.values.tolist() == batch(5 * n, 5).values.tolist()
 
 
-async def test_stopping_drains_what_waits(outlet: ZenohOutlet, endpoint: str) -> None:
+async def test_what_was_offered_before_a_stop_arrives(outlet: ZenohOutlet, endpoint: str) -> None:
     session: zenoh.Session | None = None
     try:
         async with doing(outlet.run()):
@@ -271,34 +276,25 @@ async def test_stopping_drains_what_waits(outlet: ZenohOutlet, endpoint: str) ->
             session.close()
 
 
-async def test_a_dead_router_holds_up_nobody_and_its_drops_are_counted_exactly(endpoint: str, view: FakeView) -> None:
-    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,), queue=10), view)
-    async with doing(outlet.run()) as task:
-        loop = asyncio.get_running_loop()
-        worst = 0.0
-        for first in range(0, 200, 2):
-            began = loop.time()
-            outlet.offer(batch(first, 2))
-            outlet.health({})
-            worst = max(worst, loop.time() - began)
-            await asyncio.sleep(0)
-        outlet.offer(alarm(1))
-        assert not task.done()
-    assert worst < 1.0
-    assert outlet.account.dropped == {"queue: raw": 2 * 91, "shut down": 2 * 9 + 1}
-    assert outlet.account.residue == 0
-
-
-async def test_what_waits_for_a_router_is_published_once_it_is_there(endpoint: str, view: FakeView) -> None:
+async def test_without_a_router_nothing_waits_and_its_alarms_are_for_who_asks_later(
+    endpoint: str, view: FakeView
+) -> None:
     outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(endpoint,)), view)
-    async with doing(outlet.run()):
+    async with doing(outlet.run()) as task:
+        outlet.offer(batch(0, 2))
         outlet.offer(alarm(1))
+        outlet.health({})
+        assert not task.done()
+        assert outlet.account.counters == {"not published: no session": 3}
+        assert outlet.account.residue == 0
         with await asyncio.to_thread(open_session, LinkSettings(mode="router", listen=(endpoint,))) as session:
             consumer = Consumer(session)
-            await eventually(lambda: outlet.account.received, "the alarm that waited")
+            await opened(outlet)
             # A session learns a moment after it was opened who answers it.
             replies = await eventually(lambda: consumer.ask("alarm/**"), "the alarm's answer")
             assert len(replies) == 1
+            (told,) = await consumer.ask("@/status")
+            assert json.loads(told.ok.payload.to_bytes())["positions"]["raw/arm/samples"] == [EPOCH, 2]
             outlet.offer(alarm(2))
             await eventually(lambda: "alarm/error/joint_fault" in consumer.keys(), "an alarm")  # noqa: SIM118
 
@@ -307,7 +303,6 @@ async def test_an_item_that_cannot_be_encoded_costs_only_itself(
     consumer: Consumer, outlet: ZenohOutlet, caplog: pytest.LogCaptureFixture
 ) -> None:
     outlet.offer(replace(batch(0, 3), values=batch(0, 2).values))
-    await eventually(lambda: outlet.account.dropped, "the refusal")
     outlet.offer(batch(3, 2))
     await consumer.until(1)
     assert mark_of(consumer.samples[0]).sequence == 3

@@ -18,7 +18,7 @@ from cellwatt.outlets.zenoh.encode import encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Gap, LinkSettings, Message, Subscriber
-from cellwatt.subscriber.mailbox import Mailbox
+from cellwatt.subscriber.inbox import Mailbox
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
@@ -46,7 +46,7 @@ class Cell:
         if live:
             self.outlet.offer(item)
         else:  # the outlet knows of it and loses it on the way
-            self.outlet._outbox._ends[RAW] = (EPOCH, first + count)
+            self.outlet._ends[RAW] = (EPOCH, first + count)
 
 
 @pytest.fixture
@@ -256,7 +256,7 @@ async def test_messages_before_their_schema_are_asked_for_once_it_came(
 
 
 def test_an_error_comes_after_what_is_left() -> None:
-    box: Mailbox[int] = Mailbox(2)
+    box: Any = Mailbox(2)
     box.put(1)
     box.end(ValueError("broken"))
     box.end()
@@ -266,7 +266,7 @@ def test_an_error_comes_after_what_is_left() -> None:
 
 
 async def test_a_cancelled_take_loses_nothing() -> None:
-    box: Mailbox[int] = Mailbox(10)
+    box: Any = Mailbox(10)
     waiting = asyncio.create_task(box.take_async())
     await asyncio.sleep(0)
     waiting.cancel()

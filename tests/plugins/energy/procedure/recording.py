@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt import Batch, Channel, Stream
-from cellwatt.record import Header
+from cellwatt.record import Header, Recording
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt_plugins.energy.procedure.recorded import Span
 
 SESSION = 1_795_000_000_000_000_000
 BLOCK = 5000
@@ -42,7 +41,7 @@ class Taped:
         """A reading at rest; the arm says nothing."""
         end = self.now + round(seconds * 1e9)
         self._power(np.full(round(seconds * 500), power))
-        self.states[name] = Span(self.now, end)
+        self.states[name] = self.now, end
         self.now = end + 30_000_000_000
 
     def programme(self, payload, rows, watts):
@@ -54,7 +53,7 @@ class Taped:
         self._arm.append((time, values))
         self._power(watts)
         end = int(time[-1])
-        self.programmes[payload] = Span(self.now, end)
+        self.programmes[payload] = self.now, end
         self.now = end + 30_000_000_000
 
     def _power(self, watts):
@@ -68,12 +67,12 @@ class Taped:
         """Forgets a source's samples between two times, s after the last program's start."""
         kept = self._arm if source == "arm" else self._supply
         time, values = kept[-1]
-        begun = list(self.programmes.values())[-1].start
+        begun = list(self.programmes.values())[-1][0]
         gone = (time > begun + start * 1e9) & (time < begun + end * 1e9)
         kept[-1] = (time[~gone], values[~gone])
 
     def write(self):
-        """The recording's folder."""
+        """The recording."""
         header = Header("plant", "cell", SESSION, number=1, streams={"arm": (self.stream,), "supply": (SUPPLY,)})
         file = OpenFile(self.folder / str(FileName(SESSION, 1, "cell")), header)
         encoder = Encoder(file)
@@ -85,7 +84,7 @@ class Taped:
         file.write_chunk()
         file.finish()
         file.publish()
-        return self.folder
+        return Recording.open(self.folder)
 
 
 def _blocks(source, stream, parts):

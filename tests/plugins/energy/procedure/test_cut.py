@@ -6,7 +6,7 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
-from cellwatt_plugins.energy.procedure.recorded import Recorded
+from cellwatt_plugins.energy.procedure.recorded import motion_of, power_of
 from cellwatt_plugins.energy.recordings import read_motion
 from cellwatt_plugins.energy.repetitions import find_repetitions
 from tests.plugins.energy.procedure.conftest import SPEEDS
@@ -34,9 +34,9 @@ def cut(plant, arm, tmp_path):
         taped.programme(payload, rows, watts)
         if silent:
             taped.without(*silent)
-        recorded = Recorded(taped.write(), arm)
-        span = taped.programmes[payload]
-        runs = cut_programme(recorded, arm, span, payload, speeds, repetitions, least, tmp_path)
+        recording = taped.write().between(*taped.programmes[payload])
+        motion, reading = motion_of(recording, arm), power_of(recording)
+        runs = cut_programme(arm, motion, reading, payload, speeds, repetitions, least, tmp_path)
         return {one.run: one for one in runs}
 
     return run
@@ -124,18 +124,18 @@ def test_an_arm_that_never_moves(cut, programme):
         cut(rows[:1000], watts[:1000])
 
 
-def test_a_reading_at_rest_is_cut_with_its_mean(plant, arm, programme, tmp_path):
+def test_a_reading_at_rest_is_cut_with_its_mean(plant, programme, tmp_path):
     taped = Taped(tmp_path, plant)
     taped.state("controller", 54.0)
     taped.state("connected", 81.4)
     taped.programme(0.0, programme[0][:2000], programme[1][:2000])
-    recorded = Recorded(taped.write(), arm)
+    recording = taped.write()
     for name, watt in (("controller", 54.0), ("connected", 81.4)):
-        found = cut_state(recorded, taped.states[name], tmp_path / f"{name}.parquet")
+        found = cut_state(power_of(recording.between(*taped.states[name])), tmp_path / f"{name}.parquet")
         assert found.steady and found.power == pytest.approx(watt, abs=0.02)
         table = pq.read_table(tmp_path / f"{name}.parquet")
         assert table["power"].to_numpy().mean() == pytest.approx(watt, abs=0.02)
-        assert table["t"].to_numpy()[-1] == pytest.approx(60, abs=0.2)
+        assert np.ptp(table["t"].to_numpy()) == pytest.approx(60, abs=0.2)
 
 
 def test_a_repetition_that_turns_back_took_another_way(cut, programme, plant):

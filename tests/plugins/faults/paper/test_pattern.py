@@ -105,5 +105,5 @@ def test_a_tasks_name_names_no_place_outside_the_folder(reference, tmp_path):
     """A reference may come from anybody."""
     file = tmp_path / "______task_1-1.yaml"
     variant = load(reference).tasks[0].variants[0]
-    assert _written(*_fitted(("../../task_1", variant), 24), tmp_path).file == str(file)
+    assert _written(*_fitted(("../../task_1", variant), 24), tmp_path)["file"] == str(file)
     assert list(tmp_path.iterdir()) == [file]

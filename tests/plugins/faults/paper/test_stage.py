@@ -134,7 +134,7 @@ def test_a_network_names_what_is_named_without_it_whether_power_rises_or_falls(r
     [
         (lambda t: replace(t, moving=((1, 2, 5), *t.moving[1:])), "in interval 1: 1, 2, 5, 6, expected 1, 2, 5"),
         (lambda t: replace(t, way=(t.way[0], t.way[2], *t.way[2:])), "another way in interval 2"),
-        (lambda t: replace(t, seconds=tuple(1.5 * s for s in t.seconds)), "another pace: interval"),
+        (lambda t: replace(t, seconds=tuple(1.5 * s for s in t.seconds)), "another pace in interval"),
     ],
 )
 def test_a_network_of_another_task_with_as_many_intervals_is_refused(reference, change, reason):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.fit.problem import Problem, torque_problem
-from cellwatt_plugins.mismatch.fit.retuning import FIXED, Freedom, confirmed, looseness
+from cellwatt_plugins.mismatch.fit.retuning import FIXED, confirmed, freed, looseness
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.states import States
@@ -20,25 +20,25 @@ def problem(arm, real: plant.Arm) -> Problem:
     return torque_problem(runs, [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)])
 
 
-def freed(problem: Problem, freedom: Freedom) -> tuple[set[int], set[int]]:
+def free(problem: Problem, factors: np.ndarray) -> tuple[set[int], set[int]]:
     """Links, and joints of friction and rotors, that may differ from the description (1-based)."""
-    free = [factor > FIXED for factor in freedom.factors]
+    asked = factors > FIXED
     own = {
-        (b.channel or 0) + 1 for b, f in zip(problem.nuisance[plant.JOINTS :], free[plant.JOINTS :], strict=True) if f
+        (b.channel or 0) + 1 for b, f in zip(problem.nuisance[plant.JOINTS :], asked[plant.JOINTS :], strict=True) if f
     }
-    return {link + 1 for link in range(plant.JOINTS) if free[link]}, own
+    return {link + 1 for link in range(plant.JOINTS) if asked[link]}, own
 
 
 def test_an_arm_exactly_as_described_keeps_all_its_numbers(arm):
     exact = problem(arm, plant.NOMINAL)
-    assert freed(exact, confirmed(exact, [], FACTOR)) == (set(), set())
+    assert free(exact, confirmed(exact, [], FACTOR)) == (set(), set())
 
 
 def test_the_joint_whose_friction_is_off_is_retuned_alone(arm):
     off = problem(arm, replace(plant.NOMINAL, coulomb=(5.5, 7.0, 3.0), viscous=(8.8, 9.0, 4.0)))
-    freedom = confirmed(off, [], FACTOR)
-    assert freed(off, freedom) == (set(), {1})
-    own = freedom.of(off)
+    factors = confirmed(off, [], FACTOR)
+    assert free(off, factors) == (set(), {1})
+    own = freed(off, factors)
     fit = own.fit([], FACTOR)
     told = [
         float(fit.coefficients[place][0])

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission import examine
-from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
+from tests.plugins.mismatch.input.reading import examine, read_runs
 from tests.plugins.mismatch.recorded_arm import (
     EFFECTS,
     JOINTS,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.explain import explain
-from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.baseline import baseline
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot.motion import Plan
 from tests.plugins.mismatch import plant
+from tests.plugins.mismatch.input.reading import examine
 
 HEAVIER = plant.loaded(plant.NOMINAL, 1.6, 0.3)
 

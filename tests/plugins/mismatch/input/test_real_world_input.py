@@ -8,9 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission import examine
-from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.mismatch.input.run import Run
+from tests.plugins.mismatch.input.reading import examine, read_runs
 from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed
 from tests.plugins.robot import scara
 

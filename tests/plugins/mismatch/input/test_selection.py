@@ -49,12 +49,12 @@ def test_of_many_those_that_differ_are_looked_at_in_their_order(
     for i, swing in different.items():
         swings[i] = swing
     files = recorded(tmp_path, *swings)
-    chosen = select(files, robot)
-    assert len(chosen.close) == FEW
-    names = [file.name for file in chosen.close]
+    close, others = select(files, robot)
+    assert len(close) == FEW
+    names = [file.name for file in close]
     assert {f"run_{i:02d}" for i in different} < set(names)
     assert names == sorted(names)
-    assert sorted((*chosen.close, *chosen.others), key=lambda file: file.name) == files
+    assert sorted((*close, *others), key=lambda file: file.name) == files
 
 
 def test_each_next_one_is_furthest_from_all_before() -> None:

@@ -7,8 +7,7 @@ import pytest
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.api import arm_of
-from cellwatt_plugins.mismatch.input.admission import examine
-from cellwatt_plugins.mismatch.input.reading import read_runs
+from tests.plugins.mismatch.input.reading import examine, read_runs
 from tests.plugins.mismatch.simulators.arms import TwoLinks
 
 pytest.importorskip("mujoco")

@@ -83,7 +83,7 @@ def test_what_it_keeps_is_explained_and_the_model_agrees_with_the_arm(folder, lo
     first = round((time[0] - START) * 1e-9 / ROW)
     assert np.array_equal(seen["command_2"], logs["gain"][1][first : first + len(time), 1])
     write_robot(tmp_path / "robot.yaml", stage._simulation.model.robot)
-    given = [str(tmp_path / "recording.parquet"), "--simulation", str(stage._servos)]
+    given = [str(tmp_path / "recording.parquet"), "--simulation", str(folder / "arm.xml")]
     given += ["--robot", str(tmp_path / "robot.yaml"), "--out", str(tmp_path), "--no-report", "-q"]
     done = CliRunner().invoke(explain, given, catch_exceptions=False)
     assert done.exit_code == 0, done.output

@@ -162,7 +162,6 @@ def test_it_runs_at_low_priority(watch):
     watched.until(33)
     (child,) = psutil.Process().children()
     assert child.nice() == 19
-    assert child.rlimit(psutil.RLIMIT_CPU)[0] == 601
 
 
 def said(verdict, findings=(), unexplained=()):

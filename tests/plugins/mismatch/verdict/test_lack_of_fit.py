@@ -1,22 +1,23 @@
+from functools import partial
+
 import numpy as np
 
 from cellwatt_plugins.mismatch.fit.problem import torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.fit.sides import Torques
 from cellwatt_plugins.mismatch.input.moved import moved
-from cellwatt_plugins.mismatch.verdict.lack_of_fit import Limits, lack_of_fit, unexplained_channel
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import lack_of_fit, unexplained_channel
 from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
 
-def left(arm, added, limits=Limits()):
+def left(arm, added, **limits):
     """What is unexplained where no effect is known at all."""
     missing = plant.Missing(added=added)
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     problem = torque_problem(runs, states)
-    solution = search(Torques(runs, states), plant.JOINTS, effects=())
-    return lack_of_fit(problem.chi2(problem.fit([]).residual), solution, limits)
+    solution = search(partial(torque_problem, runs, states), plant.JOINTS, effects=())
+    return lack_of_fit(problem.chi2(problem.fit([]).residual), solution, **limits)
 
 
 def test_nothing_is_left_of_noise_and_mistuned_parameters(arm):
@@ -27,7 +28,7 @@ def test_joints_that_the_search_had_no_time_for_are_not_called_unexplained(arm):
     missing = plant.Missing(added=lambda t, q, qd, run: plant.column(4 * np.sin(3 * t), 3))
     runs = [plant.record("run_01", 1, missing, power=False)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
-    solution = search(Torques(runs, states), plant.JOINTS, until=-np.inf)
+    solution = search(partial(torque_problem, runs, states), plant.JOINTS, until=-np.inf)
     assert solution.unlooked == (0, 1, 2)
     (late,) = [u for u in lack_of_fit(np.ones(3), solution) if u.channel == 2]
     told = unexplained_channel(late, "tau_3", "N*m", looked_at=False)
@@ -67,7 +68,7 @@ def test_the_position_is_told(arm):
     assert said.noise_floor == found.floor
 
 
-EIGHTH = Limits(size=0.12)
+EIGHTH = {"size": 0.12}
 """Beside the noise of the plant's torques."""
 
 
@@ -84,6 +85,6 @@ def test_what_is_small_but_where_it_acts_is_told(arm):
 
     measured = np.std(plant.record("run_01", 1, plant.Missing()).torque[:, 1])
     assert 0.05 * measured < hum < 0.1 * measured
-    assert left(arm, always, EIGHTH) == []
-    (found,) = left(arm, knocks, EIGHTH)
+    assert left(arm, always, **EIGHTH) == []
+    (found,) = left(arm, knocks, **EIGHTH)
     assert found.channel == 1

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.models.graph import Chain, Graph, gravity_torque, inverse_dynamics
+from cellwatt_plugins.models.graph import Chain, Graph, inverse_dynamics
 from cellwatt_plugins.robot import Body
 
 
@@ -83,7 +83,7 @@ def test_other_inertial_parameters(tmp_path):
     q, qd, qdd = np.split(motion(6), 3, axis=1)
     parameters = body.parameters() * np.random.default_rng(0).uniform(0.8, 1.2, 60)
     graph = Graph(columns=6)
-    torque = run(graph, gravity_torque(graph, Chain.of(body).with_inertial(parameters), graph.input), 6, q)
+    torque = run(graph, inverse_dynamics(graph, Chain.of(body).with_inertial(parameters), graph.input), 6, q)
     assert np.abs(torque - body.regressor(q, 0 * qd, 0 * qdd) @ parameters).max() < 1e-8
 
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.models.power import supply as supplies
-from cellwatt_plugins.models.power.supply import BRAKES, Stated
+from cellwatt_plugins.models.power.supply import BRAKES
+from cellwatt_plugins.robot import Joint, RobotDescription
 from cellwatt_plugins.robot.drive import Drives
 
 CONSTANT, RESISTANCE = np.array([12.0, 10.0, 8.0]), np.array([0.6, 0.8, 1.2])
-STATED = Stated(0.0, RESISTANCE, 0.05)
+JOINTS = tuple(Joint(name=f"joint_{i}", winding_resistance=r) for i, r in enumerate(RESISTANCE))
+STATED = RobotDescription(robot="arm", urdf="arm.urdf", joints=JOINTS)
 FOLD = np.repeat(np.arange(6), 500)
 
 

@@ -16,10 +16,7 @@ from tests.plugins.models.static import arms
 def some_poses(seed=0, count=25, payload=None) -> Poses:
     rng = np.random.default_rng(seed)
     q, came = (arms.within(arms.LIMITS, rng.random((count, 6))) for _ in range(2))
-    nothing = np.zeros((count, 6))
-    return Poses(
-        q, nothing, nothing, np.full(count, 100), q - came, np.full(count, np.nan) if payload is None else payload
-    )
+    return Poses(q, np.zeros((count, 6)), q - came, np.full(count, np.nan) if payload is None else payload)
 
 
 @pytest.fixture(scope="module")

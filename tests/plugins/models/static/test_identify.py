@@ -24,10 +24,7 @@ def collection(arm: arms.Arm, seed: int, count: int) -> Poses:
     percent = np.stack([table[f"torque_percent_{j}"] for j in range(1, 7)], axis=1).reshape(count, 100, 6)
     q = arms.within(arm.limits, arms.halton(count))
     approach = np.vstack([np.full((1, 6), np.nan), np.diff(q, axis=0)])
-    spread = percent.std(axis=1) / 100 * arm.rated
-    return Poses(
-        q, percent.mean(axis=1) / 100 * arm.rated, spread, np.full(count, 100), approach, np.full(count, np.nan)
-    )
+    return Poses(q, percent.mean(axis=1) / 100 * arm.rated, approach, np.full(count, np.nan))
 
 
 def known(folder, poses: Poses, cad: arms.Arm = RIGHT) -> HeldArm:
@@ -42,8 +39,7 @@ def fitted(folder, really: arms.Arm, count: int, seed: int = 1) -> tuple[Identif
 
 def r2(model: Identified, arm: HeldArm, really: arms.Arm, seed: int = 9) -> float:
     q, came, torque = arms.unseen(really, np.random.default_rng(seed), 200)
-    nothing = np.zeros_like(q)
-    poses = Poses(q, nothing, nothing, np.ones(200, int), q - came, np.full(200, np.nan))
+    poses = Poses(q, np.zeros_like(q), q - came, np.full(200, np.nan))
     total = np.abs(torque).sum(axis=1)
     return float(1 - np.mean((model.total(arm.basis(poses)) - total) ** 2) / np.var(total))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from datetime import datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from click.testing import CliRunner
 from cellwatt_drivers.yaskawa.polls import motor_angles
 from cellwatt_plugins.models.static.command import plan_poses as command
 from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, within
-from cellwatt_plugins.models.static.planning import LONGEST, Encoders, jobs
+from cellwatt_plugins.models.static.planning import LONGEST, jobs
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
 from tests.plugins.models.static import arms
@@ -73,7 +74,8 @@ def test_the_job_goes_to_each_pose_once_and_waits():
     coupling = np.eye(6)
     coupling[5, 4] = -0.1
     q = within(arms.LIMITS, halton(10, 6))
-    written = jobs("HELD", q, Encoders(per_degree, coupling, zero), 25.0, 3.0, datetime(2026, 5, 4, 10, 0))
+    encoders = SimpleNamespace(pulses_per_degree=per_degree, coupling=coupling, zero=zero)
+    written = jobs("HELD", q, encoders, 25.0, 3.0, datetime(2026, 5, 4, 10, 0))
     ((name, text),) = written.items()
     assert name == "HELD.JBI"
     assert text.startswith("/JOB\r\n//NAME HELD\r\n//POS\r\n///NPOS 10,0,0,0,0,0\r\n")
@@ -85,7 +87,8 @@ def test_the_job_goes_to_each_pose_once_and_waits():
 
 def test_a_long_plan_is_several_jobs():
     q = within(arms.LIMITS, halton(2 * LONGEST + 1, 6))
-    written = jobs("HELD", q, Encoders(np.full(6, 1000.0)), 25.0, 3.0, datetime(2026, 5, 4))
+    encoders = SimpleNamespace(pulses_per_degree=np.full(6, 1000.0), coupling=None, zero=None)
+    written = jobs("HELD", q, encoders, 25.0, 3.0, datetime(2026, 5, 4))
     assert list(written) == ["HELD-1.JBI", "HELD-2.JBI", "HELD-3.JBI"]
     assert sum(len(read_job(text)[0]) for text in written.values()) == len(q)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
-from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, said
+from cellwatt_plugins.robot.effects.effect import Estimate, Parameter
 from cellwatt_plugins.robot.effects.friction.presliding_hysteresis import dahl_state
 from cellwatt_plugins.robot.effects.supply.thermal import warmth
 from tests.plugins.mismatch import plant
@@ -382,4 +382,4 @@ def test_warmth_answers_a_step_as_a_first_order_lag(time_constant):
     ],
 )
 def test_values_are_said_with_the_digits_that_are_known(parameter, text):
-    assert said(parameter) == text
+    assert f"{parameter}" == text

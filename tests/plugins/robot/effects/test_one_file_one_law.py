@@ -22,7 +22,6 @@ from types import MappingProxyType
 import numpy as np
 
 from cellwatt_plugins.robot.effects.declaration import Acceptance
-from cellwatt_plugins.robot.effects.effect import said
 from cellwatt_plugins.robot.effects.friction import Friction
 
 
@@ -33,6 +32,8 @@ class GrindingFriction(Friction):
     trained = MappingProxyType({"friction that grinds": (0.5,)})
     doubt = 0.1, (0.5,)
     split = 1.0, (0.5,)
+    coefficients_are = (("torque", "N*m"),)
+    sentence = "{who} grinds with {torque}."
 
     def shapes(self, runs, joint, residual):
         return [(speed,) for speed in (0.3, 0.5, 0.7)]
@@ -40,12 +41,6 @@ class GrindingFriction(Friction):
     def torque(self, sliding, shape):
         off = (np.abs(sliding.qd) - shape[0]) / 0.12
         return sliding.sign * np.exp(-(off * off))
-
-    def parameters(self, estimate, robot, joint):
-        return {"torque": estimate.coefficient(0, "N*m")}
-
-    def statement(self, who, parameters):
-        return f"{who} grinds with {said(parameters['torque'])}."
 '''
 
 SCRIPT = """

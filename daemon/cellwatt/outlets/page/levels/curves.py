@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,10 +14,10 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError, why
 from cellwatt.frames import Frames
 from cellwatt.outlets.page.levels.buckets import STEPS, Buckets, Grid, chosen, coarser, fitting, of_samples, span_of
-from cellwatt.outlets.page.levels.episodes import marks
+from cellwatt.outlets.page.levels.episodes import Memory, marks
 from cellwatt.outlets.page.levels.following import Pace
 from cellwatt.outlets.page.levels.gathering import CURVES, Samples, samples_of
-from cellwatt.outlets.page.levels.store import Keeper, Store, ends_at, near
+from cellwatt.outlets.page.levels.store import Store, ends_at, near
 from cellwatt.outlets.page.shapes import significant
 from cellwatt.record.folder import RecordFile
 from cellwatt.record.survey import open_recording
@@ -37,14 +35,38 @@ USUAL: Final = 20_000_000
 EXACT: Final = 9
 """Significant digits that tell a single-precision number from all others."""
 
-Memory = tuple[int, Mapping[str, Samples]]
-"""Step of frames, ns, and samples by channel."""
+
+def curves(
+    store: Store, channels: Sequence[str], start_ms: float, end_ms: float, points: int, memory: Memory = Memory()
+) -> dict[str, Any]:
+    """Curves from ``start_ms`` to before ``end_ms`` UTC ms, and the intervals and alarms there, JSON-ready.
+
+    There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
+    samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
+    Of a short span the last one has the newest sample; where a step is one frame there is no ``max``. Channels are
+    those of the frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory``
+    has what may not be recorded yet. ``complete`` is false where something is left out, for want of time or because
+    it is too much. Never call it on an event loop.
+
+    Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
+    """
+    start, end = span_of(start_ms, end_ms)
+    recordings, pace = store.recordings(), ends_at(time.monotonic() + PATIENCE)
+    asked = _Question(store, recordings, list(dict.fromkeys(channels)), start, end, max(points, 2), pace, memory)
+    try:
+        found = asked.moments() or asked.levels()
+        told = marks(store, recordings, start, end, pace, memory)
+    except OSError as error:
+        raise RecordingError(f"record.folder {store.folder} cannot be read: {why(error)}") from error
+    complete = found.pop("complete") and told.pop("complete")
+    return {**found, **told, "from_record": store.recorded, "complete": complete}
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _Question:
     """A question, with the recordings that are there; times UTC ns. ``pace`` raises ``TimeoutError`` in the end."""
 
+    store: Store
     recordings: Sequence[RecordFile]
     names: Sequence[str]
     start: int
@@ -53,76 +75,39 @@ class _Asked:
     pace: Pace
     memory: Memory
 
-
-class Curves:
-    """Answers about the recordings of ``cell`` in ``folder``, which it only reads; without one from memory alone.
-
-    Level files stand in ``levels``, of the newest recordings as far as ``most`` bytes go; ``keeper`` makes them.
-    """
-
-    def __init__(self, folder: Path | None, cell: str, most: float = math.inf) -> None:
-        self._recorded = folder is not None
-        self.store = Store(folder or Path(), cell, most)
-        self.keeper = Keeper(self.store)
-
-    def curves(
-        self, channels: Sequence[str], start_ms: float, end_ms: float, points: int, memory: Memory = (0, {})
-    ) -> dict[str, Any]:
-        """Curves from ``start_ms`` to before ``end_ms`` UTC ms, and the intervals and alarms there, JSON-ready.
-
-        There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
-        samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
-        Of a short span the last one has the newest sample; where a step is one frame there is no ``max``. Channels are
-        those of the frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory``
-        has what may not be recorded yet. ``complete`` is false where something is left out, for want of time or because
-        it is too much. Never call it on an event loop.
-
-        Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
-        """
-        start, end = span_of(start_ms, end_ms)
-        recordings, pace = self.store.recordings() if self._recorded else [], ends_at(time.monotonic() + PATIENCE)
-        asked = _Asked(recordings, list(dict.fromkeys(channels)), start, end, max(points, 2), pace, memory)
-        try:
-            found = self._moments(asked) or self._levels(asked)
-            told = marks(self.store, recordings, start, end, pace)
-        except OSError as error:
-            raise RecordingError(f"record.folder {self.store.folder} cannot be read: {why(error)}") from error
-        complete = found.pop("complete") and told.pop("complete")
-        return {**found, **told, "from_record": self._recorded, "complete": complete}
-
-    def _moments(self, asked: _Asked) -> dict[str, Any] | None:
+    def moments(self) -> dict[str, Any] | None:
         """Curves of a short span out of the frames; None where levels serve better."""
-        length, points = asked.end - asked.start, asked.points
+        length, points = self.end - self.start, self.points
         if length > MOMENTS or length >= points * FINER:
             return None
         beside = length // (points - 1) + BESIDE  # the first and the last step reach beyond the span
         try:
-            step, samples = self._samples(asked, asked.start - beside, asked.end + beside)
+            step, samples = self._samples(self.start - beside, self.end + beside)
         except TimeoutError:
             return None
         if step > BESIDE:
             return None
-        newest = max((int(t[-1]) for each in samples.values() for t, _ in each if len(t)), default=asked.start)
-        grid = fitting(asked.start, max(min(asked.end, newest + 1), asked.start + 1), points, step)
+        newest = max((int(t[-1]) for each in samples.values() for t, _ in each if len(t)), default=self.start)
+        grid = fitting(self.start, max(min(self.end, newest + 1), self.start + 1), points, step)
         found = _drawn(grid, {name: [_bucketed(grid, *each)] if each else [] for name, each in samples.items()})
         for values in found["v"].values() if grid.step == step else ():
             del values["max"]
         return {**found, "complete": True}
 
-    def _samples(self, asked: _Asked, start: int, end: int) -> tuple[int, Mapping[str, Sequence[Samples]]]:
+    def _samples(self, start: int, end: int) -> tuple[int, Mapping[str, Sequence[Samples]]]:
         """Step of the frames, and the samples of each channel from ``start`` to before ``end`` UTC ns, or more.
 
         Raises ``TimeoutError`` where that takes too long, ``OSError`` where the disk cannot be read.
         """
         steps = set[int]()
-        pieces: dict[str, list[Samples]] = {name: [] for name in asked.names}
-        for kept in near(asked.recordings, start, end):
+        pieces: dict[str, list[Samples]] = {name: [] for name in self.names}
+        for kept in near(self.recordings, start, end):
             known = self.store.known(kept) if kept.closed else None
             if known is not None and (known.end < start or known.start >= end):
                 continue
             # One that was removed meanwhile, or of which nothing can be read, has nothing to give.
             with suppress(FileNotFoundError, RecordingError):
-                places = self.store.places(kept, asked.pace)
+                places = self.store.places(kept, self.pace)
                 _, file = open_recording(kept.path)
                 with file:
                     for items in places.items(file, CURVES, start, end):
@@ -132,23 +117,23 @@ class Curves:
                                 columns, times, values = found
                                 for name in pieces.keys() & set(columns):
                                     pieces[name].append((times, values[:, columns.index(name)]))
-                        asked.pace()
-        for name in pieces.keys() & asked.memory[1].keys():
-            pieces[name].append(asked.memory[1][name])
-        return min(steps, default=asked.memory[0] or USUAL), pieces
+                        self.pace()
+        for name in pieces.keys() & self.memory.samples.keys():
+            pieces[name].append(self.memory.samples[name])
+        return min(steps, default=self.memory.step or USUAL), pieces
 
     # long spans -----------------------------------------------------------------------------------
 
-    def _levels(self, asked: _Asked) -> dict[str, Any]:
+    def levels(self) -> dict[str, Any]:
         """Curves out of the level files; those that are missing are made, newest first, as far as there is time."""
-        level, grid = chosen(asked.start, asked.end, asked.points)
-        parts: dict[str, list[Buckets]] = {name: [] for name in asked.names}
+        level, grid = chosen(self.start, self.end, self.points)
+        parts: dict[str, list[Buckets]] = {name: [] for name in self.names}
         complete = True
-        for kept in reversed(near(asked.recordings, grid.start, grid.end)):
+        for kept in reversed(near(self.recordings, grid.start, grid.end)):
             try:
-                source = self.store.source(kept, asked.pace)
+                source = self.store.source(kept, self.pace)
                 if source is not None and source.start < grid.end and source.end >= grid.start:
-                    for name, buckets in source.levels(level, asked.names):
+                    for name, buckets in source.levels(level, self.names):
                         parts[name].append(coarser(buckets, grid.step // STEPS[level]))
             except TimeoutError:
                 complete = False
@@ -157,8 +142,8 @@ class Curves:
             except ValueError as error:
                 self.store.spoiled(kept, str(error))
                 complete = False
-        for name in parts.keys() & asked.memory[1].keys():
-            parts[name].append(_bucketed(grid, asked.memory[1][name]))
+        for name in parts.keys() & self.memory.samples.keys():
+            parts[name].append(_bucketed(grid, self.memory.samples[name]))
         return {**_drawn(grid, parts, EXACT), "complete": complete}
 
 

@@ -14,10 +14,12 @@ from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.levels.buckets import span_of
 from cellwatt.outlets.page.levels.following import Pace
+from cellwatt.outlets.page.levels.gathering import Samples, Span
 from cellwatt.outlets.page.levels.store import Source, Store, ends_at, near
 from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record import packs
 from cellwatt.record.folder import RecordFile
+from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Event
 
 MOST: Final = 2000
@@ -40,6 +42,7 @@ class Episode:
     raised: int
     cleared: int | None = None
     cleared_statement: str | None = None
+    acknowledged: Acknowledgement | None = None
     words: list[Event] = field(default_factory=list)
     pack: str | None = None
     """File of the evidence, as the daemon told it."""
@@ -48,10 +51,30 @@ class Episode:
         """True if it was up at some time from ``start`` to before ``end`` UTC ns."""
         return self.raised < end and (self.cleared is None or self.cleared >= start)
 
+    def is_part_of(self, other: Episode) -> bool:
+        """True if it is of the same alarm as one that memory has whole."""
+        return self.first.id == other.first.id and self.overlaps(
+            other.raised, EVER if other.cleared is None else other.cleared + 1
+        )
+
     def end(self, time: int, statement: str) -> None:
         """It is over, if it was not before."""
         if self.cleared is None:
             self.cleared, self.cleared_statement = time, statement
+
+
+@dataclass(frozen=True)
+class Memory:
+    """The end of the present, which may not be recorded yet.
+
+    ``step`` of the frames, ns; samples by channel, intervals (UTC ns), alarms, and how many older ones were forgotten.
+    """
+
+    step: int = 0
+    samples: Mapping[str, Samples] = field(default_factory=dict)
+    spans: Sequence[Span] = ()
+    alarms: Sequence[Episode] = ()
+    forgotten: int = 0
 
 
 def episodes(recordings: Sequence[RecordFile], found: Found) -> list[Episode]:
@@ -97,13 +120,15 @@ def _note(event: Event, known: Mapping[str, Sequence[Episode]]) -> None:
             next(inside, raised[-1]).pack = str(event.data["pack"])
 
 
-def marks(store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace) -> dict[str, Any]:
+def marks(
+    store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace, memory: Memory
+) -> dict[str, Any]:
     """Intervals and alarms from ``start`` to before ``end`` UTC ns, as far as ``pace`` lets them be read.
 
     Recordings of long before are asked only if they have a level file: an alarm that is still up may stand there.
     """
     sources, complete = read(store, recordings, start, end, pace)
-    rows: dict[tuple[int, str, int], dict[str, Any]] = {}
+    rows = {(span.source, span.number, span.start): span for span in memory.spans if span.overlaps(start, end)}
     for kept, source in sources:
         try:
             spans = source.intervals() if source.start < end and source.end >= start else ()
@@ -113,14 +138,18 @@ def marks(store: Store, recordings: Sequence[RecordFile], start: int, end: int, 
             store.spoiled(kept, str(error))
             complete = False
             continue
-        for span in spans:  # of one that ran on into the next recording that has the last of it
-            if span.end >= start and span.start < end:
-                told = {**span._asdict(), "start": ms(span.start), "end": ms(span.end), "moving": list(span.moving)}
-                rows[kept.name.session, span.source, span.number] = told
-    alarms = [episode for episode in episodes(recordings, sources) if episode.overlaps(start, end)]
-    longest = sorted(rows.values(), key=lambda row: row["end"] - row["start"])[-MOST:]
+        # Of an interval that ran on into the next recording that has the last of it.
+        rows |= {(span.source, span.number, span.start): span for span in spans if span.overlaps(start, end)}
+    held = [episode for episode in memory.alarms if episode.overlaps(start, end)]
+    # Memory knows since when, the record when it was told, and by its stage: there it may come and go meanwhile.
+    known = [e for e in episodes(recordings, sources) if e.overlaps(start, end) and not any(map(e.is_part_of, held))]
+    alarms = [*known, *held]
+    longest = sorted(rows.values(), key=lambda span: span.end - span.start)[-MOST:]
     return {
-        "intervals": sorted(longest, key=lambda row: row["start"]),
+        "intervals": [
+            {**span._asdict(), "start": ms(span.start), "end": ms(span.end), "moving": list(span.moving)}
+            for span in sorted(longest, key=lambda span: span.start)
+        ],
         "alarms": [mark(e.alarm, e.raised, e.cleared) for e in alarms[-MOST:]],
         "complete": complete and len(rows) <= MOST and len(alarms) <= MOST,
     }
@@ -146,11 +175,13 @@ def read(store: Store, recordings: Sequence[RecordFile], start: int, end: int, p
     return found[::-1], complete
 
 
-def alarm_history(store: Store, start_ms: float, end_ms: float, limit: int) -> dict[str, Any]:
+def alarm_history(
+    store: Store, start_ms: float, end_ms: float, limit: int, memory: Memory = Memory()
+) -> dict[str, Any]:
     """Alarms that were up from ``start_ms`` to ``end_ms`` UTC ms, at most ``limit``, the newest first, JSON-ready.
 
-    ``evidence_page`` is the path of the page below the route of reports. ``complete`` is false where older ones are
-    left out. Never call it on an event loop.
+    Without a record they are those of ``memory``. ``evidence_page`` is the path of the page below the route of reports.
+    ``complete`` is false where older ones are left out. Never call it on an event loop.
 
     Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
     """
@@ -160,18 +191,21 @@ def alarm_history(store: Store, start_ms: float, end_ms: float, limit: int) -> d
         sources, complete = read(store, recordings, start, end, ends_at(time.monotonic() + PATIENCE))
     except OSError as error:
         raise RecordingError(f"record.folder {store.folder} cannot be read: {why(error)}") from error
-    found = [episode for episode in episodes(recordings, sources) if episode.overlaps(start, end)][::-1]
-    told = [_told(episode, store.folder / packs.FOLDER, store.cell) for episode in found[:limit]]
+    known = episodes(recordings, sources) if store.recorded else memory.alarms
+    complete = complete and (store.recorded or not memory.forgotten)
+    found = [episode for episode in known if episode.overlaps(start, end)][::-1]
+    told = [_told(episode, store) for episode in found[:limit]]
     return {"alarms": told, "complete": complete and len(found) <= limit}
 
 
-def _told(episode: Episode, folder: Path, cell: str) -> dict[str, Any]:
+def _told(episode: Episode, store: Store) -> dict[str, Any]:
     known = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
-    said = None if known is None else Acknowledgement(**_person(known), time=known.time)
-    pack = episode.pack or f"{packs.name_of(cell, episode.first)}.mcap"  # where the alarm itself names it
-    page = packs.page_of(folder / Path(pack).name)
+    said = episode.acknowledged if known is None else Acknowledgement(**_person(known), time=known.time)
+    pack = episode.pack or f"{packs.name_of(store.cell, episode.first)}.mcap"  # where the alarm itself names it
+    page = packs.page_of(store.folder / packs.FOLDER / Path(pack).name)
+    there = store.recorded and page.exists()
     return {
-        **shapes.alarm(episode.alarm, said, f"{packs.FOLDER}/{page.name}" if page.exists() else None),
+        **shapes.alarm(episode.alarm, said, f"{packs.FOLDER}/{page.name}" if there else None),
         "active": episode.cleared is None,
         "cleared": ms(episode.cleared),
         "cleared_statement": episode.cleared_statement,

@@ -38,6 +38,10 @@ class Span(NamedTuple):
     moving: tuple[int, ...]
     closed: bool
 
+    def overlaps(self, start: int, end: int) -> bool:
+        """True if any of it is from ``start`` to before ``end`` UTC ns."""
+        return self.end >= start and self.start < end
+
 
 @dataclass(frozen=True, slots=True)
 class Digest:

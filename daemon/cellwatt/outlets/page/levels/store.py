@@ -35,16 +35,28 @@ TICK: Final = 1.0
 """s within which two changes of a folder may have the same time."""
 RETRY: Final = 60.0
 """Pause, s, before what failed is tried again."""
+PERIOD: Final = 2.0
+"""s from one look at the folder to the next."""
+WORK, REST = 0.01, 0.03
+"""s of reading, and of rest after it: the page's other threads go first."""
 
 Source = LevelFile | Digest
 """Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
 
 
-class Store:
-    """Sources of a cell's recordings in ``folder``, with level files up to ``most`` bytes. Any thread may ask."""
+class _Closed(Exception):  # noqa: N818
+    pass
 
-    def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
-        self.folder, self.cell, self._most = folder, cell, most
+
+class Store:
+    """Sources of a cell's recordings in ``folder``, if any, with level files up to ``most`` bytes. Any thread may ask.
+
+    From ``start`` to ``close`` a thread of its own keeps the level files up to date.
+    """
+
+    def __init__(self, folder: Path | None, cell: str, most: float = math.inf) -> None:
+        self.folder, self.cell, self._most = folder or Path(), cell, most
+        self.recorded = folder is not None
         self.counts: Counter[str] = Counter()
         """Level files unwritten, damaged and over the budget; recordings that could not be read."""
         self._listing: tuple[float, float, list[RecordFile]] = (0.0, 0.0, [])
@@ -55,12 +67,46 @@ class Store:
         """The newest recording whose level file went to keep to the budget."""
         self._again: dict[Path, float] = {}
         """Monotonic time, s, before which a recording that could not be read, or the folder, is not tried again."""
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="levels", daemon=True)
+        self._rest_at = 0.0
+
+    def start(self) -> None:
+        """Begin to keep the level files up to date, where there is a record."""
+        if self.recorded:
+            self._thread.start()
+
+    def close(self) -> None:
+        """End, in the middle of a recording if need be."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            try:
+                self.look(self._rest)
+            except _Closed:
+                return
+            except (OSError, CellwattError) as error:
+                log.warning("the record cannot be followed: %s", error)
+            self._closing.wait(PERIOD)
+
+    def _rest(self) -> None:
+        """Rest after some work; end where all is to end."""
+        if time.monotonic() < self._rest_at:
+            return
+        if self._closing.wait(REST):
+            raise _Closed
+        self._rest_at = time.monotonic() + WORK
 
     def recordings(self) -> list[RecordFile]:
         """Recordings that are there, in order; those of which nothing can be read are among them.
 
         Raises ``RecordingError`` where the folder cannot be read.
         """
+        if not self.recorded:
+            return []
         try:
             changed = self.folder.stat().st_mtime
             listed, of_change, found = self._listing
@@ -218,52 +264,3 @@ def ends_at(until: float) -> Pace:
             raise TimeoutError
 
     return pace
-
-
-PERIOD: Final = 2.0
-"""s from one look at the folder to the next."""
-WORK, REST = 0.01, 0.03
-"""s of reading, and of rest after it: the page's other threads go first."""
-
-
-class _Over(Exception):  # noqa: N818
-    pass
-
-
-class Keeper:
-    """Keeps the level files of a store up to date from ``start`` to ``close``, in a thread."""
-
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="levels", daemon=True)
-        self._rest_at = 0.0
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """End, in the middle of a recording if need be."""
-        self._over.set()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _run(self) -> None:
-        while not self._over.is_set():
-            try:
-                self._store.look(self._pace)
-            except _Over:
-                return
-            except (OSError, CellwattError) as error:
-                log.warning("the record cannot be followed: %s", error)
-            self._over.wait(PERIOD)
-
-    def _pace(self) -> None:
-        """Rest after some work; end where all is to end."""
-        now = time.monotonic()
-        if now < self._rest_at:
-            return
-        if self._over.wait(REST):
-            raise _Over
-        self._rest_at = time.monotonic() + WORK

@@ -14,7 +14,7 @@ from cellwatt_plugins.mismatch.fit.search.solve import without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.robot.blocks import Block
-from cellwatt_plugins.robot.effects.effect import Effect, Shape
+from cellwatt_plugins.robot.effects.effect import Effect
 
 Float = NDArray[np.float64]
 
@@ -66,15 +66,9 @@ def _ordered(
         own = frozenset(t for t in now.terms if joint is None or t.joint in (None, joint))
         key = effect.name, joint, own
         if key not in state.known:
-            state.known[key] = _tried(state, now, effect, joint)
+            state.known[key] = _best_shape(state, now, effect, joint)
         out.append(state.known[key])
     return sorted((c for c in out if c is not None), key=lambda c: -c.gain - c.term.effect.relations.plainer)
-
-
-def _tried(state: SearchState, now: Solution, effect: Effect, joint: int | None) -> Candidate | None:
-    """An effect at a place with its best shape."""
-    shapes = effect.shapes(now.problem.states, joint, state.every_sample(now))
-    return _best_shape(state, now, effect, joint, shapes)
 
 
 def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -> bool:
@@ -110,11 +104,10 @@ def _stands_for(one: Effect, other: Effect) -> bool:
     return one is other or (family != "" and one.relations.family == family)
 
 
-def _best_shape(
-    state: SearchState, now: Solution, effect: Effect, joint: int | None, shapes: Sequence[Shape]
-) -> Candidate | None:
+def _best_shape(state: SearchState, now: Solution, effect: Effect, joint: int | None) -> Candidate | None:
     """The shape with the greatest evidence; None where the recordings resolve none or no coefficients can be."""
     states = now.problem.states
+    shapes = effect.shapes(states, joint, state.every_sample(now))
     terms = [Term(effect, joint, shape) for shape in shapes if effect.resolved(states, joint, shape)]
     if not terms:
         return None

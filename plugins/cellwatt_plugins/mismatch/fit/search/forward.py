@@ -12,7 +12,7 @@ from cellwatt_plugins.mismatch.fit.search.candidates import candidates, rivals
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
-from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
+from cellwatt_plugins.mismatch.fit.solution import Solution
 
 BEST, USUAL = 2, 5
 """Candidates at one place (a joint, the whole arm) that are looked at closely in a step, and where one is usual."""
@@ -26,7 +26,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
     """The solution with the best new term; None where none is accepted."""
     looked_at: Counter[int | None] = Counter()
     skipped: set[int | None] = set()
-    for candidate in steps(candidates(state, now), "fitting", _said):
+    for candidate in steps(candidates(state, now), "fitting", lambda candidate: said(candidate.term)):
         if candidate.gain < state.thresholds.least:
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
@@ -53,10 +53,6 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
         state.refuse(candidate.term, candidate.gain, why)
     state.unlooked &= skipped
     return None
-
-
-def _said(candidate: Candidate) -> str:
-    return said(candidate.term)
 
 
 def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solution | None:

@@ -31,23 +31,16 @@ def solve(state: SearchState, terms: Sequence[Term]) -> Solution:
 
 def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
     """Fit terms to a problem outside a search."""
-    if all(t.effect.by_motion_alone for t in terms):
-        return _by_motion_alone(problem, terms)
+    # Columns that go with the motion alone stay as they are whatever torque is fitted.
+    steady = all(t.effect.by_motion_alone for t in terms)
+    rounds = 2 if steady or all(t.effect.mechanical for t in terms) else 3
     factor: Float | None = None
-    for _ in range(3 if any(not t.effect.mechanical for t in terms) else 2):
+    for left in reversed(range(rounds)):
         fit = problem.fit([problem.block(t) for t in terms], factor)
         factor = problem.noise_factor(fit.residual)
-        problem = _with_fitted_torque(problem, terms, fit)
+        if not (steady and left):
+            problem = _with_fitted_torque(problem, terms, fit)
     fit = problem.fit([problem.block(t) for t in terms], factor)
-    return Solution(problem, list(terms), fit, problem.noise_factor(fit.residual))
-
-
-def _by_motion_alone(problem: Problem, terms: Sequence[Term]) -> Solution:
-    """The same of terms whose columns stay as they are whatever torque is fitted: only the noise is found anew."""
-    first = problem.fit([problem.block(t) for t in terms])
-    second = problem.fit(first.blocks, problem.noise_factor(first.residual))
-    problem, factor = _with_fitted_torque(problem, terms, second), problem.noise_factor(second.residual)
-    fit = problem.fit(first.blocks, factor)
     return Solution(problem, list(terms), fit, problem.noise_factor(fit.residual))
 
 

@@ -122,19 +122,3 @@ class SearchState:
     def refuse(self, term: Term, gain: float, why: str) -> None:
         """Note why a term is not there, and the log evidence that it would add."""
         self.refused[term.place] = Trial.of(term, gain, False, why)
-
-
-def start(
-    make: Make,
-    channels: int,
-    thresholds: Thresholds,
-    effects: Sequence[Effect],
-    until: float,
-    powered: bool = False,
-) -> SearchState:
-    """A search of ``channels`` in which nothing was tried yet."""
-    turning = np.zeros(channels)
-    problem = make(turning, 0.0)
-    supply = problem.side == "supply"
-    own = tuple(e for e in effects if (e.place == "supply") == supply)
-    return SearchState(make, thresholds, own, turning, problem, powered=powered, until=until)

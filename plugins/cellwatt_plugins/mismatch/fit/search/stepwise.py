@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.problem import Term, said
-from cellwatt_plugins.mismatch.fit.retuning import confirmed, looseness
+from cellwatt_plugins.mismatch.fit.retuning import confirmed, freed, looseness
 from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_ambiguous,
     drop_for_plainer,
@@ -28,7 +28,7 @@ from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
 from cellwatt_plugins.mismatch.fit.search.plain import plain_terms
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve
-from cellwatt_plugins.mismatch.fit.search.state import Make, Place, SearchState, start
+from cellwatt_plugins.mismatch.fit.search.state import Make, Place, SearchState
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, Thresholds
 from cellwatt_plugins.robot.effects import EFFECTS
@@ -54,14 +54,17 @@ def search(
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign, and for
     the s by which torques are read late.
     """
-    state = start(make, channels, thresholds, effects, until, powered)
+    still = np.zeros(channels)
+    problem = make(still, 0.0)
+    own = tuple(e for e in effects if (e.place == "supply") == (problem.side == "supply"))
+    state = SearchState(make, thresholds, own, still, problem, powered=powered, until=until)
     now = _found(state, ())
     loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
     if loose > 1 and not state.spent():
         state.loosen(loose)
         now = _found(state, now.terms)
     free, others = state.problem, _rivals(state, now)
-    state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
+    state.use(freed(state.problem, confirmed(state.problem, now.terms, now.factor)))
     now = drop_unconfirmed(state, solve(state, now.terms))
     now.spent, now.free = state.spent(), free
     now.unlooked = tuple(j for j in state.moving if j in state.unlooked) if now.spent else ()

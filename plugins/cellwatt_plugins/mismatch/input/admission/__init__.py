@@ -5,6 +5,6 @@ undoing it makes recording and simulation agree far better than they do as they 
 no wrong input, however strong.
 """
 
-from cellwatt_plugins.mismatch.input.admission.examine import Admitted, admit, check_run, examine
+from cellwatt_plugins.mismatch.input.admission.examine import Admitted, admit, check_run
 
-__all__ = ["Admitted", "admit", "check_run", "examine"]
+__all__ = ["Admitted", "admit", "check_run"]

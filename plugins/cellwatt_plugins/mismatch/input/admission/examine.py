@@ -56,15 +56,6 @@ class Admitted:
     """The arm along each of the runs, as its simulation has it."""
 
 
-def examine(runs: Sequence[Run], arm: Arm) -> tuple[Baseline, list[str]]:
-    """Return the baseline of the runs, and remarks that are worth knowing before they are explained.
-
-    Raises ``RecordingError``, one line, at the first run that cannot be used as it is.
-    """
-    admitted = admit(runs, arm)
-    return admitted.base, list(admitted.notes)
-
-
 def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
     """Check the runs, run by run. Raises ``RecordingError``, one line, at the first that cannot be used as it is."""
     if not runs:

@@ -101,8 +101,7 @@ def check_jumps(run: Run, robot: RobotDescription) -> None:
     turning = np.array([joint.kind == "revolute" for joint in robot.joints])
     steps = np.abs(np.diff(run.position, axis=0)) * turning
     leaps = (steps > np.pi) & (steps > LEAP * run.step)
-    if run.gaps is not None:
-        leaps &= ~(run.gaps[1:] | run.gaps[:-1])[:, None]
+    leaps &= ~(run.filled[1:] | run.filled[:-1])[:, None]
     if leaps.any():
         row, joint = map(int, np.argwhere(leaps)[0])
         raise RecordingError(

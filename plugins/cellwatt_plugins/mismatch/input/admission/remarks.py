@@ -47,9 +47,9 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     notes += unread_remarks(runs)
     notes += _slow(runs)
     for run in runs:
-        if run.gaps is not None:
+        if run.filled.any():
             notes.append(
-                f"{run.name}: {100 * float(np.mean(run.gaps)):.2g} % of the samples were filled in and do not count"
+                f"{run.name}: {100 * float(np.mean(run.filled)):.2g} % of the samples were filled in and do not count"
             )
         notes += _cut_off(run, robot)
         notes += _coarse(run, robot)

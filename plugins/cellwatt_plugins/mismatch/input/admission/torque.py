@@ -65,7 +65,8 @@ def check_simulated(run: Run, arm: Arm) -> None:
 
 def _check(place: str, current: bool, sample: Sample) -> None:
     expected = sample.expected()
-    friction = HELD * _rms(_weight(sample.arm))
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, sample.arm.joints))
+    friction = HELD * _rms(sample.arm.gravity(poses))
     _whole_unit(place, current, sample, expected.torque, friction)
     misfit = expected.misfits(sample.read)
     if (misfit > POOR).any():
@@ -93,11 +94,6 @@ def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, fric
         + (f": it seems to be {name}" if name else "")
         + "; torques must be in Nm at the joint, currents in A"
     )
-
-
-def _weight(arm: Arm) -> Float:
-    """Torques (P, n) Nm that hold the arm still in poses of all kinds."""
-    return arm.gravity(np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.joints)))
 
 
 def _rms(values: Float) -> float:

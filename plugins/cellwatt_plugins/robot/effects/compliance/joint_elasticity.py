@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.compliance.two_mass import coupled, elastic, hanging, swinging, with_others
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt.batch import Float
+from cellwatt_plugins.robot.effects.compliance.two_mass import TwoMass, elastic, swinging
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.robot.effects.effect import Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
-from cellwatt_plugins.robot.regression import Prior
 
 FREQUENCIES = np.geomspace(1.5, 40.0, 110)
 """Hz of the link on its spring that are tried."""
@@ -21,19 +20,20 @@ DAMPINGS = (0.003, 0.012, 0.05, 0.15)
 MOVES_ALONG, AT_REST = 0.0, 1.0
 
 
-class JointElasticity(Effect):
+class JointElasticity(TwoMass):
     """Stiffness and damping between motor and link; see ``two_mass``."""
 
     name = "joint_elasticity"
     form = Form(to_scale=True, sample_by_sample=True)
     acceptance = Acceptance(least_rate=FAST)
-    relations = Relations(family="two_mass")
     uncertainty = Uncertainty({"stiffness": 0.03, "damping": 0.1})
     """It swings with the links: stiffness is as uncertain as their inertia."""
     confusions = (
         Confusion("backlash", "tap the link, and reverse slowly at zero load: a spring rings, a gap clacks"),
         Confusion("time_delay", "move with and without jerk: a spring rings on"),
     )
+    shape_is = (("stiffness", "N*m/rad"), ("damping", "N*m*s/rad"))
+    sentence = "The link of {joint} swings on a gear of {stiffness:.3g} Nm/rad: joint elasticity is missing."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         inertia = swinging(runs, joint or 0)
@@ -54,24 +54,8 @@ class JointElasticity(Effect):
         found = elastic(run, joint or 0, table[:, 0], table[:, 1], table[:, 2])
         return [found[:, i : i + 1] for i in range(len(shapes))]
 
-    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0
-        twist = (run.rigid[:, at] + own) / shape[0]
-        return np.concatenate([with_others(run, at, own), hanging(run, at, twist)], axis=2)
-
-    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        if columns.ndim == 2:
-            return super().prior(runs, joint, columns, size)
-        return coupled(super().prior(runs, joint, columns[:, joint or 0, :1], size))
+    def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
+        return np.asarray((run.rigid[:, joint] + own) / shape[0])
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.5 * shape[0], 2.0 * shape[0]), (0.1 * shape[1], 10 * shape[1]), (shape[2], shape[2])]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"stiffness": estimate.shaped(0, "N*m/rad"), "damping": estimate.shaped(1, "N*m*s/rad")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"The link of {who.lower()} swings on a gear of {parameters['stiffness'].value:.3g} Nm/rad: "
-            "joint elasticity is missing."
-        )

@@ -7,15 +7,17 @@ u. Spong, Modeling and Control of Elastic Joint Robots (1987), with the motor's 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
+from cellwatt_plugins.robot.effects.declaration import Relations
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 MOST_STEP = 0.2
 """Steps of the numerical integration are at most this share of a radian of the natural frequency."""
@@ -27,6 +29,29 @@ LEAST_INERTIA = 1e-6
 """kg m² of a link that can swing; a description may leave the last link's out."""
 BEFORE, WINDOW = 0.1, 1.5
 """s: a gap is followed from before the load turns over until the link has settled on its other flank."""
+
+
+class TwoMass(Effect):
+    """A link that moves against its motor: what it adds at its joint, at the others, and by its weight."""
+
+    relations = Relations(family="two_mass")
+
+    @abstractmethod
+    def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
+        """How far (N,) rad the link is behind its motor, with what it adds to the torque, ``own`` (N,) Nm."""
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0
+        twist = self.twist(run, at, own, shape)
+        return np.concatenate([with_others(run, at, own), hanging(run, at, twist)], axis=2)
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        """Of a link's own column, and of what comes of it: how much the others feel depends on their drives."""
+        if columns.ndim == 2:
+            return super().prior(runs, joint, columns, size)
+        own = super().prior(runs, joint, columns[:, joint or 0, :1], size)
+        covariance = np.diag([*np.diag(own.covariance), OTHERS[1] ** 2, OTHERS[1] ** 2])
+        return Prior(np.array([*own.mean, OTHERS[0], OTHERS[0]]), covariance)
 
 
 def swinging(runs: Sequence[States], joint: int) -> float:
@@ -73,12 +98,6 @@ def with_others(run: States, joint: int, own: Float) -> Float:
 def hanging(run: States, joint: int, twist: Float) -> Float:
     """Column (N, n, 1): a link that is ``twist`` (N,) rad behind its motor turns all that it carries under gravity."""
     return np.asarray(-twist[:, None, None] * run.arm.body.gravity_slope(run.q)[:, :, joint, None])
-
-
-def coupled(own: Prior) -> Prior:
-    """Prior of a link's own column and of what comes of it: how much the others feel depends on their drives."""
-    covariance = np.diag([*np.diag(own.covariance), OTHERS[1] ** 2, OTHERS[1] ** 2])
-    return Prior(np.array([*own.mean, OTHERS[0], OTHERS[0]]), covariance)
 
 
 def _transition(inertia: Float, stiffness: Float, damping: Float, step: float) -> tuple[Float, Float, Float, Float]:

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 LEAST = 3
@@ -70,9 +71,9 @@ class PositionPeriodicTorque(Effect):
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         second = parameters.get("second_amplitude")
-        more = "" if second is None else f", and of {said(second)} twice as often"
+        more = "" if second is None else f", and of {second} twice as often"
         return (
-            f"{who} has a ripple of {said(parameters['amplitude'])}, {parameters['cycles'].value:.4g} times a turn"
+            f"{who} has a ripple of {parameters['amplitude']}, {parameters['cycles'].value:.4g} times a turn"
             f"{more}: a position-periodic torque (gear, cogging or bearing) is missing."
         )
 

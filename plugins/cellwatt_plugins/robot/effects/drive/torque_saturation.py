@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.noise import white_noise
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 BELOW = (0.0, 1.0, 2.0, 3.0)
@@ -36,6 +36,8 @@ class TorqueSaturation(Effect):
     depends_on = "fitted torque"
     form = Form(to_scale=True)
     confusions = (Confusion("torque_gain", "move slower: a gain stays, clipping goes"),)
+    shape_is = (("limit", "N*m"),)
+    sentence = "The torque measured at {joint} is clipped at {limit}."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         # A torque that is clipped never reads more than the limit.
@@ -57,12 +59,6 @@ class TorqueSaturation(Effect):
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.95 * shape[0], 1.05 * shape[0])]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"limit": estimate.shaped(0, "N*m")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return f"The torque measured at {who.lower()} is clipped at {said(parameters['limit'])}."
 
 
 def _clipped(read: Float, asked: Float, level: float, spread: float) -> bool:

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 BOTH, UP, DOWN = 0.0, 1.0, -1.0
@@ -43,4 +44,4 @@ class AsymmetricFriction(Effect):
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         more = "positive" if parameters["difference"].value > 0 else "negative"
         size = Parameter(abs(parameters["difference"].value), parameters["difference"].std, "N*m")
-        return f"{who} has {said(size)} more friction in {more} direction than in the other: friction is asymmetric."
+        return f"{who} has {size} more friction in {more} direction than in the other: friction is asymmetric."

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Parameter, Shape
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 
 
@@ -29,12 +28,10 @@ class LoadDependentFriction(Friction):
         Confusion("torque_gain", "hold the arm still at several loads: friction then has no direction, a gain stays"),
         Confusion("asymmetric_friction", "sweep where gravity does not load the joint"),
     )
+    coefficients_are = (("coefficient", ""),)
 
     def torque(self, sliding: Sliding, shape: Shape) -> Any:
         return np.abs(sliding.load) * sliding.sign
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"coefficient": estimate.coefficient(0, "")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         share = 100 * parameters["coefficient"].value

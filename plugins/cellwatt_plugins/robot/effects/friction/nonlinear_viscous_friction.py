@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations
-from cellwatt_plugins.robot.effects.effect import Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Parameter, Shape
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding
-from cellwatt_plugins.robot.effects.states import States
 
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 2.5, 3.0)
 
@@ -30,18 +28,15 @@ class NonlinearViscousFriction(Friction):
         Confusion("stribeck_friction", "sweep at six constant speeds over two decades, up to full speed"),
         Confusion("temperature_dependent_friction", "repeat the same cycle cold and warm"),
     )
-
-    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(a,) for a in EXPONENTS]
+    coefficients_are = (("coefficient", "N*m"),)
+    shape_is = (("exponent", ""),)
+    tried = tuple((a,) for a in EXPONENTS)
 
     def torque(self, sliding: Sliding, shape: Shape) -> Any:
         return np.abs(sliding.qd) ** shape[0] * sliding.sign
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.15, 0.85)] if shape[0] < 1 else [(1.2, 5.0)]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"coefficient": estimate.coefficient(0, "N*m"), "exponent": estimate.shaped(0, "")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         grows = "faster" if parameters["exponent"].value > 1 else "slower"

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
@@ -84,7 +85,7 @@ class PreslidingHysteresis(Effect):
             else f"until about {parameters['velocity'].value:.2g} rad/s"
         )
         return (
-            f"Friction of {who.lower()} ({said(parameters['force'])}) builds up {over} after each reversal, and not at "
+            f"Friction of {who.lower()} ({parameters['force']}) builds up {over} after each reversal, and not at "
             "once: presliding hysteresis is missing."
         )
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Shape
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 from cellwatt_plugins.robot.effects.states import States
 
@@ -42,6 +42,12 @@ class StribeckFriction(Friction):
         Confusion("presliding_hysteresis", "reverse slowly at one place: presliding depends on the way since reversal"),
         Confusion("load_dependent_friction", "sweep slowly at two loads: Stribeck friction does not change with load"),
     )
+    coefficients_are = (("excess", "N*m"),)
+    shape_is = (("velocity", "rad/s"),)
+    sentence = (
+        "{who} needs {excess} more below about {velocity:.2g} rad/s than "
+        "Coulomb and viscous friction give: Stribeck friction is missing."
+    )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         fastest = max(float(np.max(np.abs(run.qd[:, joint]))) for run in runs)
@@ -58,12 +64,3 @@ class StribeckFriction(Friction):
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.006, FASTEST)] if len(shape) == 1 else [(0.006, FASTEST_LORENTZ), (LORENTZ, LORENTZ)]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"excess": estimate.coefficient(0, "N*m"), "velocity": estimate.shaped(0, "rad/s")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"{who} needs {said(parameters['excess'])} more below about {parameters['velocity'].value:.2g} rad/s than "
-            "Coulomb and viscous friction give: Stribeck friction is missing."
-        )

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Relations
-from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Shape
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 
 
@@ -22,12 +20,8 @@ class ViscousFriction(Friction):
         Confusion("coulomb_friction", "sweep one joint at six constant speeds over two decades, both directions"),
         Confusion("temperature_dependent_friction", "repeat the same cycle cold and warm"),
     )
+    coefficients_are = (("coefficient", "N*m*s/rad"),)
+    sentence = "{who} needs {coefficient} more with speed: viscous friction is missing."
 
     def torque(self, sliding: Sliding, shape: Shape) -> Any:
         return sliding.qd
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"coefficient": estimate.coefficient(0, "N*m*s/rad")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return f"{who} needs {said(parameters['coefficient'])} more with speed: viscous friction is missing."

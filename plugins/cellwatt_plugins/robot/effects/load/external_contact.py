@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
@@ -40,6 +41,9 @@ class ExternalContact(Effect):
         Confusion("unknown", "repeat the same program: a contact does not repeat"),
         Confusion("payload_change", "look at all joints that gravity loads: a payload shows in several"),
     )
+    coefficients_are = (("torque", "N*m"),)
+    shape_is = (("", ""), ("time", "s"), ("width", "s"))
+    sentence = "{who} was pushed once with {torque} at {time:.2f} s: an external contact."
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         """Less than a share of the friction is how friction turns over at a stop."""
@@ -69,19 +73,6 @@ class ExternalContact(Effect):
         run, time, width = shape
         least = SHORTEST if width >= SHORTEST else 0.5 * BLOW
         return [(run, run), (time - 2 * width, time + 2 * width), (least, 0.6)]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {
-            "torque": estimate.coefficient(0, "N*m"),
-            "time": estimate.shaped(1, "s"),
-            "width": estimate.shaped(2, "s"),
-        }
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"{who} was pushed once with {said(parameters['torque'])} at {parameters['time'].value:.2f} s: "
-            "an external contact."
-        )
 
 
 def _turns(run: States, joint: int) -> NDArray[np.bool_]:

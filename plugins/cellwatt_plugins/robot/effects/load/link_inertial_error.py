@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
@@ -29,6 +30,11 @@ class LinkInertialError(Effect):
     confusions = (
         Confusion("payload", "weigh with the tool off, then on"),
         Confusion("torque_gain", "compare with the supply's power at constant speed"),
+    )
+    coefficients_are = (("mass", "kg"), ("moment_x", "kg*m"), ("moment_y", "kg*m"), ("moment_z", "kg*m"))
+    sentence = (
+        "The link moved by {joint} is well off its description: its mass by {mass}, "
+        "its first moment by ({moment_x:.3g}, {moment_y:.3g}, {moment_z:.3g}) kg m."
     )
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
@@ -55,18 +61,6 @@ class LinkInertialError(Effect):
         turn = float(np.max(np.abs(own[[4, 6, 9]])))
         besides = [mass, *(3 * [mass * reach]), *(6 * [2 * turn + 1e-3 * mass])]
         return Prior(np.zeros(10), ways.T @ ways + np.diag(np.square(BESIDES * np.array(besides))))
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        names = ("mass", "moment_x", "moment_y", "moment_z")
-        units = ("kg", "kg*m", "kg*m", "kg*m")
-        return {n: estimate.coefficient(i, u) for i, (n, u) in enumerate(zip(names, units, strict=True))}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        moment = np.array([parameters[f"moment_{axis}"].value for axis in "xyz"])
-        return (
-            f"The link moved by {who.lower()} is well off its description: its mass by {said(parameters['mass'])}, "
-            f"its first moment by ({moment[0]:.3g}, {moment[1]:.3g}, {moment[2]:.3g}) kg m."
-        )
 
 
 def _moved(mass: float, centre: Float, step: Float) -> Float:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import body_prior
 from cellwatt_plugins.robot.regression import Prior
@@ -28,10 +30,11 @@ class Payload(Effect):
     acceptance = Acceptance(above=0.0)
     relations = Relations(plainer=10.0)
     uncertainty = Uncertainty(torque_gain=("mass",))
-    confusions = (
+    confusions: ClassVar[tuple[Confusion, ...]] = (
         Confusion("link_inertial_error", "weigh with the tool off, then on: an error of the last link stays"),
         Confusion("gravity_tilt", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),
     )
+    sentence = "The flange carries {mass} at ({com_x:.3f}, {com_y:.3f}, {com_z:.3f}) m: a payload is missing."
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return run.regressor[:, :, -10:]
@@ -40,22 +43,12 @@ class Payload(Effect):
         return body_prior(HEAVY * float(np.sum(runs[0].arm.body.parameters()[::10])), REACH)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return body_parameters(estimate)
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"The flange carries {said(parameters['mass'])} at ({parameters['com_x'].value:.3f}, "
-            f"{parameters['com_y'].value:.3f}, {parameters['com_z'].value:.3f}) m: a payload is missing."
-        )
-
-
-def body_parameters(estimate: Estimate) -> dict[str, Parameter]:
-    """Mass and centre of mass (with their deviations) of ten inertial coefficients."""
-    mass = estimate.coefficients[0]
-    out = {"mass": estimate.coefficient(0, "kg")}
-    for i, axis in enumerate("xyz", start=1):
-        centre = estimate.coefficients[i] / mass
-        slope = np.array([-centre / mass, 1 / mass])
-        own = estimate.covariance[np.ix_([0, i], [0, i])]
-        out[f"com_{axis}"] = Parameter(float(centre), float(np.sqrt(max(0.0, slope @ own @ slope))), "m")
-    return out
+        """Mass and centre of mass (with their deviations) of ten inertial coefficients."""
+        mass = estimate.coefficients[0]
+        out = {"mass": estimate.coefficient(0, "kg")}
+        for i, axis in enumerate("xyz", start=1):
+            centre = estimate.coefficients[i] / mass
+            slope = np.array([-centre / mass, 1 / mass])
+            own = estimate.covariance[np.ix_([0, i], [0, i])]
+            out[f"com_{axis}"] = Parameter(float(centre), float(np.sqrt(max(0.0, slope @ own @ slope))), "m")
+        return out

@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
-from cellwatt_plugins.robot.effects.load.payload import HEAVY, REACH, body_parameters
+from cellwatt_plugins.robot.effects.declaration import Confusion, Form, Relations
+from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.load.payload import Payload
 from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charge
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.priors import body_prior
-from cellwatt_plugins.robot.regression import Prior
 
 TYPICAL = np.array([1.0, 0.0, 0.0, 0.05, *(6 * [0.0])])
 """A body of 1 kg before the flange, (10,), with which the search for the stretches begins."""
@@ -21,17 +20,18 @@ SHORTEST = 0.4
 """s that a part is carried at least."""
 
 
-class PayloadChange(Effect):
+class PayloadChange(Payload):
     """A payload that is there during some stretches. Shape: run, start, end, run, start, end, …"""
 
     name = "payload_change"
-    acts_on = "links"
-    whole_arm = True
     depends_on = "residual"
     form = Form(intermittent=True)
-    acceptance = Acceptance(above=0.0)
-    uncertainty = Uncertainty(torque_gain=("mass",))
+    relations = Relations()
     confusions = (Confusion("external_contact", "repeat the same program without the part"),)
+    sentence = (
+        "The flange carries {mass} during parts of the recording, first from "
+        "{first_picked_up:.2f} s: a payload is picked up and put down."
+    )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         found = _carried(runs, residual, TYPICAL)
@@ -46,18 +46,9 @@ class PayloadChange(Effect):
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return run.regressor[:, :, -10:] * inside(run, shape)[:, None, None]
 
-    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        return body_prior(HEAVY * float(np.sum(runs[0].arm.body.parameters()[::10])), REACH)
-
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         first = Parameter(float(estimate.shape[1]), float("nan"), "s")
-        return {**body_parameters(estimate), "first_picked_up": first}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"The flange carries {said(parameters['mass'])} during parts of the recording, first from "
-            f"{parameters['first_picked_up'].value:.2f} s: a payload is picked up and put down."
-        )
+        return {**super().parameters(estimate, robot, joint), "first_picked_up": first}
 
 
 def inside(run: States, shape: Shape) -> Float:

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
 
 BLOCK = 0.04
 """s that are averaged before the search."""

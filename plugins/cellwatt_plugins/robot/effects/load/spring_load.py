@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
@@ -26,6 +27,7 @@ class SpringLoad(Effect):
         Confusion("link_inertial_error", "move the joint over its whole range: gravity turns back, a spring does not"),
         Confusion("torque_offset", "hold the joint at several positions"),
     )
+    sentence = "{who} is pulled with {stiffness} towards {rest:.2f} rad: a spring (balancer, hose or cable) is missing."
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return np.column_stack([run.q[:, joint], np.ones(len(run.time))])
@@ -43,9 +45,3 @@ class SpringLoad(Effect):
         spread = float(np.sqrt(max(0.0, slope @ estimate.covariance[:2, :2] @ slope)))
         rest = Parameter(float(-constant / stiffness), spread, "rad")
         return {"stiffness": estimate.coefficient(0, "N*m/rad"), "rest": rest}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"{who} is pulled with {said(parameters['stiffness'])} towards {parameters['rest'].value:.2f} rad: "
-            "a spring (balancer, hose or cable) is missing."
-        )

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
-DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
+DELAYS = tuple((sign * float(d),) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
 """s, so near to each other that one of them is within the scale that is accepted."""
 
 UNPLANNED = 1.0
@@ -38,9 +39,7 @@ class TimeDelay(Effect):
         Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
         Confusion("clock_drift", "record for longer: a drift grows"),
     )
-
-    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(d,) for d in DELAYS]
+    tried = DELAYS
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         step = runs[0].step

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 TIMES = (0.0, 10.0, 40.0, 150.0)
@@ -41,6 +42,4 @@ class TorqueDrift(Effect):
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         size = parameters["rate"] if "rate" in parameters else parameters["drift"]
-        return (
-            f"The torque measured at {who.lower()} drifts by {said(size)} within each run: its offset moves with time."
-        )
+        return f"The torque measured at {who.lower()} drifts by {size} within each run: its offset moves with time."

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.declaration import Confusion
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 
@@ -22,12 +22,10 @@ class TorqueGain(Effect):
         ),
         Confusion("load_dependent_friction", "hold the arm still at several loads"),
     )
+    coefficients_are = (("gain", ""),)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return run.torque[:, joint][:, None]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"gain": estimate.coefficient(0, "")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         gain = parameters["gain"]

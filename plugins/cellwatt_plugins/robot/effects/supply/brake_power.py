@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 DELAYS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
@@ -33,6 +33,12 @@ class BrakePower(Effect):
         Confusion("iron_loss", "hold the arm with the brakes released: brakes draw power at rest, iron does not"),
         Confusion("standby_power", "record some minutes at rest with the brakes closed"),
     )
+    coefficients_are = (("power", "W"),)
+    shape_is = (("delay", "s"),)
+    sentence = (
+        "The supply draws {power} more from the start of motion until "
+        "{delay:.2f} s after it: the power of released brakes is missing."
+    )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         return [
@@ -47,15 +53,6 @@ class BrakePower(Effect):
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.0, 6.0), (0.0, 1.0)]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"power": estimate.coefficient(0, "W"), "delay": estimate.shaped(0, "s")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return (
-            f"The supply draws {said(parameters['power'])} more from the start of motion until "
-            f"{parameters['delay'].value:.2f} s after it: the power of released brakes is missing."
-        )
 
 
 def released(run: States, delay: float, lead: float) -> Float:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import copper_gain, drive_power
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 ALL, MOTORING, BOTH_WAYS = 0.0, 1.0, 2.0
@@ -28,9 +29,7 @@ class ConverterEfficiency(Effect):
         Confusion("copper_loss", "hold the arm at several loads: at rest only copper heats"),
         Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency leaves it alone"),
     )
-
-    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(ALL,), (MOTORING,), (BOTH_WAYS,)]
+    tried = ((ALL,), (MOTORING,), (BOTH_WAYS,))
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         total = np.sum(drive_power(copper_gain(run.robot), run.torque, run.qd), axis=1, dtype=np.float64)

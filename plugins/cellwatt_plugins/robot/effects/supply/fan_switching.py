@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.load.payload_change import inside
 from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charge
 from cellwatt_plugins.robot.effects.states import States
@@ -75,7 +76,7 @@ class FanSwitching(Effect):
         if "time_on" in parameters:
             on, off = parameters["time_on"].value, parameters["time_off"].value
             rhythm = f" ({on:.1f} s on, {off:.1f} s off)"
-        return f"A load of {said(parameters['power'])} switches on and off by itself{rhythm}: a fan is missing."
+        return f"A load of {parameters['power']} switches on and off by itself{rhythm}: a fan is missing."
 
 
 def _cycles(runs: Sequence[States], spans: Sequence[tuple[int, float, float]]) -> list[Shape]:

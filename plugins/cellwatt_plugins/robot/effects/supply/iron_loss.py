@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
-EXPONENTS = (1.0, 1.5, 2.0)
 BOTH = 0.0
 """In an exponent's place: |w| and w² together, as hysteresis and eddy currents are."""
 
@@ -27,9 +27,7 @@ class IronLoss(Effect):
         Confusion("brake_power", "move slowly and fast: brakes draw the same, iron more"),
         Confusion("converter_efficiency", "move fast without load and slowly with load"),
     )
-
-    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(BOTH,), *((a,) for a in EXPONENTS)]
+    tried = ((BOTH,), (1.0,), (1.5,), (2.0,))
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         speed = np.abs(run.qd)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.drive import copper_gain, drive_power
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 TOTAL, EACH = 0.0, 1.0
@@ -23,17 +23,13 @@ class RegenerationDissipated(Effect):
     depends_on = "fitted torque"
     acceptance = Acceptance(above=0.05)
     confusions = (Confusion("converter_efficiency", "lower a load fast, then lift it at the same speed"),)
-
-    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(TOTAL,), (EACH,)]
+    coefficients_are = (("share", ""),)
+    tried = ((TOTAL,), (EACH,))
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         drive = drive_power(copper_gain(run.robot), run.torque, run.qd)
         back = np.maximum(-np.sum(drive, axis=1), 0.0) if shape[0] == TOTAL else np.sum(np.maximum(-drive, 0.0), axis=1)
         return np.asarray(back)[:, None]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"share": estimate.coefficient(0, "")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         share = 100 * parameters["share"].value

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.effects.declaration import Confusion, Relations, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 
@@ -22,12 +20,8 @@ class StandbyPower(Effect):
     uncertainty = Uncertainty({"power": 0.002})
     """Read at rest, where nothing else is drawn."""
     confusions = (Confusion("brake_power", "record some minutes at rest with the brakes closed"),)
+    coefficients_are = (("power", "W"),)
+    sentence = "The supply draws {power} at all times: standby power is missing."
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return np.ones((len(run.time), 1))
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"power": estimate.coefficient(0, "W")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return f"The supply draws {said(parameters['power'])} at all times: standby power is missing."

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cellwatt.batch import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.effects.supply.thermal import warmth
 
@@ -33,6 +34,7 @@ class WindingTemperature(Effect):
         Confusion("converter_efficiency", "hold a load at rest for minutes: only windings warm up"),
         Confusion("fan_switching", "hold a load at rest for minutes: windings warm steadily"),
     )
+    sentence = "Copper loss grows while the windings warm up: the temperature of the windings is missing."
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
         return any(j.winding_resistance > 0 for j in robot.joints)
@@ -57,9 +59,6 @@ class WindingTemperature(Effect):
         if estimate.shape[0] == 0:
             return {"share": estimate.coefficient(0, "")}
         return {"rise": estimate.coefficient(0, "K/W"), "time_constant": estimate.shaped(0, "s")}
-
-    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        return "Copper loss grows while the windings warm up: the temperature of the windings is missing."
 
 
 REFERENCE = 20.0

@@ -1,0 +1,61 @@
+"""Base of the live stages: frames of one arm beside the file of its healthy running."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from cellwatt.errors import ModelError
+from cellwatt.frames import Frames, Layout
+from cellwatt.results import Interval, Result
+from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.faults.trace import Trace
+
+
+class ReferenceSettings(StageSettings):
+    """Settings of every stage that compares an arm with its healthy reference."""
+
+    reference: Path
+    """File made by ``cellwatt reference``; relative to the cell's file."""
+    arm: str | None = None
+    """Source with the joints; where left out as in the reference, or the only one."""
+    power: str | None = None
+    """Channel of the supply's power; as in the reference where left out."""
+    tolerance: Tolerance = Tolerance()
+    """Distance from the healthy reference that is still healthy."""
+
+
+S = TypeVar("S", bound=ReferenceSettings)
+
+
+class ReferenceStage(Stage[S]):
+    """Compares an arm with its healthy reference.
+
+    Raises ``ConfigError`` where a channel is missing or in another unit, ``ModelError`` where the reference is of
+    another robot.
+    """
+
+    needs = ("segment",)
+
+    def __init__(self, name: str, settings: S, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        path = self._path = cell.folder / settings.reference
+        reference = self._reference = load(path)
+        if reference.robot and cell.robot and reference.robot != cell.robot:
+            raise ModelError(f"reference {path}: is of robot {reference.robot}, the cell's robot is {cell.robot}")
+        known = any(channel.source == reference.arm for channel in layout.channels)
+        self._positions = layout.joints("position", settings.arm or (reference.arm if known else None))
+        self._source = layout.channels[self._positions[0]].source
+        if len(self._positions) != reference.joints:
+            raise ModelError(
+                f"reference {path}: has {reference.joints} joints, source {self._source} has {len(self._positions)}"
+            )
+        self._power = layout.index(settings.power or reference.power, "W")
+
+    def _seen(self, frames: Frames, upstream: Sequence[Result]) -> tuple[Trace, list[Interval]]:
+        """The arm's part of a block, and the intervals that it settles."""
+        intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
+        return Trace.of(frames, self._positions, self._power), intervals
