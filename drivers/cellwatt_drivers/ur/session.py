@@ -36,8 +36,8 @@ class Session:
     """Frames in and out of one connection. ``where`` names it in errors, ``now`` is the cell's time, ns.
 
     With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather together;
-    while more than ``AT_ONCE`` wait, no more is read. What the controller says in words goes to ``say``. ``closed`` is done
-    once the connection is gone, with the error if there is one.
+    while more than ``AT_ONCE`` wait, no more is read. What the controller says in words goes to ``say``. ``closed`` is
+    done once the connection is gone, with the error if there is one.
     """
 
     def __init__(self, where: str, now: Callable[[], int], account: Account) -> None:
