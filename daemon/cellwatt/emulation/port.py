@@ -7,8 +7,10 @@ import ssl
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AsyncExitStack
+from typing import ClassVar
 
 from cellwatt.emulation.emulator import Emulator
+from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.relay import Talk, clients
 
 
@@ -69,7 +71,7 @@ def _before_its_end(frame: bytes) -> int:
 class PortEmulator(Emulator):
     """An emulator that answers at one ``port``, which ``set_up`` makes, and has nothing else to do."""
 
-    faults = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
+    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
     port: Port
 
     async def serve(self, ready: Callable[[str], None]) -> None:

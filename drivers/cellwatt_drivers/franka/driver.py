@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
@@ -14,7 +14,7 @@ from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.franka import library
 from cellwatt_drivers.franka.fields import Group, Selection
 from cellwatt_drivers.franka.intake import Intake
-from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.shared.choice import Chosen, whole_part_of
 from cellwatt_drivers.shared.requirements import require
 
 FASTEST = 1000.0
@@ -27,18 +27,10 @@ class FrankaSettings(SourceSettings):
     """Address of the robot (its control unit)."""
     read: Chosen[Group] = ("joints", "motors", "external", "state")
     """Groups to keep of each state."""
-    rate: Hertz = FASTEST
+    rate: Annotated[Hertz, whole_part_of(FASTEST)] = FASTEST
     """States a second to keep: 1 kHz or a whole part of it."""
     timeout: Seconds = Field(2.0, gt=0)
     """Silence after which the connection is given up and made anew."""
-
-    @field_validator("rate")
-    @classmethod
-    def _whole_part(cls, rate: float) -> float:
-        every = FASTEST / rate
-        if every < 1 - 1e-9 or abs(every - round(every)) > 1e-6:
-            raise ValueError(f"{rate:g} Hz: write 1 kHz or a whole part of it (500 Hz, 250 Hz, 200 Hz …)")
-        return rate
 
 
 class FrankaDriver(Driver[FrankaSettings]):

@@ -29,7 +29,7 @@ from cellwatt_drivers.modbus_meter.bus import (
 from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
-from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.shared.choice import Chosen, SerialPath
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, OtherNumberError, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
 from cellwatt_drivers.shared.requirements import require
@@ -63,7 +63,7 @@ class ModbusMeterSettings(SourceSettings):
     """TCP port."""
     framing: Framing = "tcp"
     """``rtu`` where ``host`` is a serial device server that passes bytes on as they are."""
-    line: str | None = None
+    line: SerialPath | None = None
     """Serial port instead of ``host``, e.g. ``/dev/serial/by-id/usb-…``; several sources may share one."""
     baud: int = Field(9600, ge=300, le=1_000_000)
     """Speed of the serial line, as set at the meter."""
@@ -94,8 +94,6 @@ class ModbusMeterSettings(SourceSettings):
             raise ValueError("write either 'host' or 'line'")
         if (self.meter is None) == (self.map is None):
             raise ValueError("write either 'meter' (a packaged map) or 'map' (a file)")
-        if self.line is not None and not self.line.startswith("/"):
-            raise ValueError("'line' is the path of a serial port, like '/dev/serial/by-id/usb-…' or '/dev/ttyUSB0'")
         return self
 
 

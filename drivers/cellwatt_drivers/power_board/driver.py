@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Annotated, ClassVar
 
-from pydantic import BeforeValidator, Field, StrictInt, field_validator
+from pydantic import BeforeValidator, Field, StrictInt
 
 from cellwatt import (
     ConnectError,
@@ -24,7 +24,7 @@ from cellwatt_drivers.power_board import wire
 from cellwatt_drivers.power_board.board import Board, board_stream
 from cellwatt_drivers.power_board.payload import Packet
 from cellwatt_drivers.power_board.port import ListeningPort, listening_port
-from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.shared.choice import Chosen, SerialPath
 
 EVIDENCE = 4096
 """Newest bytes kept, until a wanted packet is heard, to say what they look like."""
@@ -42,7 +42,7 @@ class PowerBoardSettings(SourceSettings):
 
     reached_by: ClassVar[tuple[str, ...]] = ("port",)
 
-    port: str
+    port: SerialPath
     """Device path; prefer /dev/serial/by-id/…, which stays the same when the adapter is plugged in elsewhere."""
     baud: StrictInt = Field(115200, ge=1200, le=4_000_000)
     """Speed of the serial line, as set in the receiver (BD)."""
@@ -58,13 +58,6 @@ class PowerBoardSettings(SourceSettings):
     """Longest time that a sample waits for one that it overtook; what comes later is counted as late."""
     silence: Seconds = Field(5.0, gt=0)
     """Without a valid sample for this time the port is closed and opened anew."""
-
-    @field_validator("port")
-    @classmethod
-    def _is_path(cls, port: str) -> str:
-        if not port.startswith("/"):
-            raise ValueError("expected the path of a serial port, like '/dev/serial/by-id/usb-…' or '/dev/ttyUSB0'")
-        return port
 
 
 class PowerBoardDriver(Driver[PowerBoardSettings]):

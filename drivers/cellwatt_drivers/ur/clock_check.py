@@ -19,27 +19,11 @@ from cellwatt.errors import SourceError
 from cellwatt_drivers.ur import session as rtde
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Selection
-from cellwatt_drivers.ur.wire import TextMessage
 
 FIRST, USUAL = 1.0, 10.0
 """s until the first comparison; each pause is twice as long as the one before, up to the usual one."""
 _NOTHING: Final = Selection((), (), False)
 """Only the timestamp."""
-
-
-class _Newest:
-    """Takes the first package of a connection: the controller's time, ns, and when it was asked for."""
-
-    def __init__(self) -> None:
-        self.found: asyncio.Future[tuple[int, int]] = asyncio.get_running_loop().create_future()
-
-    def take(self, time: Float, values: Float, not_before: int | None = None, arrival: int | None = None) -> None:
-        """See ``Takes``."""
-        if not_before is not None and not self.found.done():
-            self.found.set_result((round(float(time[0]) * 1e9), not_before))
-
-    def message(self, message: TextMessage) -> None:
-        """See ``Takes``; it is told on the connection that stays."""
 
 
 async def compare(
@@ -62,15 +46,20 @@ async def compare(
 
 
 async def _first_package(host: str, port: int, rate: float, timeout: float, now: Callable[[], int]) -> tuple[int, int]:
-    newest = _Newest()
+    newest: asyncio.Future[tuple[int, int]] = asyncio.get_running_loop().create_future()
+
+    def take(time: Float, values: Float, not_before: int | None, arrival: int) -> None:
+        if not_before is not None and not newest.done():
+            newest.set_result((round(float(time[0]) * 1e9), not_before))
+
     async with rtde.connect(host, port, timeout, now, Account()) as (session, version):
-        await rtde.begin(session, version, _NOTHING, rate, newest, timeout)
+        await rtde.begin(session, version, _NOTHING, rate, take, timeout)
         try:
-            ends: set[asyncio.Future[Any]] = {newest.found, session.closed}
+            ends: set[asyncio.Future[Any]] = {newest, session.closed}
             async with asyncio.timeout(timeout):
                 await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
             if session.closed.done():
                 session.closed.result()
-            return newest.found.result()
+            return newest.result()
         finally:
             session.leave()

@@ -51,7 +51,7 @@ class UrSettings(SourceSettings):
     """Address or name of the controller."""
     port: int = Field(PORT, ge=1, le=65535)
     """TCP port of RTDE."""
-    rate: Hertz = FASTEST
+    rate: Hertz = Field(FASTEST, ge=1, le=FASTEST)
     """Packages a second: up to 500 Hz, on CB3 up to 125 Hz (more is cut to that)."""
     channels: tuple[str, ...] = DEFAULT_CHANNELS
     """RTDE fields (``actual_q``) or single channels (``joint_1.position``, ``bus.power``)."""
@@ -60,13 +60,6 @@ class UrSettings(SourceSettings):
     one asked for, ``off`` not at all."""
     timeout: Seconds = Field(2.0, gt=0)
     """Silence after which the connection is given up and made anew."""
-
-    @field_validator("rate")
-    @classmethod
-    def _within_reach(cls, rate: float) -> float:
-        if not 1 <= rate <= FASTEST:
-            raise ValueError(f"{rate:g} Hz is out of reach: a controller sends 1 Hz to {FASTEST:g} Hz")
-        return rate
 
     @field_validator("channels")
     @classmethod
@@ -111,7 +104,8 @@ class UrDriver(Driver[UrSettings]):
             compare(s.host, s.port, fastest, s.timeout, inlet.now, inlet.account, self._intake)
         )
         try:
-            await rtde.begin(session, version, self._selection, rate, self._intake, s.timeout)
+            session.say = self._intake.message
+            await rtde.begin(session, version, self._selection, rate, self._intake.take, s.timeout)
             await rtde.attend(session, self._intake, s.timeout)
         finally:
             comparing.cancel()

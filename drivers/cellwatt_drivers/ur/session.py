@@ -6,7 +6,7 @@ import asyncio
 import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 from cellwatt.account import Account
 from cellwatt.batch import Float
@@ -28,30 +28,23 @@ TICK = 0.1
 """Seconds between looks at a stream's silence."""
 
 
-class Takes(Protocol):
-    """Takes what a connection receives; see ``Intake``."""
-
-    def take(self, time: Float, values: Float, not_before: int | None = None, arrival: int | None = None) -> None:
-        """The next packages."""
-        ...
-
-    def message(self, message: TextMessage) -> None:
-        """The controller says something."""
-        ...
+Take = Callable[[Float, Float, int | None, int], None]
+"""Takes the next packages; see ``Intake.take``."""
 
 
 class Session:
     """Frames in and out of one connection. ``where`` names it in errors, ``now`` is the cell's time, ns.
 
-    With ``decoder`` and ``intake`` set, data packages go to the intake as they are read, those of one gather
-    together; while more than ``AT_ONCE`` wait, no more is read. ``closed`` is done once the connection is
-    gone, with the error if there is one.
+    With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather together;
+    while more than ``AT_ONCE`` wait, no more is read. What the controller says in words goes to ``say``. ``closed`` is
+    done once the connection is gone, with the error if there is one.
     """
 
     def __init__(self, where: str, now: Callable[[], int], account: Account) -> None:
         self.where = where
         self.decoder: Decoder | None = None
-        self.intake: Takes | None = None
+        self.take: Take | None = None
+        self.say: Callable[[TextMessage], None] | None = None
         self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._now = now
         self._account = account
@@ -125,17 +118,18 @@ class Session:
         return taken >= AT_ONCE and not self.closed.done()
 
     def _packages(self, run: wire.Run) -> None:
-        assert self.decoder is not None and self.intake is not None
+        assert self.decoder is not None and self.take is not None
         if self._asked == Kind.START and self._answer is not None and not self._answer.done():
             self._answer.set_result(wire.ACCEPTED)  # it has started, whether it confirms that later or never
         not_before, self._not_before = self._not_before, None
         controller_time, values = self.decoder.decode(run.data, run.count)
-        self.intake.take(controller_time, values, not_before, self._arrival)
+        self.take(controller_time, values, not_before, self._arrival)
 
     def _frame(self, frame: wire.Frame) -> None:
         if frame.kind == Kind.TEXT_MESSAGE:
-            if self.intake is not None:
-                self.intake.message(wire.parse_text(frame.payload))
+            message = wire.parse_text(frame.payload)
+            if self.say is not None:
+                self.say(message)
             return
         if self._asked is None or frame.kind != self._asked:
             raise ProtocolError(f"answer {frame.kind.name} to a question that was not asked")
@@ -255,7 +249,7 @@ async def _greet(session: Session, timeout: float) -> ControllerVersion:
 
 
 async def begin(
-    session: Session, version: ControllerVersion, selection: Selection, rate: float, intake: Takes, timeout: float
+    session: Session, version: ControllerVersion, selection: Selection, rate: float, take: Take, timeout: float
 ) -> None:
     """Set the recipe up and start it. Raises ``SourceError``."""
     question = wire.ask_outputs(rate, selection.names)
@@ -268,7 +262,7 @@ async def begin(
         session.decoder = Decoder(selection, recipe, types)
     except ProtocolError as error:
         raise ProtocolError(f"{session.where}: {error}") from error
-    session.intake = intake
+    session.take = take
     if not wire.parse_accept(await session.ask(wire.START, timeout)):
         raise DeviceError(f"{session.where}: the controller refuses to start sending")
 

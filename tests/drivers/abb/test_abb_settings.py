@@ -13,7 +13,7 @@ from cellwatt_drivers.abb import AbbSettings
         ({"egm": ["joints", "joints"]}, "each once"),
         ({"rate": "100 Hz"}, "whole part"),
         ({"rate": "500 Hz"}, "250 Hz"),
-        ({"web_rate": "20 Hz"}, "at most 10 Hz"),
+        ({"web_rate": "20 Hz"}, "less than or equal to 10"),
     ],
 )
 def test_wrong_settings_say_what_is_wrong(changes, why):

@@ -140,7 +140,7 @@ async def test_another_version_is_another_device():
     [
         ({"read": []}, "at least one"),
         ({"rate": "300 Hz"}, "whole part"),
-        ({"rate": "2 kHz"}, "1 kHz or a whole part"),
+        ({"rate": "2 kHz"}, "1000 Hz or a whole part"),
     ],
 )
 def test_wrong_settings_say_what_is_wrong(changes, why):

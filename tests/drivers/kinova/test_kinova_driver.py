@@ -81,7 +81,7 @@ async def test_an_arm_without_these_registers_says_so(monkeypatch):
     [
         ({"read": []}, "at least one"),
         ({"read": ["tool"]}, "add 'joints'"),
-        ({"rate": "1 kHz"}, "at most 500 Hz"),
+        ({"rate": "1 kHz"}, "less than or equal to 500"),
     ],
 )
 def test_wrong_settings_say_what_is_wrong(changes, why):

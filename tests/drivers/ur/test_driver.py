@@ -265,7 +265,7 @@ async def test_silence_and_a_closed_door_are_connection_errors():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"rate": "1 kHz"}, "out of reach"),
+        ({"rate": "1 kHz"}, "less than or equal to 500"),
         ({"channels": ["actual_qq"]}, "actual_q"),
     ],
 )

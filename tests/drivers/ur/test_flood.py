@@ -45,8 +45,9 @@ def conversation() -> tuple[Session, Taps, CollectingInlet]:
     taps = Taps()
     session.connection_made(taps)
     session.decoder = Decoder(SELECTION, 1, TYPES)
-    session.intake = Intake(inlet, Stream("rtde", SELECTION.channels, 500.0, "device"), "auto")
-    session.intake.opened(Identity("Universal Robots", "e-Series"), 500.0, 500.0)
+    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 500.0, "device"), "auto")
+    intake.opened(Identity("Universal Robots", "e-Series"), 500.0, 500.0)
+    session.take, session.say = intake.take, intake.message
     return session, taps, inlet
 
 

@@ -29,9 +29,6 @@ class Taken:
         self.rows += zip(time.tolist(), values.tolist(), strict=True)
         self.came.set()
 
-    def message(self, message) -> None:
-        raise AssertionError(message)
-
 
 @asynccontextmanager
 async def controller(types: bytes, *answers: bytes) -> AsyncIterator[int]:
@@ -74,7 +71,7 @@ async def test_403_data_before_the_start_is_confirmed_or_without(answers):
         connect("127.0.0.1", port, 5.0, lambda: 0, Account()) as (session, version),
     ):
         taken = Taken()
-        await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken, 5.0)
+        await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken.take, 5.0)
         async with asyncio.timeout(5):
             while len(taken.rows) < answers.count(PACKAGE):
                 taken.came.clear()
@@ -91,7 +88,7 @@ async def test_560_a_field_has_the_type_that_the_controller_declares(kind, code)
         connect("127.0.0.1", port, 5.0, lambda: 0, Account()) as (session, version),
     ):
         taken = Taken()
-        await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken, 5.0)
+        await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken.take, 5.0)
         async with asyncio.timeout(5):
             await taken.came.wait()
     assert taken.rows == [(1000.0, [7.0])]
