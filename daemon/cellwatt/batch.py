@@ -7,11 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float, Nanoseconds, Qualities
 from cellwatt.channel import Stream
-
-Float = NDArray[np.float64]
-Nanoseconds = NDArray[np.int64]
-Qualities = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)

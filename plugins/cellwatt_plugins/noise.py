@@ -6,7 +6,7 @@ from math import comb
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 
 def white_noise(values: Float, order: int = 3) -> Float:

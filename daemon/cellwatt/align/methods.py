@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float, Nanoseconds, Qualities
+from cellwatt.arrays import Float, Nanoseconds, Qualities
 from cellwatt.channel import Quality
 
 _INTERPOLATED = np.uint8(Quality.INTERPOLATED)

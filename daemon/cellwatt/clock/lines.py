@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 SECOND = 1_000_000_000
 BLOCK = 1 * SECOND

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt.batch import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.clock.lines import BLOCK, MAX_DRIFT, SECOND, SPAN, Facts, Lines, claims, possible
 
 _STALL = SPAN * BLOCK

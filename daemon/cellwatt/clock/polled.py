@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt.batch import Nanoseconds
+from cellwatt.arrays import Nanoseconds
 
 
 def middle(asked: int, arrival: int, n: int = 1, after: int | None = None) -> tuple[Nanoseconds, Nanoseconds]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 T = TypeVar("T")
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.tables import read_table
 
 

@@ -10,9 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.logs.choice import how
-from cellwatt.logs.log import Float, Log, Quantity, natural
+from cellwatt.logs.log import Log, Quantity, natural
 from cellwatt.logs.messages import CONTROLLER, STATE, Bag
 from cellwatt.record.foreign import listed
 

@@ -11,10 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import COMPUTED, check_file, read_bytes
 from cellwatt.logs.choice import how
-from cellwatt.logs.log import Float, Log, Quantity, natural
+from cellwatt.logs.log import Log, Quantity, natural
 
 log = logging.getLogger(__name__)
 

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 
-Float = NDArray[np.float64]
 Quantity = Literal["position", "velocity", "torque", "command"]
 
 COLUMNS: Final[Mapping[Quantity, str]] = {"position": "q", "velocity": "qd", "torque": "tau", "command": "command"}

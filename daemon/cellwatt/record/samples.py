@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Batch, Float, Nanoseconds, Qualities
+from cellwatt.arrays import Float, Nanoseconds, Qualities
+from cellwatt.batch import Batch
 from cellwatt.channel import Stream
 
 

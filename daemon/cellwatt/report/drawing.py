@@ -7,13 +7,12 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cellwatt.arrays import Float
 from cellwatt.report.figure import Json
 from cellwatt.report.numbers import decimals_for
 from cellwatt.report.theme import HEAT
-
-Float = NDArray[np.float64]
 
 MOST_POINTS, MOST_DOTS = 4000, 2000
 """Of one curve, and of one cloud."""

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.tables import times
-
-Float = NDArray[np.float64]
 
 TEXT: Final = "holds text"
 MISSING: Final = (

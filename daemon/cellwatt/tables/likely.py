@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.tables.names import understood, usual
 from cellwatt.tables.table import Table
-
-Float = NDArray[np.float64]
 
 ALIKE: Final = 0.9
 """Correlation of a velocity with the slope of its position, at least."""

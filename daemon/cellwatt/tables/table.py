@@ -12,13 +12,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
 from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
 from cellwatt.tables.unwrap import unwrapped, wraps
 from cellwatt.units import named
-
-Float = NDArray[np.float64]
 
 ANGLES: Final = ("position", "target_position")
 """Quantities that some devices count modulo a turn."""

@@ -9,9 +9,9 @@ from datetime import date
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.arrays import Float
+
 Kind = Literal["date", "clock", "moment"]
 """A day, a time of day, or both."""
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.channel import Channel, Quality, Stream
 from cellwatt.driver import Identity, Inlet
 from cellwatt.errors import DeviceError, ProtocolError, SourceError, WrongDeviceError

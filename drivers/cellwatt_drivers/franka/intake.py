@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.account import Losses
-from cellwatt.batch import Float, Reading
+from cellwatt.arrays import Float
+from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.driver import Inlet
 from cellwatt.slots import HOST

@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.child import ends_with_parent
 from cellwatt.errors import ConnectError, DeviceError, SourceError, WrongDeviceError
 from cellwatt_drivers.franka import receive

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.emulation import Options, PortEmulator, Signals
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.signals import table_of

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.channel import Channel, Stream
 
 PORT = 502

@@ -7,7 +7,8 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from cellwatt.batch import Float, Reading
+from cellwatt.arrays import Float
+from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Inlet
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError

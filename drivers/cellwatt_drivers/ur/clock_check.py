@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
 from cellwatt.account import Account
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import SourceError
 from cellwatt_drivers.ur import session as rtde
 from cellwatt_drivers.ur.intake import Intake

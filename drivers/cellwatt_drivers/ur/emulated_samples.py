@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.emulation import RecordedSignals, Signals
 from cellwatt_drivers.ur.fields import FIELDS, Field
 from cellwatt_drivers.ur.wire import ELEMENTS, Kind

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.channel import Channel
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur.fields import FIELDS, Field

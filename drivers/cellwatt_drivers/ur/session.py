@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from typing import NoReturn
 
 from cellwatt.account import Account
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError, why
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS

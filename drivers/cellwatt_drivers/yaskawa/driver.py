@@ -10,7 +10,8 @@ from typing import Annotated, ClassVar, Literal, TypeVar
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from cellwatt.batch import Float, Reading
+from cellwatt.arrays import Float
+from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError

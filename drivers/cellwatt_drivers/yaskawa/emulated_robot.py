@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.emulation import Signals
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.signals import table_of

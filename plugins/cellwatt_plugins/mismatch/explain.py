@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
@@ -39,8 +39,6 @@ from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo import IN_MOTION
-
-Float = NDArray[np.float64]
 
 POORLY = 1.5
 """Mean square residual from which a joint's torque is taken as measured, not as fitted, for the power."""

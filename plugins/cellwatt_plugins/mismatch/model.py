@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from cellwatt.arrays import Float
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt_plugins.mismatch.fit.problem import Term, on_joints
@@ -23,8 +23,6 @@ from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.effect import Effect
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo import BY_NAME_IN_MOTION, IN_MOTION
-
-Float = NDArray[np.float64]
 
 FORMAT = 2
 

@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt.frames import Frames, Layout
@@ -26,8 +26,6 @@ from cellwatt_plugins.mismatch.live.motions import Motions
 from cellwatt_plugins.mismatch.live.settings import MismatchSettings
 from cellwatt_plugins.mismatch.live.watch import ChannelWatch
 from cellwatt_plugins.mismatch.live.window import Stretch, Window, bridged
-
-Float = NDArray[np.float64]
 
 LONGEST = 120.0
 """s of an interval, from its end, that are judged."""

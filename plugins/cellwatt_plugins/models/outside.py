@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.alarms import AlarmBook, Patience
-from cellwatt.batch import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.frames import FrameChannel
 from cellwatt.results import Alarm
 

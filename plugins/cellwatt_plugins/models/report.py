@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.report import Axis, Figure, Panel
 from cellwatt.report.drawing import dots
 from cellwatt.report.theme import MODEL

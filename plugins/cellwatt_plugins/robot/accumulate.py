@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 
 class Accumulated:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.robot.body import Body

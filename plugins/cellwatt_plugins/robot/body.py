@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
 from cellwatt_plugins.robot.mjcf import is_mjcf, urdf_of

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.body import Solid
 from cellwatt_plugins.robot.description import Capsule

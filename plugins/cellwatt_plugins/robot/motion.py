@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.noise import white_noise
 
 SIGN_WIDTH = 0.004

@@ -18,7 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import lsq_linear
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 Index = NDArray[np.intp] | slice
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.tables import Table
 from cellwatt_plugins.robot.description import RobotDescription

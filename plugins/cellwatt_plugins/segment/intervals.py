@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cellwatt.batch import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.results import Interval
 from cellwatt_plugins.segment.moving_joints import Change, Motion, Sample
 from cellwatt_plugins.segment.settings import SegmentSettings

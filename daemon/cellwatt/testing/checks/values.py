@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.emulation import ArmSignals
 from cellwatt.testing.device import EmulatedDevice
 from cellwatt.testing.rig import Rig, require

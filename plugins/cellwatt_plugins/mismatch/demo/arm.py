@@ -6,9 +6,8 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.arrays import Float
 
 JOINTS = 4
 NAMES = ("base", "shoulder", "elbow", "wrist")

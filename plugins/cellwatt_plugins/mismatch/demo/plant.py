@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.demo.arm import JOINTS, RANGES, Arm, mjcf
 from cellwatt_plugins.mismatch.demo.physics import Concealed
 from cellwatt_plugins.robot.mjcf import library
-
-Float = NDArray[np.float64]
 
 STEP = 0.001
 """s of MuJoCo."""

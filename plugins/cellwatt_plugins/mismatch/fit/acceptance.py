@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound
 from cellwatt_plugins.mismatch.fit.leave_out import Held, LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.problem import Term
@@ -16,8 +16,6 @@ from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 SEVERAL = 3.0
 """nats that all channels but the one that asks most must give for what concerns the whole recording."""

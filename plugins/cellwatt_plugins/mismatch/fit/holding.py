@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
 
 END = 0.1
 """s at either end of a rest whose means are compared."""

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.robot.blocks import Block, Design, places
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 FOLDS, FEWEST = 10, 5
 """Folds at most, and at least of motions that repeat."""

@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.rows import Metered, Rows
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.meter import Course, Meter, find, held, kinds_of_power
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.arrays import Float
 
 WINDOW = 0.4
 """s: within a window this short a sound residual is a parabola plus noise."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 GAIN = 0.02
 """Share by which gains of a servo are off, one standard deviation."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
@@ -25,8 +26,6 @@ from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.servo.motion import EDGE, compared
 from cellwatt_plugins.robot.servo.motion import noise as noise_of
-
-Float = NDArray[np.float64]
 
 ROWS = 16000
 """Rows that are fitted, about."""

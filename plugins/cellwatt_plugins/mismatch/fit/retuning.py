@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 FIXED = 1e-4
 """Factor on the tolerance of a number that stays the user's."""

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.sparse import csr_array
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.meter import Windows
 from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

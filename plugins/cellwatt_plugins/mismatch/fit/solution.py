@@ -6,12 +6,10 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.robot.blocks import Block, Regression
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
-
-Float = NDArray[np.float64]
 
 FELT = 0.3
 """Share of a channel's noise floor from which an effect is felt there."""

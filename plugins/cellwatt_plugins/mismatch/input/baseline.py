@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.moved import later, moved, servo_lag
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm, Body, RobotDescription
@@ -26,8 +27,6 @@ from cellwatt_plugins.robot.mount import mount
 from cellwatt_plugins.robot.priors import body_prior, link_prior
 from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 ROWS = 4000
 """Samples of all simulations that the law is found from, about."""

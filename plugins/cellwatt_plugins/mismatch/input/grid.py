@@ -6,16 +6,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import median_filter
 
+from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.robot.meter import onto
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 LEAST_ROWS = 16
 """Fewer rows are no recording."""

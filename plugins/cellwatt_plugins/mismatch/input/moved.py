@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import OWN_OCTAVES, Moved, Plan, about_plan, from_encoders
-
-Float = NDArray[np.float64]
 
 SHORTEST_LAG, LONGEST_LAG = 0.0005, 0.2
 """s that a servo may lag behind the plan; less is tracking error."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.progress import steps
 from cellwatt.scheduler import spread
@@ -27,8 +27,6 @@ from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import power_beside
 from cellwatt_plugins.robot.motion import Moved, Plan, exact
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 SAME_CLOCK = 0.5
 """Recording and simulation that share less of the shorter one have different clocks."""

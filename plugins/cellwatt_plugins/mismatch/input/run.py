@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.robot.motion import Plan
 from cellwatt_plugins.robot.servo.law import Drive
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,12 @@ from collections.abc import Iterator, Sequence
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.reading import RATE, SAMPLES, read_source
 from cellwatt_plugins.mismatch.input.sources import Source
 from cellwatt_plugins.robot import RobotDescription
-
-Float = NDArray[np.float64]
 
 FEW = 6
 """Recordings that are all looked at closely, however long they are; of more, so many if that leaves ``SLOWEST``."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Bool, Float
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
@@ -16,9 +16,6 @@ from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import held, onto
 from cellwatt_plugins.robot.motion import slope
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 SLOW = "temperature"
 """Changes over minutes and is often logged more rarely than the rest."""

@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 SAMPLES = 2000
 """Samples of a run that are looked at."""

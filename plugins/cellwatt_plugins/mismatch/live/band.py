@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.noise import floor
 from cellwatt_plugins.mismatch.live.intake import Judged
 from cellwatt_plugins.mismatch.live.settings import BandSettings
-
-Float = NDArray[np.float64]
 
 RECENT = 20
 """Intervals from which the noise floor is measured."""

@@ -7,15 +7,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Frames, Layout
 
 if TYPE_CHECKING:
     from cellwatt_plugins.robot import RobotDescription
 
-Float = NDArray[np.float64]
 UNITS: dict[str, str] = {
     "position": "rad",
     "velocity": "rad/s",

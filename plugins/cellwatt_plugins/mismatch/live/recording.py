@@ -8,12 +8,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.tables import usual, write_table
 from cellwatt_plugins.mismatch.live.intake import Intake
 from cellwatt_plugins.robot import RobotDescription
-
-Float = NDArray[np.float64]
 
 WHOLE = 0.995
 """Share of rows that a quantity must be there in to be told at all; the rest is mended in reading.

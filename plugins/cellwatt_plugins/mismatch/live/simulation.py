@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.mismatch.input.driven import drive_of
@@ -22,7 +22,6 @@ from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.servo.motion import compared
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
-Float = NDArray[np.float64]
 Driven = tuple[Float, Float]
 """What servos are told (N, n) rad, so that it holds over each sample, and the torque (N, n) Nm that their law gives."""
 

@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.arrays import Bool, Float
+
 Integers = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 CHUNK = 1.0
 """s of frames that are simulated at once."""

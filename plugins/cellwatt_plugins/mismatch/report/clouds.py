@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellwatt.arrays import Bool, Float
 from cellwatt.report import Axis, Figure, Panel
 from cellwatt.report.drawing import band, dots, line, stretch
 from cellwatt.report.figure import Json
 from cellwatt.report.numbers import unit
 from cellwatt.report.theme import CURVE, FOUND, MODEL, NOISE, SIMULATION
-from cellwatt_plugins.mismatch.input.run import Bool, Float
 from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.report.trace import Trace, joint_of, mechanical_power, root, unroot
 from cellwatt_plugins.mismatch.verdict.findings import Where

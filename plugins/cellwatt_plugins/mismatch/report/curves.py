@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cellwatt.arrays import Float
 from cellwatt.report import Axis, Figure, Panel
 from cellwatt.report.drawing import band, curve, stretch
 from cellwatt.report.figure import Json
 from cellwatt.report.numbers import capital, decimals_for, unit
 from cellwatt.report.theme import FOUND, MEASURED, MODEL, NOISE, SIMULATION
-from cellwatt_plugins.mismatch.input.run import Float
 from cellwatt_plugins.mismatch.report import wording
 from cellwatt_plugins.mismatch.report.trace import Trace, telling_stretch
 from cellwatt_plugins.mismatch.verdict.findings import Span

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from cellwatt.arrays import Float
 from cellwatt.report import Axis, Figure, Folded, Panel, Section, Switch
 from cellwatt.report.drawing import curve
 from cellwatt.report.figure import Json
 from cellwatt.report.theme import FOUND, MEASURED, MODEL, SIMULATION
-from cellwatt_plugins.mismatch.input.run import Float, Run
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.report.curves import stacked
 from cellwatt_plugins.mismatch.simulators.rollout import WINDOW, rms_of, rolled_out
 

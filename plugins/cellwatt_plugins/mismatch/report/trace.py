@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.input.run import Float
+from cellwatt.arrays import Float
 
 
 @dataclass(frozen=True)

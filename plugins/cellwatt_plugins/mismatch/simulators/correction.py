@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.load.gravity_tilt import turned
 from cellwatt_plugins.robot.effects.states import States
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

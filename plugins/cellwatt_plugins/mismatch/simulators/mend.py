@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
@@ -29,8 +29,6 @@ from cellwatt_plugins.mismatch.simulators.write_urdf import what_urdf_holds, wri
 from cellwatt_plugins.mismatch.simulators.written import Applied, Written
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
 from cellwatt_plugins.robot import Body
-
-Float = NDArray[np.float64]
 
 RISES = 1.01
 """Factor on a joint's error on data left out that makes a file worse."""

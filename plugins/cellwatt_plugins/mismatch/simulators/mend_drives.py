@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.retuning import FIXED, all_fixed, confirmed, freed, links_fixed
@@ -33,8 +33,6 @@ from cellwatt_plugins.mismatch.simulators.rollout import WINDOW, rms_of, rolled_
 from cellwatt_plugins.mismatch.simulators.target import Target
 from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.servo.law import Servo
-
-Float = NDArray[np.float64]
 
 TRIES = 3
 """Fits, each with the numbers of those joints as the user has them that followed worse before."""

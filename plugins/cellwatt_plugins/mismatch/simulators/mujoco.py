@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.simulators.inertia import about_origin
 from cellwatt_plugins.robot.mjcf import compiled, library, scalar_types
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.units import unit_at
-
-Float = NDArray[np.float64]
 
 LEFT_OUT = ("mjDSBL_CONTACT", "mjDSBL_LIMIT", "mjDSBL_EQUALITY", "mjDSBL_FRICTIONLOSS")
 """Contributions that are no motor torque on a planned motion, and dry friction, taken as the file states it."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.robot import Body
-
-Float = NDArray[np.float64]
 
 POSES = 24
 ASKEW = np.radians(2.0)

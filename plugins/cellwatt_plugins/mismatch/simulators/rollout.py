@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.servo.law import actuator_of
-
-Float = NDArray[np.float64]
 
 WINDOW = 2.0
 """s after which the simulator begins anew where the arm is."""

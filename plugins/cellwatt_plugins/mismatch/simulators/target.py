@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.simulators.correction import Correction, powers
 from cellwatt_plugins.mismatch.simulators.inertia import moved, nearest, physical
@@ -16,8 +16,6 @@ from cellwatt_plugins.mismatch.simulators.placing import Placing
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.servo.law import Servo
-
-Float = NDArray[np.float64]
 
 ROWS = 3000
 """Rows of the recordings, about, on which inertias are compared."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.simulators.files import Files, One
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
@@ -16,8 +16,6 @@ from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.target import Target, damping_of
 from cellwatt_plugins.mismatch.simulators.written import Written, differ, differs, name_of_payload, write_inertial
 from cellwatt_plugins.robot.servo.law import Servo, actuator_of, servo_of
-
-Float = NDArray[np.float64]
 
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
 HARDNESS = (0.05, 0.9999)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.simulators.files import Files, One
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
@@ -16,8 +16,6 @@ from cellwatt_plugins.mismatch.simulators.markup import Element, number
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.target import Target
 from cellwatt_plugins.mismatch.simulators.written import Written, differ, differs, name_of_payload, write_inertial
-
-Float = NDArray[np.float64]
 
 NO_TERM = "a URDF has no such term"
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")

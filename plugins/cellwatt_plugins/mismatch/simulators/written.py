@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.simulators.files import One
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
 from cellwatt_plugins.mismatch.simulators.markup import Element
-
-Float = NDArray[np.float64]
 
 SMALL = 1e-9
 """Share of a number by which it must change to be written."""

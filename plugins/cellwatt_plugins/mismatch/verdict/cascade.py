@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
 from cellwatt_plugins.mismatch.fit.retuning import all_fixed, freed
@@ -16,7 +16,6 @@ from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.findings import Step, StepKind
 from cellwatt_plugins.robot.curves import Curve
 
-Float = NDArray[np.float64]
 Place = tuple[str, int | None]
 
 LEAST = 0.01

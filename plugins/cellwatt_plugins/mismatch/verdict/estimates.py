@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import confirmed_share
@@ -17,8 +17,6 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.blocks import Block, Regression
 from cellwatt_plugins.robot.effects.effect import Estimate
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 
 def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model:

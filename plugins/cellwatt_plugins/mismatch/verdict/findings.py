@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from cellwatt_plugins.mismatch.fit.problem import Float, Problem
+from cellwatt.arrays import Float
+from cellwatt_plugins.mismatch.fit.problem import Problem
 from cellwatt_plugins.mismatch.fit.solution import Trial
 from cellwatt_plugins.robot.effects.effect import Parameter
 

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import chi2_at_rest, swinging_channels
 from cellwatt_plugins.mismatch.verdict.findings import Span, UnexplainedChannel
-
-Float = NDArray[np.float64]
-
 
 SHARE = 0.2
 """Beyond this share of what the named effects explain there; below, it is what they do not get quite right."""

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.verdict.findings import Finding, Improvement, Where
 from cellwatt_plugins.robot.effects.effect import Parameter
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.mount import Mount, mount
-
-Float = NDArray[np.float64]
 
 
 def as_mounted(

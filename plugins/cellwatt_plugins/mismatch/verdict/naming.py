@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.problem import Term, on_joints
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
@@ -18,8 +18,6 @@ from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, mostly
 from cellwatt_plugins.robot.curves import Curve
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
 
 NEARLY = 0.85
 """A rival that reaches this share of a name's evidence is listed beside it."""

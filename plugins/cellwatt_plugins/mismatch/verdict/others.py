@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.admission import check_run
@@ -17,8 +17,6 @@ from cellwatt_plugins.mismatch.input.sources import Source
 from cellwatt_plugins.mismatch.model import Model, predict_states
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Other
 from cellwatt_plugins.robot.meter import held
-
-Float = NDArray[np.float64]
 
 FACTOR = 2.0
 """Error over that in the data left out of the fit from which on a recording is not explained."""

@@ -6,16 +6,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.cascade import Falling
 from cellwatt_plugins.mismatch.verdict.findings import Retuned
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import INHERITED
 from cellwatt_plugins.robot.priors import link_prior
-
-Float = NDArray[np.float64]
 
 MOST = 0.5
 """Share of a channel's mean square error beyond the noise that retuning takes off for it to be the answer there."""

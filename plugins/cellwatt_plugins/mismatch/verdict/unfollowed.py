@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.noise import hum
@@ -20,8 +19,6 @@ from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Imp
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, between
 from cellwatt_plugins.robot.effects.effect import Parameter
 from cellwatt_plugins.robot.motion import FAST
-
-Float = NDArray[np.float64]
 
 AT_ONCE = 1.0
 """s: what shows from the beginning on has no first time that would tell anything."""

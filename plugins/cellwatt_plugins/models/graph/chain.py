@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.body import PER_LINK

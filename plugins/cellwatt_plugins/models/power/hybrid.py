@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
 from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shared_columns
 from cellwatt_plugins.models.power.leftover import Leftover

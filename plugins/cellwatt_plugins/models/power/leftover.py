@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.graph import beside
 from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.terms import Motion

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import (
     CARRIED_AS_STATED,

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.progress import steps
 
 SIGMA: Final = 1e-5

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import readings_of
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import block_diag, csr_array
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.robot import Arm

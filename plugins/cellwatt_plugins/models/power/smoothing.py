@@ -12,7 +12,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.graph import Graph, Tensor
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.noise import white_noise

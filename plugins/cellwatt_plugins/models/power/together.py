@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.problem import Problem

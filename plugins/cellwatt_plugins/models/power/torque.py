@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.power.design import Belief, Design
 from cellwatt_plugins.models.power.folds import grown
 from cellwatt_plugins.models.power.terms import terms_of

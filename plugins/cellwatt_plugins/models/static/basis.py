@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot import Body, RobotDescription
 from cellwatt_plugins.robot.body import PER_LINK
 

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
 

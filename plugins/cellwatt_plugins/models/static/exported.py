@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.polynomial.legendre import leg2poly
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, inverse_dynamics
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
 from cellwatt_plugins.models.static.effects import Group
 from cellwatt_plugins.models.static.identify import HeldArm, Identified

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.batch import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds
 
 STILL: Final = 5e-4
 """rad: an arm whose joints all stay within this of where they stopped is at rest."""

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 _LENGTHS: Final = (0.5, 0.8, 1.3, 2.0)  # of half a joint's range
 _RATIOS: Final = np.geomspace(1e-3, 1e2, 41)  # size² / noise²

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.progress import stage, steps
 from cellwatt_plugins.robot.collision import Checker

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
 from cellwatt.files import write_csv, write_file

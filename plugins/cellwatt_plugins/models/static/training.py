@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.progress import stage
 from cellwatt_plugins.models.static import exported, paper
 from cellwatt_plugins.models.static.basis import Basis

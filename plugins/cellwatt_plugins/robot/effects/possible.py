@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 POSSIBLE: Mapping[str, tuple[Callable[[Float], float], float, float]] = {
     # A load whose centre is more than a metre from the flange is an error of the links.

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter.find import find

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.meter.kinds import Course
 from cellwatt_plugins.robot.meter.model import Meter, Readings
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.motion import rates
 
 MOVES: Final = 0.01

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from cellwatt.alarms import AlarmBook
-from cellwatt.batch import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.channel import Quality
 from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Frames, Layout

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.motion import Moved
 from cellwatt_plugins.robot.servo.motion import held

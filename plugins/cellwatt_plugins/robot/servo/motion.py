@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.motion import Moved, differentiate, expected_sign, from_encoders, smooth
 
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12

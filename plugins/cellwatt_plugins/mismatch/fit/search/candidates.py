@@ -16,8 +16,6 @@ from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.effects.effect import Effect
 
-Float = NDArray[np.float64]
-
 MOSTLY = 0.5
 """Share of a joint's residual beyond the noise that is fast, from which effects that ring or clack are tried."""
 SAME_LOAD = 0.05

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.robot.blocks import Regression
-
-Float = NDArray[np.float64]
 
 KEPT = 6
 """Solutions that are kept: each term is left out again and again, and tried beside the same others."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.problem import MOVES, Problem, Term
 from cellwatt_plugins.mismatch.fit.retuning import loose
 from cellwatt_plugins.mismatch.fit.search.budget import now
@@ -18,7 +18,6 @@ from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
 
-Float = NDArray[np.float64]
 Place = tuple[str, int | None]
 """Name of an effect and its joint (0-based), as ``Term.place``."""
 Make = Callable[[Float, float], Problem]

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.problem import Term, said
@@ -34,7 +33,6 @@ from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, Thresholds
 from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.effect import Effect
 
-Float = NDArray[np.float64]
 CHECKS = (drop_within_model_error, drop_for_plainer, drop_ambiguous, drop_ill_formed, drop_unconfirmed)
 """What each term must pass beside the others, in this order."""
 

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
-
-Float = NDArray[np.float64]
 
 SAMPLES = 200
 """Samples of a run that are looked at: enough for what is wrong by a factor."""

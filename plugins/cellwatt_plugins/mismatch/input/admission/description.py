@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
-
-Float = NDArray[np.float64]
 
 WORTH = 0.02
 """Share of the simulation's own size from which a difference is worth a remark."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.progress import stage, steps
 from cellwatt.scheduler import spread
@@ -31,8 +31,6 @@ from cellwatt_plugins.mismatch.input.unread import unread
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Moved
-
-Float = NDArray[np.float64]
 
 SOONER = 0.95
 """Share to which friction that turns over early must bring the changes that are left."""

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 from scipy.optimize import linear_sum_assignment
 
+from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.factors import DEGREES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 AT_REST = 0.01
 """rad: who stays within this has not moved."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.motion import MOVES, spread
 from cellwatt_plugins.mismatch.input.alignment import LATE, delay
@@ -21,8 +22,6 @@ from cellwatt_plugins.mismatch.input.factors import (
 )
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
-
-Float = NDArray[np.float64]
 
 FOLLOWS = 0.5
 """Error over motion, both rms about their means: controllers track far better, other motions have 1.4."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.factors import times_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import Moved
-
-Float = NDArray[np.float64]
 
 SAMPLES = 2000
 HUNDRED = 100.0

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
 from cellwatt_plugins.mismatch.input.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
@@ -15,8 +16,6 @@ from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
 
 CLIPPED = 0.01
 """Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""

@@ -8,9 +8,9 @@ from functools import cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, Torques, sample_of
 from cellwatt_plugins.mismatch.input.factors import DEGREES, joints_text, order_text, recognised, times_text
@@ -18,8 +18,6 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
 
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 Order = tuple[int, ...]
 
 LARGE, SMALL = 100.0, 1 / 30

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.effects.compliance.two_mass import TwoMass, swinging, with_gap
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Parameter, Shape

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.effects.compliance.two_mass import TwoMass, elastic, swinging
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Shape

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.effects.declaration import Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States

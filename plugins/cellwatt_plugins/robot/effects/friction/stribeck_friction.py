@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
 from cellwatt_plugins.robot.effects.effect import Shape
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding

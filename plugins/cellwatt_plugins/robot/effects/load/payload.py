@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt.batch import Float
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot.effects.declaration import Confusion, Relations, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
