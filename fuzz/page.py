@@ -18,7 +18,7 @@ from yarl import URL
 
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.page.access import Gate
-from cellwatt.outlets.page.app import Page
+from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk, P, T
 from cellwatt.outlets.page.cells import Cell, OneCell
 from cellwatt.outlets.page.feed import Feed
@@ -73,7 +73,7 @@ def _page() -> tuple[web.Application, bytes]:
         raise CellwattError("no")
 
     cell = Cell(feed, Archive(None, "weld", None, _Desk()), order)
-    page = Page(settings, Gate(settings, sessions), OneCell(cell), browsers)
+    page = Page(settings, Gate(settings, sessions), OneCell(cell), Assets(), browsers)
     application = page.application()
     application.freeze()
     return application, sessions.csrf(TOKEN).encode()

@@ -79,7 +79,7 @@ class OnnxFile:
         """See ``refused``."""
         return refused(self.path, reason)
 
-    def metadata(self, key: str, kind: type[T]) -> T:
+    def told(self, key: str, kind: type[T]) -> T:
         """Metadata under a key as ``kind``. Raises ``ModelError`` where it is missing, no JSON or not of that kind."""
         if key not in self.properties:
             there = ", ".join(map(repr, self.properties)) or "none"

@@ -55,7 +55,3 @@ class LastMinute:
     def values(self) -> NDArray[np.float64]:
         """Values (n, names), NaN where missing."""
         return np.concatenate([np.empty((0, len(self.names))), *(values for _, values in self._blocks)])
-
-    def of(self, name: str) -> NDArray[np.float64]:
-        """Values (n,) of a column."""
-        return self.values[:, self.names.index(name)]

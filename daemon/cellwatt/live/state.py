@@ -48,8 +48,6 @@ class LiveCell:
     energies: dict[str, deque[Body]] = field(default_factory=dict)
     frames: LastMinute = field(default_factory=LastMinute)
     predicted: dict[str, LastMinute] = field(default_factory=dict)
-    lost: int = 0
-    """Samples and results that were lost for ever on the way to us."""
     heard: float | None = None
     heard_at: int = 0
     """UTC time of the last message, ns."""
@@ -58,7 +56,6 @@ class LiveCell:
         """Take a message of a subscriber; give the alarms of which it says something."""
         content = message.content
         if isinstance(content, Gap):
-            self.lost += content.count
             self._alive()
         elif isinstance(content, Frames):
             self.add_frames(content)

@@ -4,13 +4,4 @@ from cellwatt_plugins.models.describe import describe, read_metadata
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
 from cellwatt_plugins.models.stage import ModelSettings, ModelStage
 
-__all__ = [
-    "Input",
-    "Metadata",
-    "ModelSettings",
-    "ModelStage",
-    "Output",
-    "Training",
-    "describe",
-    "read_metadata",
-]
+__all__ = ["Input", "Metadata", "ModelSettings", "ModelStage", "Output", "Training", "describe", "read_metadata"]

@@ -29,7 +29,7 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
             f"writing metadata into {path} needs onnx ({error}): install it with pip install onnx"
         ) from error
     file = Path(path)
-    Network(OnnxFile(file), metadata, file)
+    Network(file, metadata)
     _write(file, onnx.load(file), metadata)
 
 
@@ -40,7 +40,7 @@ def write_model(path: Path, content: bytes, metadata: Metadata) -> None:
     """
     import onnx
 
-    Network(OnnxFile(content), metadata, path)
+    Network(content, metadata)
     _write(path, onnx.load_from_string(content), metadata)
 
 

@@ -170,5 +170,5 @@ def metadata_of(file: OnnxFile) -> Metadata:
             f"it has no metadata: expected the key {KEY!r}, found {there}; "
             "cellwatt_plugins.models.describe() writes it into the file"
         )
-    file.metadata(KEY, _Stated)
-    return file.metadata(KEY, Metadata)
+    file.told(KEY, _Stated)
+    return file.told(KEY, Metadata)

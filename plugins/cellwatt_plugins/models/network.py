@@ -34,26 +34,27 @@ def check_intact(path: Path) -> None:
         raise refused(path, "it is not as describe() left it: copy it again, or describe it anew if that was meant")
 
 
-class Network:
-    """A session that agrees with its metadata.
+class Network(OnnxFile):
+    """A session that agrees with its metadata: those in the file where left out.
+
+    Inputs of ``run`` are (n, inputs), or (n, window, inputs) where the window is above 1.
 
     Raises ``ModelError`` where its tensors have other shapes or types than the metadata says, or where it does not
     give the same outputs for a frame each time and whatever other frames are in the call: a replay would then
     differ from what was published.
     """
 
-    def __init__(self, file: OnnxFile, metadata: Metadata, path: Path) -> None:
-        self.metadata = metadata
-        self.path = path
-        self._file = file
-        if len(file.inputs) != 1 or len(file.outputs) != 1:
-            found = f"{len(file.inputs)} input and {len(file.outputs)} output tensors"
-            raise refused(path, f"it has {found}, expected one of each")
-        for tensor in file.inputs + file.outputs:
+    def __init__(self, model: Path | bytes, metadata: Metadata | None = None) -> None:
+        super().__init__(model)
+        self.metadata = metadata or metadata_of(self)
+        if len(self.inputs) != 1 or len(self.outputs) != 1:
+            found = f"{len(self.inputs)} input and {len(self.outputs)} output tensors"
+            raise self.refused(f"it has {found}, expected one of each")
+        for tensor in self.inputs + self.outputs:
             if tensor.type not in DTYPES:
-                raise refused(path, f"its tensor {tensor.name!r} is {tensor.type}, expected {' or '.join(DTYPES)}")
-        self._dtype = DTYPES[file.inputs[0].type]
-        self._check_input(file.inputs[0].shape)
+                raise self.refused(f"its tensor {tensor.name!r} is {tensor.type}, expected {' or '.join(DTYPES)}")
+        self._dtype = DTYPES[self.inputs[0].type]
+        self._check_input(self.inputs[0].shape)
         self._try()
 
     def cast(self, values: NDArray[np.float64]) -> Array:
@@ -61,25 +62,18 @@ class Network:
         with np.errstate(over="ignore"):
             return values.astype(self._dtype)
 
-    def run(self, values: Array) -> NDArray[np.float64]:
-        """Outputs (n, outputs) for inputs (n, inputs), or (n, window, inputs) where the window is above 1.
-
-        Raises ``ModelError`` where the model fails on them.
-        """
-        return self._file.run(values)
-
     def _check_input(self, shape: list[int | str | None]) -> None:
         meta = self.metadata
         count = len(meta.inputs)
         expected = [count] if meta.window == 1 else [meta.window, count]
         windowed = "" if meta.window == 1 else f", window {meta.window}"
         wanted = f"expected [N, {', '.join(map(str, expected))}] for the metadata's {count} inputs{windowed}"
-        found = f"its input tensor {self._file.inputs[0].name!r} has the shape [{', '.join(str(d) for d in shape)}]"
+        found = f"its input tensor {self.inputs[0].name!r} has the shape [{', '.join(str(d) for d in shape)}]"
         sizes = zip(shape[1:], expected, strict=False)
         if len(shape) != 1 + len(expected) or any(isinstance(d, int) and d != size for d, size in sizes):
-            raise refused(self.path, f"{found}, {wanted}")
+            raise self.refused(f"{found}, {wanted}")
         if isinstance(shape[0], int):
-            raise refused(self.path, f"{found}, {wanted}: export it with a dynamic first axis")
+            raise self.refused(f"{found}, {wanted}: export it with a dynamic first axis")
 
     def _try(self) -> None:
         """Runs the corners of the training range, together and alone."""
@@ -91,23 +85,20 @@ class Network:
         expected = (2, len(meta.outputs))
         if together.shape != expected:
             names = ", ".join(o.name for o in meta.outputs)
-            raise refused(
-                self.path,
-                f"its output tensor {self._file.outputs[0].name!r} has the shape {list(together.shape)} for 2 frames, "
-                f"expected {list(expected)} for the metadata's outputs {names}",
+            raise self.refused(
+                f"its output tensor {self.outputs[0].name!r} has the shape {list(together.shape)} for 2 frames, "
+                f"expected {list(expected)} for the metadata's outputs {names}"
             )
         alone = np.concatenate([self.run(corners[:1]), self.run(corners[1:])])
         scale = np.max(np.abs(together), initial=0.0, where=np.isfinite(together))
         if not np.allclose(alone, together, rtol=APART, atol=APART * scale, equal_nan=True):
-            raise refused(
-                self.path,
+            raise self.refused(
                 f"one frame alone gives {alone.tolist()}, among others {together.tolist()}, expected the same: "
-                "export it for inference, with dropout and batch statistics off",
+                "export it for inference, with dropout and batch statistics off"
             )
 
 
 def open_network(path: Path) -> Network:
     """Opens a model file with metadata. Raises ``ConfigError`` and ``ModelError`` as its parts do."""
     check_intact(path)
-    file = OnnxFile(path)
-    return Network(file, metadata_of(file), path)
+    return Network(path)

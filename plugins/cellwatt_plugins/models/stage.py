@@ -14,7 +14,7 @@ from cellwatt.results import Prediction, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.models.fit import check_rate, check_robot, columns
 from cellwatt_plugins.models.network import open_network
-from cellwatt_plugins.models.outside import Limits, RangeWatch
+from cellwatt_plugins.models.outside import RangeWatch
 from cellwatt_plugins.models.window import Window
 
 CLEAR = 1.0
@@ -56,16 +56,12 @@ class ModelStage(Stage[ModelSettings]):
         needed = np.array([not wanted.optional for wanted in self.metadata.inputs])
         self._window = Window(self.metadata.window, needed, layout.step)
         self._units = {output.name: output.unit for output in self.metadata.outputs}
-        limits = [
-            Limits(layout.channels[column], low, high)
-            for column, (low, high) in zip(
-                self._columns.tolist(), (self.metadata.training.range[i] for i in self._given), strict=True
-            )
-        ]
+        channels = [layout.channels[column] for column in self._columns.tolist()]
+        ranges = np.array(self.metadata.training.range)[self._given]
         self._behind: list[tuple[int, int]] = []
         """Sequence and time of the newest frames, which the model has said nothing of yet."""
         patience = max(1, round(CLEAR * layout.rate))
-        self._ranges = RangeWatch(name, self.metadata.name, limits, settings.outside, patience)
+        self._ranges = RangeWatch(name, self.metadata.name, channels, ranges, settings.outside, patience)
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """The predictions for this block, and the alarms that changed with it."""

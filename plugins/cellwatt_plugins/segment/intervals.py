@@ -7,14 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.batch import Float, Nanoseconds
 from cellwatt.results import Interval
 from cellwatt_plugins.segment.moving_joints import Change, Motion, Sample
 from cellwatt_plugins.segment.settings import SegmentSettings
-
-Nanoseconds = NDArray[np.int64]
 
 TURN_REACH = 0.25
 TURN_DEPTH = 0.15

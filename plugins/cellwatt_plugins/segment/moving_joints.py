@@ -8,13 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cellwatt.batch import Float
+from cellwatt.batch import Float, Nanoseconds
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.segment.settings import SegmentSettings
-
-Nanoseconds = NDArray[np.int64]
 
 START_SIGMAS = 8.0
 STOP_SIGMAS = 4.0

@@ -20,8 +20,8 @@ def test_the_last_minute_is_kept_however_it_came(block: int) -> None:
     total = 20_000 // block * block
     for first in range(0, total, block):
         add(kept, first, block)
-    assert kept.of("a")[-6001:].tolist() == list(range(total - 6001, total))
-    assert kept.of("b")[-6001:].tolist() == [-n for n in range(total - 6001, total)]
+    assert kept.values[:, 0][-6001:].tolist() == list(range(total - 6001, total))
+    assert kept.values[:, 1][-6001:].tolist() == [-n for n in range(total - 6001, total)]
     assert (np.diff(kept.time) > 0).all() and len(kept.time) < 6001 + block
 
 
@@ -29,11 +29,11 @@ def test_other_names_begin_anew_and_times_that_went_back_replace_what_was_later(
     kept = LastMinute()
     add(kept, 0, 10)
     add(kept, 10, 5, names=("c",))
-    assert (kept.names, kept.of("c").tolist()) == (("c",), [10, 11, 12, 13, 14])
+    assert (kept.names, kept.values[:, 0].tolist()) == (("c",), [10, 11, 12, 13, 14])
     add(kept, 12, 1, names=("c",))
-    assert kept.of("c").tolist() == [10, 11, 12]
+    assert kept.values[:, 0].tolist() == [10, 11, 12]
     add(kept, 2, 1, names=("c",))
-    assert kept.of("c").tolist() == [2]
+    assert kept.values[:, 0].tolist() == [2]
 
 
 def test_no_more_is_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,4 +41,4 @@ def test_no_more_is_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch)
     kept = LastMinute()
     for first in range(0, 50_000, 10):
         add(kept, first, 10)
-    assert kept.of("a").tolist() == list(range(49_000, 50_000))
+    assert kept.values[:, 0].tolist() == list(range(49_000, 50_000))

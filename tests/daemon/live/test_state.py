@@ -2,7 +2,7 @@ from dataclasses import asdict
 
 from cellwatt.live import state
 from cellwatt.live.state import LiveCell
-from tests.daemon.live.cells import START, alarm, energy, frames, gap, health, interval, prediction, task
+from tests.daemon.live.cells import START, alarm, energy, frames, health, interval, prediction, task
 
 
 def told(*messages):
@@ -45,23 +45,22 @@ def test_cleared_alarms_beyond_the_limit_are_counted() -> None:
     assert (len(cell.cleared), cell.forgotten) == (state.CLEARED, 3)
 
 
-def test_tasks_energies_gaps_frames_and_predictions_are_kept() -> None:
+def test_tasks_energies_frames_and_predictions_are_kept() -> None:
     cell = told(
         interval(1, (1,), 0.5),
         interval(2, (), 0.1, closed=False),
         task(4),
         energy(3, 60.0),
         energy(4, 64.0),
-        gap(30),
         frames(0, [1.0, 2.0]),
         prediction(0, [float("nan"), 3.0]),
     )
     assert [i["number"] for i in cell.intervals] == [1], "only closed ones"
     assert cell.task is not None and cell.task["repetition"] == 4
     assert [e["total"] for e in cell.energies["task_1"]] == [60.0, 64.0]
-    assert cell.lost == 30
-    assert cell.frames.of("mains.supply.power").tolist() == [301.0, 302.0]
-    assert cell.predicted["model"].of("power")[1] == 3.0
+    assert cell.frames.names[3] == "mains.supply.power"
+    assert cell.frames.values[:, 3].tolist() == [301.0, 302.0]
+    assert (cell.predicted["model"].names[0], cell.predicted["model"].values[1, 0]) == ("power", 3.0)
 
 
 def test_the_state_is_the_worse_of_the_daemons_and_that_of_the_alarms_as_on_the_page() -> None:

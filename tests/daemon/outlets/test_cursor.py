@@ -119,7 +119,7 @@ async def test_another_place_is_owed_nothing_of_this_one(tmp_path: Path) -> None
     assert not (tmp_path / "c.json").exists(), "nothing is written over what was not read"
     await cursor.open()
     await cursor.write()
-    assert load(tmp_path / "c.json", "here").gaps == [[1, 2, 0]]
+    assert load(tmp_path / "c.json", "here").gaps == [(1, 2, 0)]
     assert load(tmp_path / "c.json", "there").gaps == []
 
 

@@ -50,7 +50,7 @@ def test_the_span_and_nothing_else_over_several_files_one_still_open(tmp_path):
     assert samples.sequence.tolist() == list(range(300, 1201))
     truth = batch_of(300, 901)
     assert samples.values.tobytes() == truth.values.tobytes() and samples.bound.tolist() == truth.bound.tolist()
-    assert pack.frames_table().sequence == 30 and len(pack.times) == 91
+    assert pack.frames_table().sequence == 30 and len(pack.frames_table()) == 91
     assert pack.alarms() == [alarm_at(SESSION + 750 * PERIOD)]
     assert pack.header.session == SESSION and pack.header.settings == "site: plant-1\n" and pack.header.number == 0
     assert made.size == made.path.stat().st_size and made.messages == sum(pack.counts.values())

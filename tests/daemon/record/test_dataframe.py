@@ -87,4 +87,3 @@ def test_channels_have_units_with_frames_and_without(folder, tmp_path):
     write_chunks(tmp_path / "raw", [[batch_of(0, 5, stream=SUPPLY, source="supply")]])
     raw = cw.open(tmp_path / "raw")
     assert raw.channels == {"supply.joint_1.position": "rad", "supply.joint_2.position": "rad"}
-    assert len(raw.times) == 0

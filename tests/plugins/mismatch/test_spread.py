@@ -71,8 +71,8 @@ def test_workers_find_the_same_to_the_last_bit(
 def test_the_first_recording_that_cannot_be_used_is_named_as_in_serial_work(
     cell: Path, workers: None, tmp_path: Path
 ) -> None:
-    """Two simulations have changed places: only the runs together tell."""
+    """Two simulations have changed places."""
     recordings, simulations = (sorted(cell.glob(f"*.{kind}.parquet")) for kind in ("recording", "simulation"))
     changed = [shutil.copy(path, tmp_path / f"{i}.parquet") for i, path in zip((1, 0, 2), simulations, strict=True)]
-    with pytest.raises(RecordingError, match="run_1: the recording follows the simulation of run_2, not its own"):
+    with pytest.raises(RecordingError, match="run_1: the recording does not follow its simulation"):
         api.explain(recordings, robot=cell, simulation=sorted(changed))

@@ -53,10 +53,17 @@ class Moment:
     after: float = 0.0
 
 
-@cache
 def json_topic(kind: type[messages.Message]) -> Topic:
     """The topic of a kind of results, events or health."""
-    return Topic(messages.TOPICS[kind], "json", f"{PACKAGE}.{kind.__name__}", messages.schema(kind))
+    return _json_topics()[kind.__name__]
+
+
+@cache
+def _json_topics() -> dict[str, Topic]:
+    return {
+        kind.__name__: Topic(messages.TOPICS[kind], "json", f"{PACKAGE}.{kind.__name__}", messages.schema(kind))
+        for kind in KINDS
+    }
 
 
 @cache

@@ -12,7 +12,7 @@ from urllib.parse import quote
 from aiohttp import web
 
 from cellwatt.outlets.page.access import VISITOR, Visitor, answer, refusal
-from cellwatt.outlets.page.cells import Cell, prefix
+from cellwatt.outlets.page.cells import Cell, page_of, prefix
 from cellwatt.outlets.page.streams import encoded
 from cellwatt.outlets.zenoh.messages import parse_json
 
@@ -113,7 +113,7 @@ class CellApi:
         cell, visitor, what = await self._cell(request), visitor_of(request), request.match_info["what"]
         feed = cell.feed
         if cell.order is None:
-            url = self._cells.url_of(feed.site, feed.cell)
+            url = page_of(feed.live.status)
             return refusal(HTTPStatus.FORBIDDEN, f"acknowledge on the cell's own page{f': {url}' if url else ''}")
         if not visitor.may_act:
             return refusal(HTTPStatus.FORBIDDEN, "you may look, but not act: ask for a login that may")

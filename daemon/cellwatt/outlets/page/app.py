@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
+import mimetypes
 import ssl
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -16,7 +18,6 @@ from aiohttp.typedefs import Handler
 from cellwatt.door.http import HttpDoor
 from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
-from cellwatt.errors import OutletError
 from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, proof_of, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
 from cellwatt.outlets.page.dropped import Drops
@@ -40,12 +41,10 @@ PAGES: Final = (
 _PACKED: Final = 1024
 """Bytes from which on an answer is packed."""
 LIMITS: Final = Limits(connections=384, peer=256)
-FOLDER: Final = Path(__file__).parent / "static"
-_IMMUTABLE: Final = "public, max-age=31536000, immutable"
 
 
 class Page:
-    """The application for ``cells``; ``gate`` lets in, ``folder`` has its files, ``browsers`` are those that follow.
+    """The application for ``cells``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow.
 
     Recordings can be dropped on it where there are ``drops``.
     """
@@ -55,12 +54,13 @@ class Page:
         settings: PageSettings,
         gate: Gate,
         cells: Cells,
+        assets: Assets,
         browsers: Browsers,
         drops: Drops | None = None,
-        folder: Path = FOLDER,
     ) -> None:
-        self._settings, self._gate, self._cells, self._folder = settings, gate, cells, folder
-        self._browsers, self._drops = browsers, drops
+        self._settings, self._gate, self._cells, self._assets = settings, gate, cells, assets
+        self._browsers = browsers
+        self._drops = drops
         self._door = HttpDoor(self.application(), settings, LIMITS, self._drops.put if self._drops else None)
         self.url = ""
 
@@ -74,8 +74,8 @@ class Page:
     def _routes(self) -> Sequence[web.AbstractRouteDef]:
         return (
             *(web.get(path, self._index) for path in PAGES),
-            web.static("/assets", self._folder / "assets"),
-            web.get("/favicon.svg", self._icon),
+            web.get("/assets/{name:.+}", self._asset),
+            web.get("/favicon.svg", self._asset),
             web.get("/api/site", self._site),
             web.post("/api/login", self._log_in),
             web.post("/api/logout", self._log_out),
@@ -89,11 +89,11 @@ class Page:
         """True for whoever may drop recordings."""
         return self._settings.local and visitor_of(request).may_act
 
-    async def _index(self, _: web.Request) -> web.StreamResponse:
-        return web.FileResponse(self._folder / "index.html", headers={"Cache-Control": "no-cache"})
+    async def _index(self, request: web.Request) -> web.StreamResponse:
+        return self._assets.answer(request, INDEX)
 
-    async def _icon(self, _: web.Request) -> web.StreamResponse:
-        return web.FileResponse(self._folder / "favicon.svg")
+    async def _asset(self, request: web.Request) -> web.StreamResponse:
+        return self._assets.answer(request, request.path.removeprefix("/"))
 
     async def _site(self, request: web.Request) -> web.StreamResponse:
         visitor = visitor_of(request)
@@ -166,17 +166,15 @@ async def served(
     Recordings can be dropped on it where there are ``drops``, which end with it.
     Raises ``OutletError`` if that cannot be.
     """
-    sessions = Sessions(logins, lambda name: proof_of(settings, name))
-    context, names, _ = await asyncio.gather(
+    sessions, assets = Sessions(logins, lambda name: proof_of(settings, name)), Assets()
+    context, names, *_ = await asyncio.gather(
         asyncio.to_thread(tls_context, settings),
         asyncio.to_thread(names_in, settings.certificate),
         asyncio.to_thread(sessions.load),
+        asyncio.to_thread(assets.load),
     )
     gate = Gate(settings, sessions, names)
-    try:
-        page = Page(settings, gate, cells, browsers, drops)
-    except ValueError as error:
-        raise OutletError(f"the files of the page are missing, install it again: {error}") from error
+    page = Page(settings, gate, cells, assets, browsers, drops)
     try:
         await page.start(context)
         yield page
@@ -205,12 +203,42 @@ def names_in(certificate: Path | None) -> tuple[str, ...]:
 
 @web.middleware
 async def _pack(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Pack what is long for browsers that unpack it; files with a digest in their name never change."""
+    """Pack what is long for browsers that unpack it."""
     response = await handler(request)
-    if isinstance(response, web.FileResponse) and request.path.startswith("/assets/"):
-        response.headers["Cache-Control"] = _IMMUTABLE
-    long = isinstance(response, web.Response) and isinstance(response.body, bytes) and len(response.body) > _PACKED
-    if long or isinstance(response, web.FileResponse):
+    if isinstance(response, web.Response) and isinstance(response.body, bytes) and len(response.body) > _PACKED:
         response.headers["Vary"] = "Accept-Encoding"
         response.enable_compression()
     return response
+
+
+FOLDER: Final = Path(__file__).parent / "static"
+INDEX: Final = "index.html"
+_IMMUTABLE: Final = "public, max-age=31536000, immutable"
+
+
+class Assets:
+    """The files of a folder by their path in it."""
+
+    def __init__(self, folder: Path = FOLDER) -> None:
+        self._folder = folder
+        self._kept: dict[str, bytes] = {}
+
+    def load(self) -> None:
+        """Read all files; blocks."""
+        files = [path for path in self._folder.rglob("*") if path.is_file()]
+        self._kept = {path.relative_to(self._folder).as_posix(): path.read_bytes() for path in files}
+
+    def answer(self, request: web.Request, name: str) -> web.StreamResponse:
+        """The file of a name; one below ``assets`` has its digest in its name and never changes."""
+        body = self._kept.get(name)
+        if body is None:
+            if name == INDEX:
+                return refusal(HTTPStatus.SERVICE_UNAVAILABLE, "the files of the page are missing: install it again")
+            return refusal(HTTPStatus.NOT_FOUND, "there is no such file")
+        tag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
+        headers = {"Cache-Control": _IMMUTABLE if name.startswith("assets/") else "no-cache", "ETag": tag}
+        if request.headers.get("If-None-Match") == tag:
+            return web.Response(status=HTTPStatus.NOT_MODIFIED, headers=headers)
+        kind = "text/javascript" if name.endswith(".js") else mimetypes.guess_type(name)[0]
+        charset = "utf-8" if kind is not None and kind.startswith("text/") else None
+        return web.Response(body=body, headers=headers, content_type=kind, charset=charset)

@@ -72,10 +72,6 @@ class OneCell:
         age = None if feed.live.heard is None else time.monotonic() - feed.live.heard
         return [plant_cell(feed.site, feed.cell, feed.live.status, age)]
 
-    def url_of(self, site: str, cell: str) -> str | None:
-        """Address of the cell's own page, if it is known."""
-        return None
-
 
 log = logging.getLogger(__name__)
 

@@ -173,14 +173,11 @@ class Drops:
         for drawn in [each for each in drop.drawn if f"{path}/".startswith(f"{each}/")]:
             del drop.drawn[drawn]  # of an older state of the file, or of the bag that it is in
         try:
-            out = await asyncio.to_thread(_begun, file)
-            try:
+            with await asyncio.to_thread(_begun, file) as out:
                 async for piece in _pieces(request):
                     if (left := left - len(piece)) < 0:
                         break
                     await asyncio.to_thread(out.write, piece)
-            finally:
-                await asyncio.to_thread(out.close)
         except OSError as error:
             raise CellwattError(f"{path:.200} cannot be kept: {error.strerror}") from None
         finally:
@@ -331,12 +328,11 @@ def _paths(body: Any, name: str) -> list[str]:
 
 async def _pieces(request: web.Request) -> AsyncIterator[bytes]:
     """The body as it comes. Raises ``CellwattError`` where it stops coming."""
-    while True:
+    piece = b"first"
+    while piece:
         try:
             async with asyncio.timeout(BODY):
                 piece = await request.content.readany()
         except (TimeoutError, OSError, web.HTTPException) as error:
             raise CellwattError("the file broke off on its way: drop it again") from error
-        if not piece:
-            return
         yield piece

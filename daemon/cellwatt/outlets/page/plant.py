@@ -7,21 +7,21 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
 from cellwatt.errors import OutletError, ProtocolError
 from cellwatt.outlets.page.archive import Archive, Desk
-from cellwatt.outlets.page.cells import Cell, Mode, OneCell, page_of, plant_cell
+from cellwatt.outlets.page.cells import Cell, Mode, OneCell, plant_cell
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.keys import PREFIX, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
-from cellwatt.outlets.zenoh.received import Health, read_health
+from cellwatt.outlets.zenoh.received import read_health
 from cellwatt.subscriber import Subscriber
 
 if TYPE_CHECKING:
@@ -65,14 +65,6 @@ KEPT: Final = 60.0
 """s that a cell is followed after the last browser has left it."""
 
 
-@dataclass
-class _Open:
-    cell: Cell
-    task: asyncio.Task[None]
-    used: float = 0.0
-    """Monotonic time, s, at which somebody last asked."""
-
-
 LOOK: Final = 2.0
 """s between two messages to browsers."""
 MOST_CELLS: Final = 2000
@@ -87,13 +79,18 @@ _AGE: Final = 5.0
 
 @dataclass
 class _Cell:
-    """What is known of one cell; times are monotonic, s. ``waiting`` is its newest health, still to be read."""
+    """What is known of one cell; times are monotonic, s. ``waiting`` is its newest health, still to be read.
 
-    token: bool = False
+    ``followed`` is the cell while it is followed in full, by ``task``; ``used`` is when somebody last asked.
+    """
+
     heard: float | None = None
     gone: float | None = None
     waiting: zenoh.Sample | None = None
-    health: Health | None = None
+    status: Mapping[str, Any] = field(default_factory=dict)
+    followed: Cell | None = None
+    task: asyncio.Task[None] | None = None
+    used: float = 0.0
 
 
 class Plant:
@@ -112,8 +109,6 @@ class Plant:
         self._known: dict[str, _Cell] = {}
         self._told: dict[str, dict[str, Any]] = {}
         self._browsers, self._desk = browsers, desk
-        self._opened: dict[str, _Open] = {}
-        """Cells that somebody looks at, or did a while ago."""
         self._left: set[asyncio.Task[None]] = set()
         """Cells that are being left: their links are still to be closed."""
         self._loop = asyncio.get_running_loop()
@@ -129,42 +124,37 @@ class Plant:
 
     async def cell(self, site: str, name: str) -> Cell:
         """See ``OneCell.cell``: it is followed from now on."""
-        if site != self._name or name not in self._known:
+        if site != self._name:
             raise KeyError(name)
-        found = self._opened.get(name)
-        if found is None:
-            if len(self._opened) >= MOST_OPEN:
+        known = self._known[name]
+        known.used = time.monotonic()
+        if known.followed is None:
+            if sum(other.followed is not None for other in self._known.values()) >= MOST_OPEN:
                 raise OutletError(f"{MOST_OPEN} cells are being looked at, the most that may: close one, wait a minute")
-            feed, health = Feed(site, name, Hub(self._browsers)), self._known[name].health
-            if health is not None:
-                with contextlib.suppress(*UNREADABLE):
-                    feed.take_health(health.status)
-            cell = Cell(feed, Archive(None, name, None, self._desk))
-            found = self._opened[name] = _Open(cell, asyncio.create_task(watch(self._link, feed)))
-        found.used = time.monotonic()
-        return found.cell
+            feed = Feed(site, name, Hub(self._browsers))
+            with contextlib.suppress(*UNREADABLE):
+                if known.status:
+                    feed.take_health(known.status)
+            known.followed = Cell(feed, Archive(None, name, None, self._desk))
+            known.task = asyncio.create_task(watch(self._link, feed))
+        return known.followed
 
-    def _leave(self, name: str) -> None:
-        task = self._opened.pop(name).task
-        self._left.add(task)
-        task.add_done_callback(self._left.discard)
-        task.cancel()
+    def _leave(self, known: _Cell) -> None:
+        task, known.task, known.followed = known.task, None, None
+        if task is not None:
+            self._left.add(task)
+            task.add_done_callback(self._left.discard)
+            task.cancel()
 
     def summary(self) -> list[dict[str, Any]]:
         """See ``OneCell.summary``."""
         return [self._summary(cell) for cell in sorted(self._known)]
 
-    def url_of(self, site: str, cell: str) -> str | None:
-        """See ``OneCell.url_of``."""
-        known = self._known.get(cell)
-        return page_of(known.health.status) if known is not None and known.health is not None else None
-
     def _summary(self, name: str) -> dict[str, Any]:
         cell = self._known[name]
         age = None if cell.heard is None else round(time.monotonic() - cell.heard, 1)
-        status = cell.health.status if cell.health is not None else {}
         try:
-            return plant_cell(self._name, name, status, age, gone=cell.gone is not None)
+            return plant_cell(self._name, name, cell.status, age, gone=cell.gone is not None)
         except UNREADABLE:
             self._unreadable += 1
             return plant_cell(self._name, name, {}, age, gone=cell.gone is not None)
@@ -179,8 +169,8 @@ class Plant:
                     await asyncio.sleep(LOOK)
                     await self._look()
         finally:
-            for name in list(self._opened):  # one may be looked at as soon as it is heard, before the link is all open
-                self._leave(name)
+            for known in self._known.values():  # one may be looked at as soon as it is heard, before the link is open
+                self._leave(known)
             await asyncio.gather(*self._left, return_exceptions=True)
 
     @asynccontextmanager
@@ -223,8 +213,7 @@ class Plant:
         import zenoh
 
         if (cell := self._of(name)) is not None:
-            cell.token = sample.kind == zenoh.SampleKind.PUT
-            cell.gone = None if cell.token else time.monotonic()
+            cell.gone = None if sample.kind == zenoh.SampleKind.PUT else time.monotonic()
 
     def _on_health(self, name: str, sample: Any) -> None:
         if (cell := self._of(name)) is not None:
@@ -238,23 +227,22 @@ class Plant:
                 await asyncio.sleep(0)
             if cell.waiting is not None:
                 try:
-                    cell.health = read_health(cell.waiting)[1]
+                    cell.status = read_health(cell.waiting)[1].status
                 except ProtocolError as error:
                     self._unreadable += 1
                     if self._unreadable == 1:
                         log.warning("%s: a message cannot be read: %.300s", name, error)
                 cell.waiting = None
-            if cell.gone is not None and now - cell.gone > FORGOTTEN:
+            if cell.followed is not None and len(cell.followed.feed.hub):
+                cell.used = now
+            elif now - cell.used > KEPT:
+                self._leave(cell)
+            if cell.gone is not None and now - cell.gone > FORGOTTEN and cell.followed is None:
                 del self._known[name]
                 self._told.pop(name, None)
         changed = [told for name in self._known if (told := self._changed(name)) is not None]
         if changed and self.hub is not None:
             self.hub.tell("plant", {"cells": changed})
-        for name, opened in list(self._opened.items()):
-            if len(opened.cell.feed.hub):
-                opened.used = now
-            elif now - opened.used > KEPT:
-                self._leave(name)
 
     def _changed(self, name: str) -> dict[str, Any] | None:
         told = self._summary(name)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Final
-
-from pydantic import BaseModel, BeforeValidator
+from pathlib import Path
+from typing import Any, Final
 
 from cellwatt.errors import why
 from cellwatt.files import check_file, read_bytes
@@ -41,19 +39,7 @@ def list_reports(folders: Sequence[Path]) -> dict[str, Any]:
 
 def report_file(folders: Sequence[Path], path: str) -> Path | None:
     """File of a page under its ``path`` in ``list_reports``; None where none of that name is a page of cellwatt."""
-    parts = PurePosixPath(path).parts
-    folder = folders[0] if folders else None
-    if parts and parts[0].startswith(_OTHER):
-        number = parts[0].removeprefix(_OTHER)
-        known = number.isascii() and number.isdecimal() and len(number) < 4 and 0 < int(number) < len(folders)
-        folder, parts = (folders[int(number)] if known else None), parts[1:]
-    if folder is None or not parts or "\0" in path or any(part in ("..", "/") for part in parts):
-        return None
-    file = folder.joinpath(*parts)
-    try:
-        return file if _inside(file, folder) and _facts(file) is not None else None
-    except (OSError, BrokenPageError):
-        return None
+    return next((file for known, file, _ in _pages(folders, []) if known == path), None)
 
 
 def newest_mismatch(folders: Sequence[Path]) -> dict[str, Any]:
@@ -85,8 +71,8 @@ def _pages(folders: Sequence[Path], broken: list[str]) -> Iterator[Entry]:
         for file in sorted(folder.rglob("*.html")):
             try:
                 real = os.path.realpath(file)
-                if real in seen or not _inside(file, folder):
-                    continue
+                if real in seen or not Path(real).is_relative_to(os.path.realpath(folder)):
+                    continue  # told already, or a link leads out of the folder
                 seen.add(real)
                 facts = _facts(file)
             except BrokenPageError as error:
@@ -98,11 +84,6 @@ def _pages(folders: Sequence[Path], broken: list[str]) -> Iterator[Entry]:
             if facts is not None:
                 below = file.relative_to(folder).as_posix()
                 yield (below if number == 0 else f"{_OTHER}{number}/{below}"), file, facts
-
-
-def _inside(file: Path, folder: Path) -> bool:
-    """True for an HTML file of the folder that no link leads out of it."""
-    return file.suffix == ".html" and Path(os.path.realpath(file)).is_relative_to(os.path.realpath(folder))
 
 
 def _facts(file: Path) -> Facts | None:
@@ -121,56 +102,28 @@ def _facts_of(file: Path, modified: int, size: int) -> Facts | None:
 # figures --------------------------------------------------------------------------------------------
 
 
-def _finite(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-Number = Annotated[float | None, BeforeValidator(_finite)]
-
-
-class _Fit(BaseModel):
-    channel: str
-    unit: str
-    simulation: Number
-    model: Number
-    noise_floor: Number = None
-
-
-class _Gain(BaseModel):
-    channel: str = ""
-    unit: str = ""
-    before: Number = None
-    after: Number = None
-
-
-class _Effect(BaseModel):
-    effect: str
-    joint: int | None = None
-    kind: str = ""
-    confidence: Number = None
-    statement: str = ""
-    improvement: _Gain = _Gain()
-
-
-class _Figures(BaseModel):
-    findings: list[_Effect] = []
-    fit: list[_Fit] = []
+_EFFECT: Final = {"effect": "", "joint": None, "kind": "", "confidence": None, "statement": ""}
+_GAIN: Final = {"channel": "", "unit": "", "before": None, "after": None}
 
 
 def _figures(file: Path) -> dict[str, Any]:
     """Figures beside a page, None where they are missing or damaged."""
     try:
-        figures = _Figures.model_validate(json.loads(read_bytes(file, LONGEST)))
-    except (OSError, ValueError, RecursionError):
-        figures = _Figures()
-    error: dict[str, Any] = dict.fromkeys(("channel", "unit", "before", "after"))
-    if (worst := max(figures.fit, key=_worse, default=None)) is not None:
-        error = {"channel": worst.channel, "unit": worst.unit, "before": worst.simulation, "after": worst.model}
-    effects = sorted(figures.findings, key=lambda effect: effect.confidence or 0.0, reverse=True)
-    told = [{**each.model_dump(exclude={"improvement"}), **each.improvement.model_dump()} for each in effects]
-    return {**error, "effects": told}
+        told = json.loads(read_bytes(file, LONGEST))
+        effects = sorted(told["findings"], key=lambda effect: effect["confidence"] or 0.0, reverse=True)
+        shown = [{**_fields(each, _EFFECT), **_fields(each["improvement"], _GAIN)} for each in effects]
+        worst = max(told["fit"], key=_worse, default=None)
+        fit = None if worst is None else [worst[name] for name in ("channel", "unit", "simulation", "model")]
+    except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
+        fit, shown = None, []
+    return {**dict(zip(("channel", "unit", "before", "after"), fit or [None] * 4, strict=True)), "effects": shown}
 
 
-def _worse(fit: _Fit) -> float:
+def _fields(told: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: told.get(name, default) for name, default in wanted.items()}
+
+
+def _worse(fit: Mapping[str, Any]) -> float:
     """Error of the simulation in noise floors, or as it is where none is known."""
-    return -1.0 if fit.simulation is None else fit.simulation / (fit.noise_floor or 1.0)
+    error = fit["simulation"]
+    return -1.0 if error is None or math.isnan(error) else float(error / (fit["noise_floor"] or 1.0))

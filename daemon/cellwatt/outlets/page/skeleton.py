@@ -95,22 +95,13 @@ def _from_base(joints: Sequence[_Joint]) -> list[_Joint]:
     """Joints from the base, each behind the one that it hangs on. Raises ``ValueError`` where they are no tree."""
     names, children = {joint.name: joint for joint in joints}, {joint.child for joint in joints}
     bases = {joint.parent for joint in joints} - children
-    if len(names) < len(joints):
-        raise ValueError("two joints have the same name")
-    if len(children) < len(joints):
-        raise ValueError("two joints hold the same link")
-    if len(bases) != 1:
-        raise ValueError(f"its joints are not one tree: {len(bases)} links hang on nothing")
-    below: dict[str, list[_Joint]] = {}
-    for joint in reversed(joints):
-        below.setdefault(joint.parent, []).append(joint)
     found: list[_Joint] = []
-    waiting = below.get(bases.pop(), [])
-    while waiting:
+    waiting = [joint for joint in reversed(joints) if joint.parent in bases]
+    while waiting and len(found) < len(joints):
         found.append(waiting.pop())
-        waiting += below.get(found[-1].child, ())
-    if len(found) < len(joints):
-        raise ValueError("some of its joints hang on each other in a ring")
+        waiting += [joint for joint in reversed(joints) if joint.parent == found[-1].child]
+    if len(bases) != 1 or waiting or not len(found) == len(children) == len(names) == len(joints):
+        raise ValueError(f"its joints are not one tree: {len(bases)} links hang on nothing, or names come twice")
     for joint in found:
         if joint.mimic is not None and not (joint.mimic in names and names[joint.mimic].moves):
             raise ValueError(f"joint {joint.name!r} follows {joint.mimic!r}, which is no joint that moves")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
@@ -64,7 +63,7 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
     import zenoh
 
     keys = CellKeys(config.site, config.cell)
-    session = open_session(link_to(config), lambda: False, patience=PATIENCE)
+    session = open_session(link_to(config), patience=PATIENCE)
     try:
         replies = list(session.get(keys.question(question), timeout=PATIENCE))
         told = next((reply.ok for reply in replies if reply.ok is not None), None)
@@ -106,19 +105,17 @@ def site_health(session: zenoh.Session, site: str) -> dict[str, Health | None]:
     return dict(sorted(found.items()))
 
 
-def await_cell(
-    link: LinkSettings, site: str, cell: str, patience: float, stopped: Callable[[], bool] = lambda: False
-) -> None:
+def await_cell(link: LinkSettings, site: str, cell: str, patience: float) -> None:
     """Return once a cell is on the bus; blocks.
 
-    Raises ``OutletError`` after ``patience`` s, or once ``stopped()`` is true, with the reason: nobody answers at the
-    endpoint, the session is refused there, or the cell is not heard; then with the cells that are.
+    Raises ``OutletError`` after ``patience`` s with the reason: nobody answers at the endpoint, the session is refused
+    there, or the cell is not heard; then with the cells that are.
     """
     keys = CellKeys(site, cell)
     end = time.monotonic() + patience
-    with open_session(link, stopped, patience) as session:
+    with open_session(link, patience=patience) as session:
         while not any(reply.ok is not None for reply in _tokens(session, keys.root)):
-            if stopped() or time.monotonic() > end:
+            if time.monotonic() > end:
                 raise OutletError(_absent(link, site, cell, cells_heard(session)))
             time.sleep(_PAUSE)
 

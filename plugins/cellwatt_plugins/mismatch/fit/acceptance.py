@@ -15,7 +15,6 @@ from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.possible import possible
 from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
@@ -186,8 +185,7 @@ def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
 def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
     """True if the sign is possible, and the scale of an effect that is simulated to scale."""
     effect, first = term.effect, float(coefficients[0])
-    sensible = effect.sensible(coefficients, term.shape, robot, term.joint)
-    if not (sensible and possible(effect.name, coefficients)):
+    if not effect.sensible(coefficients, term.shape, robot, term.joint):
         return False
     if effect.form.to_scale:
         return abs(first - 1) < OFF_SCALE

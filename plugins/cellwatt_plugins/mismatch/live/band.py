@@ -90,10 +90,7 @@ class Band:
     def _noise(self) -> Float:
         """Noise floor (C,) of the recent intervals; 0 where a channel was not measured."""
         out = np.zeros(len(self.channels))
-        whole = np.all([np.isfinite(r).all(axis=0) for r in self._recent], axis=0)
-        if whole.any():
-            out[whole] = floor([r[:, whole] for r in self._recent], [self.step] * len(self._recent))
-        for i in np.flatnonzero(~whole):
+        for i in range(len(out)):
             parts = [part for r in self._recent if len(part := r[np.isfinite(r[:, i]), i : i + 1])]
             if parts:
                 out[i] = floor(parts, [self.step] * len(parts))[0]

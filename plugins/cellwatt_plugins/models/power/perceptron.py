@@ -39,14 +39,7 @@ class Perceptron:
 
     @classmethod
     def train(
-        cls,
-        x: Float,
-        y: Float,
-        held: NDArray[np.bool_],
-        neurons: int,
-        iterations: int,
-        seed: int,
-        least: Float,
+        cls, x: Float, y: Float, held: NDArray[np.bool_], neurons: int, iterations: int, seed: int, least: Float
     ) -> Perceptron:
         """Weights that are best on the rows ``held`` (N,) out, among those that training on the others passes.
 

@@ -51,12 +51,7 @@ class Problem:
 
     @classmethod
     def of(
-        cls,
-        moves: Moves,
-        arm: Arm,
-        tuning: Tuning,
-        doubt: float,
-        effects: tuple[str, ...] | None = None,
+        cls, moves: Moves, arm: Arm, tuning: Tuning, doubt: float, effects: tuple[str, ...] | None = None
     ) -> Problem:
         """With columns for some effects, or for all that the rows can show; links are off by ``doubt`` tolerances."""
         constant = arm.column("torque_constant")

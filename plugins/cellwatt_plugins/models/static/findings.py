@@ -19,7 +19,7 @@ _DETERMINED: Final = 0.5  # of what was thought before: the data have halved the
 
 
 @dataclass(frozen=True)
-class Figure:
+class Number:
     """A value and its standard deviation."""
 
     name: str
@@ -42,7 +42,7 @@ class Finding:
     kind: str
     joints: tuple[int, ...]
     statement: str
-    figures: tuple[Figure, ...]
+    figures: tuple[Number, ...]
     evidence: float | None
 
     def as_json(self) -> dict[str, Any]:
@@ -80,15 +80,15 @@ class _Told:
     def mean(self) -> Float:
         return self.model.posterior.mean[self.part]
 
-    def figure(self, name: str, weights: Float, unit: str) -> Figure:
+    def figure(self, name: str, weights: Float, unit: str) -> Number:
         """A linear combination of the group's parameters."""
         covariance = self.model.posterior.covariance[self.part, self.part]
-        return Figure(name, float(weights @ self.mean), float(np.sqrt(weights @ covariance @ weights)), unit)
+        return Number(name, float(weights @ self.mean), float(np.sqrt(weights @ covariance @ weights)), unit)
 
-    def finding(self, text: str, *figures: Figure) -> Finding:
+    def finding(self, text: str, *figures: Number) -> Finding:
         return Finding(self.group.kind, tuple(j + 1 for j in self.group.joints), text, figures, self.evidence)
 
-    def pull(self, joint: int) -> tuple[Figure, int]:
+    def pull(self, joint: int) -> tuple[Number, int]:
         """The group's strongest torque at a joint in any of the poses, and which pose (from 0) that is."""
         slope = self.model.effects.load(self.basis, self.model.posterior.mean)[1][:, joint, self.part]
         pose = int(np.argmax(np.abs(slope @ self.mean)))
@@ -104,7 +104,7 @@ def _gravity(model: Identified, basis: Basis) -> Iterator[Finding]:
         pose = int(np.argmax(np.abs(thought)))
         row = basis.vertical[pose, joint]
         change = float(row @ posterior.mean[links])
-        figure = Figure(
+        figure = Number(
             f"gravity of joint {joint + 1}",
             float(thought[pose]) + change,
             float(np.sqrt(row @ posterior.covariance[links, links] @ row)),
@@ -126,7 +126,7 @@ def _masses(model: Identified) -> Iterator[Finding]:
         mean, deviation = posterior.mean[part], posterior.deviation[part]
         clear = (deviation < _DETERMINED * effects.scale[part]) & (np.abs(mean) > _CLEAR * deviation)
         figures = [
-            Figure(names[k], float(effects.cad[part][k] + mean[k]), float(deviation[k]), "kg" if k == 0 else "kg m")
+            Number(names[k], float(effects.cad[part][k] + mean[k]), float(deviation[k]), "kg" if k == 0 else "kg m")
             for k in np.flatnonzero(clear)
         ]
         if figures:

@@ -21,6 +21,7 @@ from cellwatt_plugins.robot.effects.declaration import (
     Relations,
     Uncertainty,
 )
+from cellwatt_plugins.robot.effects.possible import plausible
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
@@ -132,7 +133,7 @@ class Effect(ABC):
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         """True if coefficients (m,) are this effect, not a plainer fact that looks the same (0-based joint)."""
-        return True
+        return plausible(self.name, coefficients)
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
         """True if the simulation lacks it at all (0-based joint)."""

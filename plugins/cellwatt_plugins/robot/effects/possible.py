@@ -27,7 +27,7 @@ POSSIBLE: Mapping[str, tuple[Callable[[Float], float], float, float]] = {
 """Of effects that could otherwise stand for anything, a number of the coefficients (m,), and the range it can have."""
 
 
-def possible(effect: str, coefficients: Float) -> bool:
+def plausible(effect: str, coefficients: Float) -> bool:
     """True if coefficients (m,) of an effect can be."""
     if effect not in POSSIBLE:
         return True

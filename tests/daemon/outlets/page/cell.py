@@ -15,7 +15,7 @@ import numpy as np
 
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
 from cellwatt.outlets.page.access import Gate, proof_of
-from cellwatt.outlets.page.app import Page
+from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.cells import Cell, OneCell, prefix
 from cellwatt.outlets.page.dropped import Drops
@@ -137,12 +137,14 @@ STATIC = {
 }
 
 
-def built(folder: Path) -> Path:
+def built(folder: Path) -> Assets:
     for name, content in STATIC.items():
         path = folder / "static" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    return folder / "static"
+    found = Assets(folder / "static")
+    found.load()
+    return found
 
 
 @asynccontextmanager
@@ -167,7 +169,7 @@ async def served(
 
     gate = Gate(made, Sessions(None, lambda name: proof_of(made, name)))
     cells = OneCell(Cell(feed, archive or Archive(None, CELL, made.reports, desk), order if acts else None))
-    page = Page(made, gate, cells, browsers, drops, await asyncio.to_thread(built, folder))
+    page = Page(made, gate, cells, await asyncio.to_thread(built, folder), browsers, drops)
     url = (await page.start(context)).rstrip("/")
     try:
         yield Served(url, page, feed, gate, browsers, orders)

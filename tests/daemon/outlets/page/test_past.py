@@ -123,8 +123,8 @@ def test_an_alarm_of_two_packs_has_its_own_each_time(tmp_path):
     recording(tmp_path, [items])
     reader = Store(tmp_path, CELL)
     recordings = reader.recordings()
-    sources, _ = read(reader, recordings, 0, at(1000), int)
-    assert [(e.raised, e.pack) for e in episodes(recordings, sources)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
+    said, _ = read(reader, recordings, 0, at(1000), int)
+    assert [(e.raised, e.pack) for e in episodes(recordings, said)] == [(at(1), "one.mcap"), (at(300), "two.mcap")]
 
 
 def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from cellwatt import report
 from cellwatt.outlets.page.reports import EXPLAINED, list_reports, newest_mismatch, report_file
+from cellwatt_plugins.mismatch.report import figures
 from cellwatt_plugins.mismatch.report import page as explain_page
 from cellwatt_plugins.mismatch.verdict.findings import (
     ChannelFit,
@@ -23,6 +25,14 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     UnexplainedChannel,
     Where,
 )
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _without_curves() -> Iterator[None]:
+    """No recording stands behind these pages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "sections", lambda *_: [])
+        yield
 
 
 def write(path: Path, kind: str = "energy", finding: str = "All is well.", day: int = 1, tone: Any = "good") -> Path:
@@ -151,7 +161,7 @@ def explained(folder: Path, findings: Findings | None = FINDINGS, day: int = 5) 
     """What ``cellwatt explain`` writes."""
     folder.mkdir(parents=True, exist_ok=True)
     origin = report.Provenance({}, "", {}, datetime(2026, 3, day, tzinfo=UTC))
-    explain_page.report(findings or FINDINGS, [], "mh12", None, origin).write(folder / "report.html")
+    explain_page.report(findings or FINDINGS, [], "mh12", {}, origin).write(folder / "report.html")
     if findings is not None:
         (folder / "findings.json").write_text(json.dumps(findings.as_json(), indent=1))
     return folder / "report.html"
@@ -169,7 +179,6 @@ def test_the_newest_comparison_tells_before_and_after(tmp_path):
         ("stribeck", 2, 9.0, 0.7, "Nm"),
         ("standby", None, 41.0, 4.2, "W"),
     ]
-    json.dumps(found, allow_nan=False)
     assert report_file([tmp_path], found["path"]) == tmp_path / "new" / "report.html"
 
 

@@ -131,17 +131,12 @@ class _Question:
         complete = True
         for kept in reversed(near(self.recordings, grid.start, grid.end)):
             try:
-                source = self.store.source(kept, self.pace)
-                if source is not None and source.start < grid.end and source.end >= grid.start:
-                    for name, buckets in source.levels(level, self.names):
-                        parts[name].append(coarser(buckets, grid.step // STEPS[level]))
+                found = self.store.read(kept, self.pace, lambda source: list(source.levels(level, self.names)))
             except TimeoutError:
                 complete = False
-            except FileNotFoundError:  # it went with its recording, or to keep to the budget
-                complete = complete and not kept.path.exists()
-            except ValueError as error:
-                self.store.spoiled(kept, str(error))
-                complete = False
+                continue
+            for name, buckets in found or ():
+                parts[name].append(coarser(buckets, grid.step // STEPS[level]))
         for name in parts.keys() & self.memory.samples.keys():
             parts[name].append(_bucketed(grid, self.memory.samples[name]))
         return {**_drawn(grid, parts, EXACT), "complete": complete}

@@ -19,6 +19,7 @@ from cellwatt.outlets.page.levels.store import Source, Store, ends_at, near
 from cellwatt.outlets.page.shapes import mark, ms
 from cellwatt.record import packs
 from cellwatt.record.folder import RecordFile
+from cellwatt.record.header import FileName
 from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Event
 
@@ -27,7 +28,8 @@ MOST: Final = 2000
 PATIENCE: Final = 10.0
 """s after which an answer is given as far as it goes."""
 
-Found = Sequence[tuple[RecordFile, Source]]
+Found = Mapping[FileName, tuple[Sequence[Alarm | Event], Sequence[Span]]]
+"""What was said in recordings, and intervals there."""
 
 
 @dataclass
@@ -78,11 +80,11 @@ class Memory:
 
 
 def episodes(recordings: Sequence[RecordFile], found: Found) -> list[Episode]:
-    """Alarms by time of raise, of the sources in order; those of a session end with the begin of the next."""
+    """Alarms by time of raise, of what was said in order; those of a session end with the begin of the next."""
     by_id: dict[str, list[Episode]] = {}
     sessions = sorted({kept.name.session for kept in recordings})
-    for session, group in groupby(found, key=lambda each: each[0].name.session):
-        for message in (message for _, source in group for message in source.said):
+    for session, group in groupby(sorted(found), key=lambda name: name.session):
+        for message in (message for name in group for message in found[name][0]):
             if isinstance(message, Alarm):
                 _hear(message, by_id.setdefault(message.id, []))
             else:
@@ -127,22 +129,14 @@ def marks(
 
     Recordings of long before are asked only if they have a level file: an alarm that is still up may stand there.
     """
-    sources, complete = read(store, recordings, start, end, pace)
     rows = {(span.source, span.number, span.start): span for span in memory.spans if span.overlaps(start, end)}
-    for kept, source in sources:
-        try:
-            spans = source.intervals() if source.start < end and source.end >= start else ()
-        except FileNotFoundError:
-            continue  # removed with its recording
-        except ValueError as error:
-            store.spoiled(kept, str(error))
-            complete = False
-            continue
-        # Of an interval that ran on into the next recording that has the last of it.
-        rows |= {(span.source, span.number, span.start): span for span in spans if span.overlaps(start, end)}
+    found, complete = read(store, recordings, start, end, pace, intervals=True)
+    for name in sorted(found):  # of an interval that ran on into the next recording that has the last of it
+        spans = (span for span in found[name][1] if span.overlaps(start, end))
+        rows |= {(span.source, span.number, span.start): span for span in spans}
     held = [episode for episode in memory.alarms if episode.overlaps(start, end)]
     # Memory knows since when, the record when it was told, and by its stage: there it may come and go meanwhile.
-    known = [e for e in episodes(recordings, sources) if e.overlaps(start, end) and not any(map(e.is_part_of, held))]
+    known = [e for e in episodes(recordings, found) if e.overlaps(start, end) and not any(map(e.is_part_of, held))]
     alarms = [*known, *held]
     longest = sorted(rows.values(), key=lambda span: span.end - span.start)[-MOST:]
     return {
@@ -155,24 +149,31 @@ def marks(
     }
 
 
-def read(store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace) -> tuple[Found, bool]:
-    """Recordings begun before ``end`` with their sources, in order, and true if these are all.
+def read(
+    store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace, *, intervals: bool = False
+) -> tuple[Found, bool]:
+    """Recordings begun before ``end``, with intervals if they are asked for, and true if these are all.
 
     The newest are read first, until ``pace`` raises ``TimeoutError``; those of before ``start`` only from level files.
     """
     wanted = {kept.path for kept in near(recordings, start, end)}
-    found: list[tuple[RecordFile, Source]] = []
+    found: dict[FileName, tuple[Sequence[Alarm | Event], Sequence[Span]]] = {}
     complete = True
+
+    def ask(source: Source) -> tuple[Sequence[Alarm | Event], Sequence[Span]]:
+        inside = intervals and source.start < end and source.end >= start
+        return source.said, source.intervals() if inside else ()
+
     for kept in reversed(recordings):
         if kept.name.session < end:
             try:
-                source = store.source(kept, pace if kept.path in wanted else ends_at(0.0), curves=False)
+                told = store.read(kept, pace if kept.path in wanted else ends_at(0.0), ask, curves=False)
             except TimeoutError:
                 complete = False
                 continue
-            if source is not None:
-                found.append((kept, source))
-    return found[::-1], complete
+            if told is not None:
+                found[kept.name] = told
+    return found, complete
 
 
 def alarm_history(
@@ -188,10 +189,10 @@ def alarm_history(
     start, end = span_of(start_ms, end_ms)
     recordings = store.recordings()
     try:
-        sources, complete = read(store, recordings, start, end, ends_at(time.monotonic() + PATIENCE))
+        said, complete = read(store, recordings, start, end, ends_at(time.monotonic() + PATIENCE))
     except OSError as error:
         raise RecordingError(f"record.folder {store.folder} cannot be read: {why(error)}") from error
-    known = episodes(recordings, sources) if store.recorded else memory.alarms
+    known = episodes(recordings, said) if store.recorded else memory.alarms
     complete = complete and (store.recorded or not memory.forgotten)
     found = [episode for episode in known if episode.overlaps(start, end)][::-1]
     told = [_told(episode, store) for episode in found[:limit]]

@@ -12,9 +12,9 @@ import shutil
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.outlets.page.levels import level_file
@@ -39,6 +39,8 @@ PERIOD: Final = 2.0
 """s from one look at the folder to the next."""
 WORK, REST = 0.01, 0.03
 """s of reading, and of rest after it: the page's other threads go first."""
+
+T = TypeVar("T")
 
 Source = LevelFile | Digest
 """Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
@@ -154,6 +156,20 @@ class Store:
                 self.counts["unreadable"] += 1
                 self._failed(kept.path, f"{kept.path} has no curves: {error}")
             return None
+
+    def read(self, kept: RecordFile, pace: Pace, ask: Callable[[Source], T], *, curves: bool = True) -> T | None:
+        """What ``ask`` finds in the source of a recording; a level file that is damaged or gone is made anew.
+
+        See ``source``.
+        """
+        while (source := self.source(kept, pace, curves=curves)) is not None:
+            try:
+                return ask(source)
+            except FileNotFoundError:  # it went with its recording, or to keep to the budget
+                self._files.pop(kept.name, None)
+            except ValueError as error:
+                self.spoiled(kept, str(error))
+        return None
 
     def known(self, kept: RecordFile) -> LevelFile | None:
         """The level file of a closed recording; None where there is no sound one."""

@@ -66,7 +66,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
     notes = [note for run in runs for note in run.notes]
     # Not spread: a run takes as long to be sent as to be checked so.
     for run in steps(runs, "checking run"):
-        notes += _check(run, runs, arm)
+        notes += _check(run, arm)
     with stage("simulating the runs"):
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
@@ -103,14 +103,14 @@ def _spread(run: Run) -> float:
 def check_run(run: Run, arm: Arm) -> Moved:
     """The motion of a run that is looked at by itself. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
-    _check(run, (run,), arm)
+    _check(run, arm)
     return _moved(run, arm)
 
 
-def _check(run: Run, runs: Sequence[Run], arm: Arm) -> list[str]:
+def _check(run: Run, arm: Arm) -> list[str]:
     """Remarks on one of the runs, by all that needs no other look at its motion."""
     check_stuck(run)
-    notes = check_pairing(run, runs, arm.description)
+    notes = check_pairing(run, arm.description)
     check_limits(run, arm)
     check_velocity(run, arm.description)
     check_jumps(run, arm.description)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +21,6 @@ from cellwatt_plugins.mismatch.input.factors import (
 )
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.samples import interpolated
 
 Float = NDArray[np.float64]
 
@@ -61,7 +59,7 @@ class _Pair:
         return slope, np.divide(product, scale, out=np.zeros_like(scale), where=scale > 0)
 
 
-def check_pairing(run: Run, runs: Sequence[Run], robot: RobotDescription) -> list[str]:
+def check_pairing(run: Run, robot: RobotDescription) -> list[str]:
     """Notes on how the recording follows its plan. Raises ``RecordingError`` where it is another one's."""
     if run.plan is None:
         return []
@@ -78,12 +76,11 @@ def check_pairing(run: Run, runs: Sequence[Run], robot: RobotDescription) -> lis
         _sign(pair)
         _clock(pair, late, remaining)
         _order(pair)
-        _other_plan(pair, run, runs)
         worst = int(moving[np.argmax(pair.errors())])
         off = float(np.std(q[:, worst] - plan[:, worst]))
         raise RecordingError(
             f"{run.name}: the recording does not follow its simulation (joint {worst + 1} is {off:.2f} rad off, rms): "
-            "is it the simulation of this run?"
+            "is it the simulation of this run? Simulations belong to recordings of the same name, or in the same order"
         )
     _clock(pair, late, remaining)
     _offset(pair)
@@ -141,22 +138,6 @@ def _order(pair: _Pair) -> None:
             f"{pair.name}: the joints of the recording are in another order than the simulation's: "
             f"{order_text('q', order.tolist())} of the simulation"
         )
-
-
-def _other_plan(pair: _Pair, run: Run, runs: Sequence[Run]) -> None:
-    for other in runs:
-        if other is run or other.plan is None:
-            continue
-        since, theirs = run.time - run.time[0], other.time - other.time[0]
-        shared = since <= theirs[-1]
-        if shared.mean() < 0.5:
-            continue
-        plan = interpolated(since[shared], theirs, other.plan.position)
-        if float(np.mean(_error(run.position[shared], plan)[pair.moving])) < MATCHES:
-            raise RecordingError(
-                f"{run.name}: the recording follows the simulation of {other.name}, not its own: "
-                "give the simulations in the order of the recordings"
-            )
 
 
 def _offset(pair: _Pair) -> None:
