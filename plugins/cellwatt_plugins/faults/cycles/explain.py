@@ -137,8 +137,11 @@ class _Search:
     def gain(self, chosen: tuple[int, ...]) -> float:
         """Log evidence over no effect at all; minus infinity where a size has the wrong sign."""
         found = self.weighed(chosen)
-        right = all(self.effects[k].sensible(size) for k, size in zip(chosen, found.sizes, strict=True))
-        return found.gain if right else -math.inf
+        return self._if_sensible(chosen, found.sizes, found.gain)
+
+    def _if_sensible(self, chosen: tuple[int, ...], sizes: Sequence[Float], gain: float) -> float:
+        right = all(self.effects[k].sensible(size) for k, size in zip(chosen, sizes, strict=True))
+        return gain if right else -math.inf
 
     def extended(self, best: tuple[int, ...]) -> tuple[int, ...] | None:
         """The best set with one effect more, if it beats ``best``; of two, the first may be another than before."""
@@ -218,17 +221,11 @@ class _Search:
     def _line(self, chosen: tuple[int, ...]) -> float:
         """Log evidence along the slope of power without any fault."""
         if chosen not in self._lines:
-            self._lines[chosen] = self._drawn(chosen)
+            columns = [self._columns[k] for k in chosen]
+            found = fit(self._straight.part(np.concatenate(columns)))
+            sizes = np.split(found.coefficients, np.cumsum([len(each) for each in columns])[:-1])
+            self._lines[chosen] = self._if_sensible(chosen, sizes, found.evidence)
         return self._lines[chosen]
-
-    def _drawn(self, chosen: tuple[int, ...]) -> float:
-        found = fit(self._straight.part(np.concatenate([self._columns[k] for k in chosen])))
-        begin = 0
-        for k in chosen:
-            if not self.effects[k].sensible(found.coefficients[begin : begin + len(self._columns[k])]):
-                return -math.inf
-            begin += len(self._columns[k])
-        return found.evidence
 
     def _allowed(self, chosen: tuple[int, ...]) -> bool:
         joints = [j for k in chosen if (j := self.effects[k].joint) is not None]

@@ -88,7 +88,7 @@ class Judge:
             return None
         reference = self.follower[match.place]
         comparison = self._compare(reference, interval, trace.between(0, now))
-        finding = self._power(reference, match, so_far, comparison, "follows", now)
+        finding = self._power(match, so_far, comparison, "follows", now)
         return finding if finding.code else None
 
     def closed(self, interval: Interval, trace: Trace) -> list[Finding]:
@@ -109,7 +109,7 @@ class Judge:
         if course == "other_motion":
             return self._unknown(interval)
         settled = self._settle(interval, match, trace)
-        power = self._power(reference, match, interval, comparison, course, interval.end)
+        power = self._power(match, interval, comparison, course, interval.end)
         self._doubt = None
         if course in ("deviates", "interrupted") and comparison.power_known >= POWER_KNOWN:
             outside_power = longest(comparison.power_codes) >= self.rules.frames
@@ -135,16 +135,9 @@ class Judge:
         codes = comparison.position_codes(self.rules.tolerance.position)
         return tuple(j for j in reference.moving if longest(codes[:, j - 1]) >= self.rules.frames)
 
-    def _power(
-        self,
-        reference: ReferenceInterval,
-        match: Match,
-        interval: Interval,
-        comparison: Comparison,
-        course: Course,
-        now: int,
-    ) -> Finding:
+    def _power(self, match: Match, interval: Interval, comparison: Comparison, course: Course, now: int) -> Finding:
         """Equation (20) on power where the motion follows the reference from the same pose."""
+        reference = self.follower[match.place]
         usable = comparison.follows & (comparison.t >= 0)
         codes = np.where(usable, comparison.power_codes, 0).astype(np.int8)
         judged = course == "follows" and not match.foreign and not match.displaced
