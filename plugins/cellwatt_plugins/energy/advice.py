@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.task_energy import Stretch, resting_power
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
 
 SCALES = np.round(np.geomspace(0.5, 3.0, 37), 3)
 """Lengths of the motion that are tried, against its present length."""

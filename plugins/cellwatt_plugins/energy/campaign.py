@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.files import Place
 from cellwatt.progress import stage
@@ -25,8 +24,6 @@ from cellwatt_plugins.energy.repetitions import find_repetitions
 from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
 from cellwatt_plugins.energy.run_energy import Learnt, edges, run_energy, total_energy
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 
 def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Reading
 from cellwatt_plugins.robot.accumulate import Accumulated
-
-Float = NDArray[np.float64]
 
 FURTHEST = 5.0
 """s: the clocks are taken to differ by no more."""

@@ -11,13 +11,11 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
-
-Float = NDArray[np.float64]
 
 KINDS = len(TERMS)
 """Features of a joint."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import bus_power, features
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 FOLLOW = 0.2
 """Share by which a rest moves the level of the electronics towards the power that it shows."""

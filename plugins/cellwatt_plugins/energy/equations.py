@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.arrays import Float
 
 
 def electronics_energy(controller: float, robot_electronics: float, seconds: float) -> float:

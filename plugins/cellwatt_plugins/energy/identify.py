@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.progress import steps
 from cellwatt_plugins.energy.clock import Offset, inside, refine, windows
 from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, supply_power
@@ -21,8 +22,6 @@ from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.accumulate import Accumulated
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
-
-Float = NDArray[np.float64]
 
 ROUNDS = 8
 """Repetitions of the linear fit; the parameters rest after about five."""

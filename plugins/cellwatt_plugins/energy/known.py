@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from cellwatt.arrays import Float
 from cellwatt.config import read_settings
 from cellwatt.errors import ModelError
 from cellwatt_plugins.energy.drive import KINDS, Drive
 from cellwatt_plugins.energy.findings import Findings, Fixed, RunEnergy
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 ALIKE = 0.03
 """s: by so much, beside their uncertainty, offsets of the analyzer's clock in one cell may differ …"""

@@ -9,14 +9,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 _RUN = re.compile(r"(?P<speed>\d+(?:\.\d+)?)_(?P<payload>\d+(?:\.\d+)?)kg")
 _ENDINGS = (".parquet", ".csv")

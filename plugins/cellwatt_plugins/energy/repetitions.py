@@ -8,14 +8,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.rests import rests, signal_noise
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.samples import interpolated
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
 
 POINTS = 200
 """Points of a repetition between which its path is straight: encoder noise adds nothing to such long lines."""

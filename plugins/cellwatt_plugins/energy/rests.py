@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
 
 STILL: Final = 0.1
 """s in which an arm at rest does not leave the noise."""

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
@@ -23,8 +23,6 @@ from cellwatt_plugins.robot.effects.friction import Sliding
 from cellwatt_plugins.robot.motion import direction, rates, smooth
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Prior, solve, variance_of
-
-Float = NDArray[np.float64]
 
 SAMPLES = 250
 """Samples taken of each run: more say little more and cost time."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power, supply_power
 from cellwatt_plugins.energy.equations import (
     brake_energy,
@@ -18,8 +18,6 @@ from cellwatt_plugins.energy.equations import (
 from cellwatt_plugins.energy.findings import Fixed, RunEnergy
 from cellwatt_plugins.energy.identify import Observed
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 TOO_WIDE = 1.0
 """Percent of the total: regeneration that is less certain is not told."""

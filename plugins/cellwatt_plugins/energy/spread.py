@@ -8,13 +8,11 @@ groups alike, is one column; only so the groups' errors add up to that of the me
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power
 from cellwatt_plugins.energy.electronics import Level, brake_slope
 from cellwatt_plugins.energy.known import Known
-
-Float = NDArray[np.float64]
 
 GROUPS = (
     "electronics",

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, supply_power
 from cellwatt_plugins.energy.electronics import Level, at_campaign
 from cellwatt_plugins.energy.equations import brake_energy, motion_efficiency
@@ -23,8 +23,6 @@ from cellwatt_plugins.energy.spread import (
     group_covariance,
 )
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 HELD = 0.003
 """Share of a task's energy by which power that is held on the frames may miss it: one standard deviation."""

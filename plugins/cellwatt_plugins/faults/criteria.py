@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from cellwatt.arrays import Float
 from cellwatt.quantity import Fraction, Radians, Watts
 
-Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_fault"]

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.arrays import Float
+
 Codes = NDArray[np.int8]
 
 SHAPE_WEIGHT = 0.2

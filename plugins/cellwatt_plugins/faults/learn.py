@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
 from cellwatt.results import Interval, Task
 from cellwatt_plugins.faults.reference import (
@@ -22,7 +22,6 @@ from cellwatt_plugins.faults.reference import (
 )
 from cellwatt_plugins.faults.trace import Trace
 
-Float = NDArray[np.float64]
 T = TypeVar("T")
 
 FEWEST = 3

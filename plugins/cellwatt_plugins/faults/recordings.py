@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.channel import Quality
 from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
@@ -16,8 +16,6 @@ from cellwatt.record.reader import Recording
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter import onto, power_beside, with_meters
-
-Float = NDArray[np.float64]
 
 SOURCE = "table"
 """Source name of a table's channels."""

@@ -44,16 +44,14 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
+from cellwatt.arrays import Float
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
 from cellwatt_plugins.faults.cycles.pattern import Pattern as CyclePattern
 from cellwatt_plugins.faults.cycles.stored import StoredModel
-
-Float = NDArray[np.float64]
 
 VERSION = 1
 LEAD = 0.2

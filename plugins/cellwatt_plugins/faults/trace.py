@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames, Layout
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Result
 from cellwatt.stage import CellInfo
-
-Float = NDArray[np.float64]
-Nanoseconds = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

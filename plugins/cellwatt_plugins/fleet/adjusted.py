@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from cellwatt.arrays import Float
+
 Index = NDArray[np.intp]
 
 FEWEST: Final = 3.0

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place as FilePlace
@@ -19,9 +18,6 @@ from cellwatt_plugins.fleet.kinds import FEWEST
 from cellwatt_plugins.fleet.lake import Lake, find, monday
 from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
-
-Float = NDArray[np.float64]
-
 
 Says = Mapping[tuple[str, int], Told]
 """What the repetitions of a cell say, by quantity and joint."""

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.fleet.adjusted import UNTOUCHED, Course, Told, apart, course_of, shrunk, warmth_of
 from cellwatt_plugins.fleet.repetitions import programs
 from cellwatt_plugins.fleet.weekly import Week
-
-Float = NDArray[np.float64]
 
 PROGRAMS: Final = {"friction": 0.05, "energy": 1.0}
 """Quantities, as logs: standard deviation by which programs of a cell differ in it."""

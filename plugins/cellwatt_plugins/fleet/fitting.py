@@ -13,13 +13,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
-
-Float = NDArray[np.float64]
 
 SLIDES: Final = 0.05
 """rad/s from which a joint's friction has its full size."""

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import digamma, polygamma
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.fleet.adjusted import Course
 
-Float = NDArray[np.float64]
 K = TypeVar("K")
 
 FEWEST: Final = 5

@@ -9,13 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.tables import Table, read_table
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.motion import differentiate, rates, smooth
 from cellwatt_plugins.robot.samples import interpolated, torque_in
-
-Float = NDArray[np.float64]
 
 HOLE: Final = 3.0
 """Steps without a sample at which a stretch ends."""

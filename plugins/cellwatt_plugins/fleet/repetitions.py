@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.fleet.reading import Stretch
 from cellwatt_plugins.robot.stretches import at_one_pose, stretches
-
-Float = NDArray[np.float64]
 
 STILL: Final = 0.02
 """rad/s below which a joint is at rest."""

@@ -7,15 +7,12 @@ from datetime import date
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.report import Axis, Block, Figure, Folded, Notes, Panel, Report, Section, Table, Tile
 from cellwatt.report.drawing import dots, line, ribbon, upright
 from cellwatt.report.numbers import fixed
 from cellwatt.report.theme import BAD, MEASURED, MODEL
 from cellwatt_plugins.fleet.findings import Finding, Fleet, Weekly
-
-Float = NDArray[np.float64]
 
 IN_A_ROW: Final = 3
 """Panels of courses."""

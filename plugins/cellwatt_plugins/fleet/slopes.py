@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.fleet.adjusted import Course
 from cellwatt_plugins.fleet.courses import Place
 from cellwatt_plugins.fleet.kinds import FEWEST, MIDDLE, WORTH, moderated, spread_of, summed
 from cellwatt_plugins.fleet.trend import Line, Step, line
-
-Float = NDArray[np.float64]
 
 JOINTS: Final = 3
 """Joints of an arm that tell how far arms differ, at least."""

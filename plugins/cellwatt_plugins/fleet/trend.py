@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.fleet.adjusted import Course
-
-Float = NDArray[np.float64]
 
 MOST: Final = 2
 """Steps of a course that are told."""

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from cellwatt.arrays import Float
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.fleet.fitting import fit_joint, links_of
 from cellwatt_plugins.fleet.lake import CellWeek, Skipped
@@ -20,8 +20,6 @@ from cellwatt_plugins.fleet.repetitions import Span, at_work, signature, spans_o
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 RATE: Final = 25.0
 """Samples a second that are fitted."""

@@ -8,15 +8,12 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.rests import rests
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.stretches import at_one_pose
-
-Float = NDArray[np.float64]
 
 REST: Final = 0.4
 """s: staying so long is a rest."""

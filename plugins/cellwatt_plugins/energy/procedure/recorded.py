@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.record import Recording
 from cellwatt_plugins.energy.drive import effort
 from cellwatt_plugins.energy.recordings import Motion, Reading
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 PLACE = "the recording"
 

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.progress import steps
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import CLEARANCE, Checker
-
-Float = NDArray[np.float64]
 
 STARTS: Final = 32
 """Places of a Sobol sequence from which the search begins."""

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import copper_gain, drawn
 from cellwatt_plugins.robot.motion import direction
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.arm import Parameters, friction
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load
 from cellwatt_plugins.robot.motion import direction
-
-Float = NDArray[np.float64]
 
 SPRING = 10.0
 """A spring's torque over a radian, and where it is slack, relative to the joint's Coulomb friction (one sigma)."""

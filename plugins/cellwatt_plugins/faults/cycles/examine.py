@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.effects import PART, warm_up
 from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain, odds_of, temper_of
 from cellwatt_plugins.faults.cycles.identify import FittedArm
@@ -20,8 +20,6 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.samples import Samples, sample
 from cellwatt_plugins.faults.cycles.weigh import fit
 from cellwatt_plugins.robot.regression import Products, Whitener
-
-Float = NDArray[np.float64]
 
 LEAST = 2.0
 """W that a fault must move the power by, for a moment, to be named."""

@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, warm_up
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.readings import Reading
 from cellwatt_plugins.faults.cycles.samples import Samples
 from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, fit, weigh
 from cellwatt_plugins.robot.regression import Products, Whitener
-
-Float = NDArray[np.float64]
 
 WARM = 0.15
 """Share by which friction of all joints may be higher or lower (one sigma)."""

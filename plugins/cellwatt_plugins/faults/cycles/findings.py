@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
@@ -21,8 +21,6 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.cycles.strangers import new_tasks
 from cellwatt_plugins.faults.cycles.words import note_on, statement_on
-
-Float = NDArray[np.float64]
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
 Status = Literal["healthy", "changed", "fault", "new_task"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, nominal
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
@@ -18,8 +18,6 @@ from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.meter import Windows
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, gauss_newton
-
-Float = NDArray[np.float64]
 
 ROUNDS = 8
 LEAST = 0.05

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.loops import find_loops
 from cellwatt_plugins.faults.cycles.metering import power_through
@@ -16,8 +16,6 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.learn import by_speed
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 STEP = 0.02
 """Step of the patterns, s."""

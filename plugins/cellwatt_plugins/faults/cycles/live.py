@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.progress import steps
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
@@ -19,8 +19,6 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.cycles.strangers import new_tasks
 from cellwatt_plugins.faults.trace import Trace
-
-Float = NDArray[np.float64]
 
 REST = 0.5
 """Frames are looked at once the arm has rested for this long, s …"""

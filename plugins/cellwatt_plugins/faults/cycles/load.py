@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, friction, supply_power, torque
 from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
 from cellwatt_plugins.robot.motion import direction
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

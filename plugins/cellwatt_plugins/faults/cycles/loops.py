@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.runs import Run
-
-Float = NDArray[np.float64]
 
 SAME_POSE = math.radians(0.8)
 """Rest poses no further apart than this, in every joint, are one."""

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.pattern import POSE, WAY, Pattern, Timing, Warp, timing, warp_of
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, without_jumps
@@ -56,8 +57,6 @@ def _right_again(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: 
             return True
     return False
 
-
-Float = NDArray[np.float64]
 
 MOST_ODD = 2
 """Joints that may be off their path in a known cycle."""

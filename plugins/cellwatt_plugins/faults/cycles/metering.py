@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, vstack
 from scipy.sparse.linalg import spsolve
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
 from cellwatt_plugins.faults.cycles.recording import Recording
@@ -17,8 +17,6 @@ from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, kinds_of_power
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
 
 STIFFNESS = np.geomspace(1e-4, 1e4, 9)
 """Weights of the power's second differences against the readings that are tried."""

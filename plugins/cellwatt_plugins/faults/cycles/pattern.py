@@ -13,15 +13,13 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, GetPydanticSchema
 from pydantic_core.core_schema import no_info_after_validator_function
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot.motion import rates
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 MARGIN = 0.1
 """A pattern begins and ends this long outside its first and last move, s."""

@@ -13,8 +13,8 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.arm import Motion, friction
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load, load_of, motor_alone, unsure_friction
@@ -24,8 +24,6 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.faults.cycles.samples import DOUBT, Samples
 from cellwatt_plugins.robot.motion import rates
-
-Float = NDArray[np.float64]
 
 Cause = Literal["encoder", "drive_cut", "belt_off", "moved"]
 """``moved``: it did as its encoder shows, so this is another task."""

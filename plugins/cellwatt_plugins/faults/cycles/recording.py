@@ -9,12 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt_plugins.faults.trace import one_layout
 from cellwatt_plugins.robot.meter import Meter, Readings, held
-
-Float = NDArray[np.float64]
 
 LONGEST_HOLE = 0.5
 """s of missing positions up to which they are bridged; where the arm was meanwhile is not known in longer ones."""

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.stretches import stretches
-
-Float = NDArray[np.float64]
 
 WINDOW = 0.06
 """Speeds are differences over this, s."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.arm import Motion
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load, load_of
@@ -16,8 +17,6 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.meter import Meter, Readings
 from cellwatt_plugins.robot.samples import interpolated
-
-Float = NDArray[np.float64]
 
 STEP = 0.04
 """Power is averaged over this before it is judged, s."""

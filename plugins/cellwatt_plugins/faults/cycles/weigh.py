@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.arm import Parameters
 from cellwatt_plugins.faults.cycles.effects import Effect
 from cellwatt_plugins.faults.cycles.load import Load, unsure_friction
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, Whitener
-
-Float = NDArray[np.float64]
 
 ROUNDS = 5
 SETTLED = 0.02

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.criteria import Codes, Tolerance, outside, ternary
 from cellwatt_plugins.faults.reference import LEAD, TAIL, Pattern, ReferenceInterval
 from cellwatt_plugins.faults.trace import Trace
 
-Float = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 BASE = (-0.1, 0.0)

@@ -17,10 +17,10 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper.rational import Rational, iterations, starting_poles
 
-Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 ORDERS = (24, 34, 44)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.frames import Frames
 from cellwatt.results import Interval
 from cellwatt_plugins.faults.criteria import Tolerance
@@ -21,7 +22,6 @@ from cellwatt_plugins.faults.trace import segmented
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
 
-Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 SPRINGS = (4.0, 8.0, 16.0)

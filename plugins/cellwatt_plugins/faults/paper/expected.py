@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.reference import Variant
 from cellwatt_plugins.robot.samples import interpolated
 
-Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 

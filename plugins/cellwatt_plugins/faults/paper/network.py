@@ -27,12 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from cellwatt.arrays import Float
 from cellwatt.config import reads_version
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.onnx_file import OnnxFile
 
-Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 OPSET, IR_VERSION = 17, 8

@@ -7,15 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper.bevf import PowerEquation
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.equation import load
 from cellwatt_plugins.faults.reference import LEAD, TAIL, Variant
-
-Float = NDArray[np.float64]
 
 OFF = 0.15
 """s by which an equation may be longer or shorter than its task: it was made of another reference if by more."""
