@@ -4,7 +4,7 @@
     python bench/chain.py --json --robots 32 --stages
 
 Emulated UR controllers (500 Hz, the full default recipe plus more: 62 values) run in one process, the daemon in
-others, on all cores or alone on one, a plain Zenoh subscriber in a last. Latency is told from the subscriber's receipt:
+others, a plain Zenoh subscriber in a last. Latency is told from the subscriber's receipt:
 ``daemon`` since the newest packet of a message came to this PC, ``emulator`` since the emulator sent each packet of it
 (the fastest of a run counts as 0, so constant transport time is not in it). ``frame_ms`` and ``alarm_ms`` are since
 the time that a frame is for, and that of the frame that raised or cleared an alarm; frames wait 100 ms for samples.
@@ -143,8 +143,8 @@ def percentiles(values: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def run(robots: int, seconds: float, cores: int, stages: bool, latency: str) -> dict[str, Any]:
-    """One run of the daemon on one core, or on all; its CPU share, losses and the subscriber's figures."""
+def run(robots: int, seconds: float, stages: bool, latency: str) -> dict[str, Any]:
+    """One run of the daemon; its CPU share, losses and the subscriber's figures."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -154,7 +154,6 @@ def run(robots: int, seconds: float, cores: int, stages: bool, latency: str) -> 
         daemon = subprocess.Popen(
             [sys.executable, "-m", "cellwatt.commands", "run", str(folder / "cell.yaml")],
             stderr=(folder / "log").open("w"),
-            preexec_fn=(lambda: os.sched_setaffinity(0, {0})) if cores == 1 else None,
         )
         subscriber = spawn("listen", endpoint, cpus={1})
         try:
@@ -240,7 +239,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=15.0)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--robots", type=int, nargs="*", default=[8, 16, 32])
-    parser.add_argument("--cores", type=int, choices=[1, 2], default=2, help="1: the daemon alone on one core")
     parser.add_argument("--stages", action="store_true", help="cut the motion of every robot into tasks, too")
     parser.add_argument("--latency", choices=["normal", "low"], default="normal")
     parser.add_argument("--role", nargs=2, metavar=("ROLE", "ARGUMENT"))
@@ -249,7 +247,7 @@ def main() -> None:
         role, argument = a.role
         asyncio.run(devices(int(argument))) if role == "devices" else listen(argument)
         return
-    runs = [run(robots, a.seconds, a.cores, a.stages, a.latency) for robots in a.robots for _ in range(a.repeats)]
+    runs = [run(robots, a.seconds, a.stages, a.latency) for robots in a.robots for _ in range(a.repeats)]
     print(json.dumps(runs, indent=None if a.json else 1))
 
 

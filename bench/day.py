@@ -22,12 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from footprint import cell, family, free_port, own
+from footprint import cell, family, free_port, own, with_page
 from memory import slope
 
 from cellwatt.batch import Batch
 from cellwatt.config import load
-from cellwatt.demo.cells import shape_file
 from cellwatt.emulation.arm import ArmSignals
 from cellwatt.record import Recording
 from cellwatt.ring import ItemWriter, Mark, Status
@@ -46,10 +45,7 @@ def settings(folder: Path) -> Path:
     """The file of the cell: nobody opens its devices."""
     sources = "  arm: {driver: ur, host: 127.0.0.1}\n  meter: {driver: scpi_analyzer, host: 127.0.0.1}\n"
     sources += "  board: {driver: power_board, port: /dev/null}\n"
-    model = shape_file().with_name("power.onnx")
-    more = f"robot: demo\nstages:\n  segment: {{arm: arm}}\n  power: {{stage: model, file: {model}, source: arm}}\n"
-    more += f'page: {{listen: "127.0.0.1:{free_port()}", arms: {{arm: {shape_file()}}}}}\n'
-    path = cell(folder, sources, more)
+    path = cell(folder, sources, with_page(f"127.0.0.1:{free_port()}"))
     path.write_text(
         path.read_text().replace(f"folder: {folder / 'record'}", f"folder: {folder / 'record'}, keep: 2 GB")
     )

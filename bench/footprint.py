@@ -100,17 +100,21 @@ def idle(seconds: float) -> dict[str, float]:
             return weigh(process, seconds)
 
 
+def with_page(address: str) -> str:
+    """Settings of the typical cell's stages, a model among them, and of its page."""
+    model = shape_file().with_name("power.onnx")
+    stages = f"stages:\n  segment: {{arm: arm}}\n  power: {{stage: model, file: {model}, source: arm}}\n"
+    return f'robot: demo\n{stages}page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}\n'
+
+
 @contextlib.asynccontextmanager
 async def typical(shown: bool = False) -> AsyncIterator[subprocess.Popen[bytes]]:
     """A UR at 500 Hz, a power board at 123 Hz and an analyzer at 10 Hz, recorded and published; its daemon.
 
     ``shown``: also predicted by a model, and looked at in a browser, which is not counted.
     """
-    address, stages = f"127.0.0.1:{free_port()}", "stages:\n  segment: {arm: arm}\n"
-    if shown:
-        model = shape_file().with_name("power.onnx")
-        stages = f"robot: demo\n{stages}  power: {{stage: model, file: {model}, source: arm}}\n"
-        stages += f'page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}\n'
+    address = f"127.0.0.1:{free_port()}"
+    stages = with_page(address) if shown else "stages:\n  segment: {arm: arm}\n"
     async with contextlib.AsyncExitStack() as stack:
         devices = {"arm": "ur", "board": "power_board", "meter": "scpi_analyzer"}
         sources = ""
