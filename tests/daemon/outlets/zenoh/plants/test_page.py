@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from bench.plants import site
-from bench.plants.network import hq_address
 from click.testing import CliRunner
 
 from cellwatt.commands.secure import command
+from tests.daemon.outlets.zenoh.plants import site
+from tests.daemon.outlets.zenoh.plants.network import hq_address
 
 PAGE = (site.ROOT / "docs" / "plants.md").read_text()
 HEADQUARTERS, PLANT, HQ_ROUTER, PLANT_ROUTER = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)[:4]
@@ -43,7 +43,7 @@ def changes() -> dict[str, str]:
     return dict(re.findall(r"--cfg '([\w/]+):(.*?)'", PLANT_ROUTER))
 
 
-def test_the_page_names_what_the_bench_and_the_tests_run(made: Path) -> None:
+def test_the_page_names_what_the_tests_run(made: Path) -> None:
     shown = {path: json.loads(text.replace("hq.example.com", hq_address(1))) for path, text in changes().items()}
     assert shown == site.uplink(1)
     ours = made / "ours"

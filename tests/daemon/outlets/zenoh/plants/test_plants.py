@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench.plants import network, trial
-from bench.plants.network import PORT
 
+from tests.daemon.outlets.zenoh.plants import network, trial
+from tests.daemon.outlets.zenoh.plants.network import PORT
 from tests.patience import PATIENCE
 
 REASON = network.missing()

@@ -1,6 +1,6 @@
 """A Zenoh router as a process: the router of ``zenohd``, with a file of its, in a folder.
 
-python -m bench.plants.router '{"folder": …, "file": …, "options": {path: value}}'
+python -m PACKAGE.router '{"folder": …, "file": …, "options": {path: value}}'
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A cell as a process: the Zenoh outlet over a record on disk, ordered about in JSON lines.
 
-python -m bench.plants.cell '{"site", "cell", "folder", "zenoh": settings, "record": settings, "rate": Hz, "width": n}'
+python -m PACKAGE.cell '{"site", "cell", "folder", "zenoh": settings, "record": settings, "rate": Hz, "width": n}'
 
 ``{"run": s}`` records and publishes samples, frames and alarms in real time until that time is over (``null``: until
 ``{"halt": true}``); ``{"past": h}`` records hours at once, with time stamps of that long. ``{"tell": true}`` says what

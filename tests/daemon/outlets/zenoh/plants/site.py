@@ -12,7 +12,7 @@ from cellwatt.secure.folder import Folder, Member
 
 from .network import PLANTS, PORT, hq_address
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[5]
 CELL = "weld-3"
 """Name of the cell in each plant."""
 

@@ -1,6 +1,6 @@
 """Consumers at headquarters as processes; each says ten times a second what it has.
 
-    python -m bench.plants.consumer '{"site", "cell", "link": settings, "how": "recorder" | "board"}'
+    python -m PACKAGE.consumer '{"site", "cell", "link": settings, "how": "recorder" | "board"}'
 
 ``recorder`` is a ``Subscriber``: every sample once, in order. It compares each with its number, which is its first
 value. ``board`` counts the blocks of samples that come live.

@@ -17,7 +17,7 @@ from typing import Any
 from . import site
 from .network import PLANTS, Network, network
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[5]
 PATIENCE = 120.0
 WIDTH = 13
 """Channels of the cells."""
@@ -27,7 +27,13 @@ class Process:
     """A module of this package in a namespace; ``said`` is its last line of each kind, by its first key."""
 
     def __init__(self, net: Network, place: str, module: str, order: dict[str, Any]) -> None:
-        command = [*net.inside(place), sys.executable, "-m", f"bench.plants.{module}", json.dumps(order)]
+        command = [
+            *net.inside(place),
+            sys.executable,
+            "-m",
+            f"tests.daemon.outlets.zenoh.plants.{module}",
+            json.dumps(order),
+        ]
         self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.said: dict[str, Any] = {}
         self._name = f"{module} in {place}"
