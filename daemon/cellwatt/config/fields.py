@@ -46,11 +46,14 @@ def members(annotation: Any) -> Types:
 
 
 def below(types: Types, key: object) -> Types:
-    """What a value may be that stands under a key of a mapping, or in a list, of these types."""
+    """What a value may be that stands under a key of a mapping, or in a list, of these types.
+
+    A name of one's own may be that of a field too: then it may be either.
+    """
     models = [model for each in types for model in models_in(each)]
-    if known := [fields[str(key)] for fields in map(fields_of, models) if str(key) in fields]:
-        return [one for field in known for one in (*field.metadata, *members(field.annotation))]
-    return [member for each in types for argument in get_args(each) for member in members(argument)]
+    known = [fields[str(key)] for fields in map(fields_of, models) if str(key) in fields]
+    free = [member for each in types for argument in get_args(each) for member in members(argument)]
+    return [one for field in known for one in (*field.metadata, *members(field.annotation))] + free
 
 
 def fields_at(kind: Any, path: KeyPath) -> dict[str, FieldInfo]:

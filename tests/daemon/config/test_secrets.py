@@ -86,6 +86,17 @@ def load_again(folder: Path, text: str) -> bool:
     return load(file, {}).cell == "b"
 
 
+def test_a_recipient_may_be_named_like_its_channel(tmp_path: Path) -> None:
+    web = {"url": f"https://{SECRET}.example", "ca": "ca.pem"}
+    ntfy = {"url": "https://ntfy.example", "topic": "hunter2", "token": SECRET}
+    cell = {"site": "a", "cell": "b", "sources": {"arm": {"driver": "ur", "host": "h"}}}
+    cell["notify"] = {"to": {"ntfy": {"ntfy": ntfy}, "webhook": {"webhook": web}}}
+    config = load_document(parse(tmp_path / "cell.yaml", json.dumps(cell), {}))
+    assert "hunter2" not in config.text + json.dumps(public_config(config))
+    settings: Any = config.outlets["notify"].settings
+    assert settings.to["webhook"].webhook.ca == tmp_path / "ca.pem"
+
+
 def test_the_device_still_gets_it(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
     file.write_text(FORMS["plain"], encoding="utf-8")
