@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from cellwatt.account import Losses
-from cellwatt.channel import Stream
+from cellwatt.channel import Quality, Stream
 from cellwatt.clock import unwrapped
 from cellwatt.driver import Inlet
 from cellwatt.errors import ProtocolError
@@ -90,7 +91,8 @@ class Intake:
         self._losses.before_next(missing)
         self._number, self._time, self._arrival, self._clocked = packet.sequence, time, arrival, clocked
         self._newest = packet
-        self._rows.append(Row(time, self._columns.row(packet.message)))
+        row = self._columns.row(packet.message)
+        self._rows.append(Row(time, row, Quality.MISSING if all(map(math.isnan, row)) else Quality.GOOD))
 
     def _repeated(self, packet: Packet, ahead: int) -> None:
         """Count a packet whose number has been taken, or passed by."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt.channel import Stream
+from cellwatt.channel import Quality, Stream
 from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Stamp
 from cellwatt_drivers.abb.intake import Intake
 from cellwatt_drivers.abb.wire import columns
@@ -16,9 +16,9 @@ START = 1_700_000_000.0
 
 
 class Rig:
-    def __init__(self):
+    def __init__(self, *groups):
         self.inlet = CollectingInlet()
-        found = columns(("joints",), 6, ())
+        found = columns(groups or ("joints",), 6, ())
         self.intake = Intake(self.inlet, Stream("egm", found.channels, 250.0, "device"), found, lambda: None)
         self.robot = EmulatedRobot(STILL, 7, 6, 0.004)
 
@@ -40,6 +40,14 @@ def test_gaps_duplicates_and_late_ones():
     rig.take(1, 2, 5, 5, 4, 6)
     assert rig.count == (6, 4, {"gap": 2}, {"duplicates": 1, "late packets": 1})
     assert rig.inlet.resets == []
+
+
+def test_a_packet_without_any_of_the_values_is_missing():
+    for groups, quality in ((("torque",), Quality.MISSING), (("torque", "joints"), Quality.GOOD)):
+        rig = Rig(*groups)
+        rig.take(1, 2)
+        (reading,) = rig.inlet.readings
+        assert reading.quality.tolist() == [quality, quality]
 
 
 def test_two_packets_of_one_number_that_differ_are_told_as_forged():
