@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import AbstractAsyncContextManager
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from pydantic import Field, FilePath, model_validator
+from pydantic import Field, FilePath, field_validator, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
@@ -22,6 +22,7 @@ from cellwatt_drivers.shared.requirements import require
 if TYPE_CHECKING:
     from can import Message
 
+_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 _MOST_OTHERS = 8
 _EXTRAS = {"can": "python-can", "cantools": "cantools"}
 
@@ -39,7 +40,7 @@ class CanSensorSettings(SourceSettings):
     """Interface by which python-can reaches the bus."""
     channel: str = "can0"
     """Network interface (``can0``), or serial port of an slcan adapter."""
-    bitrate: Literal[10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000] | None = None
+    bitrate: int | None = None
     """Bit/s that an slcan adapter is told; left out: as it is set. SocketCAN's is set with ``ip link``."""
     listen_only: bool = False
     """Tell an slcan adapter not even to acknowledge; then another node must do so."""
@@ -51,6 +52,13 @@ class CanSensorSettings(SourceSettings):
     """Messages a second, by stream, where the sensor is set otherwise than the map says."""
     silence: Seconds = Field(2.0, gt=0)
     """Not one frame of the sensor for this long: the bus is closed and opened again."""
+
+    @field_validator("bitrate")
+    @classmethod
+    def _known_rate(cls, bitrate: int | None) -> int | None:
+        if bitrate is not None and bitrate not in _BITRATES:
+            raise ValueError(f"expected one of {', '.join(map(str, _BITRATES))}")
+        return bitrate
 
     @model_validator(mode="after")
     def _fits(self) -> CanSensorSettings:
