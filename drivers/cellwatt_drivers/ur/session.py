@@ -127,9 +127,8 @@ class Session:
 
     def _frame(self, frame: wire.Frame) -> None:
         if frame.kind == Kind.TEXT_MESSAGE:
-            message = wire.parse_text(frame.payload)
-            if self.say is not None:
-                self.say(message)
+            if self.say is not None:  # before the versions are agreed on, a message may have another form
+                self.say(wire.parse_text(frame.payload))
             return
         if self._asked is None or frame.kind != self._asked:
             raise ProtocolError(f"answer {frame.kind.name} to a question that was not asked")

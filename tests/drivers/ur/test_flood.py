@@ -108,3 +108,10 @@ async def test_bytes_that_are_no_frame_end_a_flood_in_the_middle() -> None:
     await eventually(lambda: taps.aborted)
     assert len(inlet.events) == 1000 and inlet.account.counters["protocol error"] == 1
     assert session.closed.done()
+
+
+async def test_a_message_of_another_form_breaks_nothing_where_nobody_listens() -> None:
+    session, _, inlet = conversation()
+    session.say = None
+    feed(session, wire.frame(wire.Kind.TEXT_MESSAGE, b"\x02in the form of version 1"))
+    assert not session.closed.done() and not inlet.account.anomalies
