@@ -20,8 +20,8 @@ from cellwatt.config.loading import NAME, load_document
 from cellwatt.config.reference import Field, reference
 from cellwatt.config.wording import first_sentence
 from cellwatt.driver import SourceSettings
-from cellwatt.errors import ConfigError
-from cellwatt.files import write_file
+from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.files import replace_text
 from cellwatt.record.settings import RecordSettings
 from cellwatt.registry import driver as find_driver
 from cellwatt.runtime.assemble import Prepared, prepare
@@ -96,7 +96,7 @@ def in_yaml(value: str) -> str:
 
 
 def write_cell(path: Path, plan: CellPlan) -> None:
-    """Write the settings file of a plan, once it is known to be right.
+    """Write the settings file of a plan, once it is known to be right, whole or not at all.
 
     Raises ``ConfigError`` where the answers do not fit together, ``CellwattError`` where it cannot be written.
     """
@@ -107,7 +107,10 @@ def write_cell(path: Path, plan: CellPlan) -> None:
     except ConfigError as error:  # there is no file whose lines its user knows
         texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
         raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
-    write_file(path, text)
+    try:
+        replace_text(path, text)
+    except OSError as error:
+        raise CellwattError(f"{path} cannot be written: {why(error)}") from error
 
 
 def _checked(path: Path, text: str) -> Prepared:

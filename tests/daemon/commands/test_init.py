@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+from unittest.mock import Mock
+
 import pytest
 from click.testing import CliRunner
 
 from cellwatt.commands import init
 from cellwatt.config import load
-from cellwatt.errors import ConfigError
+from cellwatt.errors import CellwattError, ConfigError
 
 pytestmark = pytest.mark.usefixtures("real_parts")
 
@@ -43,12 +46,15 @@ def test_what_is_missing_is_one_line(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_is_replaced_only_by_force(run, tmp_path):
+def test_a_file_is_replaced_only_by_force_and_as_a_whole(run, tmp_path, monkeypatch):
     file = tmp_path / "cell.yaml"
     file.write_text("mine")
     again = (*ALL, "--source", "arm=ur:192.0.2.10")
     ended = run(*again)
     assert ended.exit_code == 2 and "--force" in ended.output and file.read_text() == "mine"
+    with monkeypatch.context() as full:
+        full.setattr("os.fsync", Mock(side_effect=OSError(errno.ENOSPC, "")))
+        assert isinstance(run(*again, "--force").exception, CellwattError) and file.read_text() == "mine"
     assert run(*again, "--force").exit_code == 0
     assert load(file).cell == "weld_3"
 
