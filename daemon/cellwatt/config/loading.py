@@ -226,8 +226,11 @@ def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, S
         path = ("sources", name)
         kind = values.pop("driver", None)
         if kind is None:
-            known = f"one of: {', '.join(available('cellwatt.drivers'))}"
-            reading.complain(path, missing_key("driver", known), at_key=True)
+            if meant := nearest("driver", [key for key in values if isinstance(key, str)]):
+                reading.complain((*path, meant), unknown_key(meant, ["driver"]), at_key=True)
+            else:
+                known = f"one of: {', '.join(available('cellwatt.drivers'))}"
+                reading.complain(path, missing_key("driver", known), at_key=True)
             continue
         _, settings = reading.part(driver, kind, (*path, "driver"), path, values)
         if settings is not None:

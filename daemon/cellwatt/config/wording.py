@@ -6,16 +6,18 @@ import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import islice
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import ValidationError, WithJsonSchema
 from pydantic_core import ErrorDetails
 
 from cellwatt.config.document import Document
-from cellwatt.config.fields import fields_at
+from cellwatt.config.fields import below, fields_at
 from cellwatt.config.marks import LONGEST_VALUE, quoted, shortened
 from cellwatt.config.places import MOST, KeyPath
+from cellwatt.config.reference import written
 from cellwatt.errors import Problem
 from cellwatt.host import HIDDEN, blank
 
@@ -99,8 +101,8 @@ def found(document: Document, path: KeyPath) -> str:
         return _SETTINGS
     if isinstance(value, list):
         return _LIST
-    written = document.places[path].written
-    text = repr(written) if isinstance(value, str) else written
+    as_is = document.places[path].written
+    text = repr(as_is) if isinstance(value, str) else as_is
     return shortened(blank(text), LONGEST_VALUE)
 
 
@@ -164,16 +166,18 @@ def _problem(group: Sequence[_Finding], model: Any, document: Document) -> Probl
             f"the key {quoted(first.path[-1])} must be text: write it in quotes",
             at_key=True,
         )
-    return document.problem(first.path, _value_message(group, document))
+    types = reduce(below, first.inside, [model])
+    quantity = next((each.json_schema for each in types if isinstance(each, WithJsonSchema)), None)
+    return document.problem(first.path, _value_message(group, document, quantity or {}))
 
 
-def _value_message(group: Sequence[_Finding], document: Document) -> str:
+def _value_message(group: Sequence[_Finding], document: Document, quantity: Mapping[str, Any]) -> str:
     path = group[0].path
     shown = found(document, path) if path in document.places else "nothing"
     own = [_own_words(f.error) for f in group if f.kind in ("value_error", "assertion_error")]
     if own:
         return " or ".join(own) if shown in _COLLECTIONS else f"found {shown}: {' or '.join(own)}"
-    expected = list(dict.fromkeys(_expected(f.error) for f in group))
+    expected = list(dict.fromkeys(_expected(f.error, quantity) for f in group))
     return f"found {shown}, expected {' or '.join(expected)}{_hint(group, document)}"
 
 
@@ -181,13 +185,13 @@ def _own_words(error: ErrorDetails) -> str:
     return " ".join(str(error.get("ctx", {}).get("error", error["msg"])).split())
 
 
-def _expected(error: ErrorDetails) -> str:
+def _expected(error: ErrorDetails, quantity: Mapping[str, Any]) -> str:
     template = _EXPECTED.get(error["type"]) or _KINDS.get(error["type"].partition("_")[0])
     context: Mapping[str, Any] = error.get("ctx", {})
     if template is None:
         text = error["msg"].removeprefix("Input should be ").removeprefix("Value should ")
         return " ".join(text.split())
-    return template.format(**{key: f"{v:g}" if isinstance(v, float) else v for key, v in context.items()})
+    return template.format(**{key: written(v, quantity) if isinstance(v, float) else v for key, v in context.items()})
 
 
 def _hint(group: Sequence[_Finding], document: Document) -> str:

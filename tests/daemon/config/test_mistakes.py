@@ -61,6 +61,7 @@ MISTAKES = {
         "4:3",
         "the key 'driver' is missing (one of: absent",
     ),
+    "misspelt driver": ("site: a\ncell: b\nsources:\n  x: {drivr: arm}\n", "4:7", "'drivr'; did you mean 'driver'?"),
     "unknown driver": (
         SMALL.replace("driver: arm", "driver: arn"),
         "5:13",
@@ -101,6 +102,7 @@ MISTAKES = {
     "variable not closed": (arm("note: ${NOWHERE"), "7:11", "'${' is never closed"),
     "value from a variable": (arm("port: ${PORT}"), "7:11", "found the value of ${PORT}, expected a whole number"),
     # frames, stages, record, outlets
+    "too many frames": (f"{SMALL}frames: {{rate: 2 kHz}}\n", "7:16", "found '2 kHz', expected at most 1 kHz"),
     "latency too short": (
         f"{SMALL}frames: {{latency: 5 ms}}\n",
         "7:19",
