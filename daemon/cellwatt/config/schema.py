@@ -8,6 +8,7 @@ from operator import or_
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic.config import JsonDict
 
 from cellwatt.config.cell import CellName, FrameSettings
 from cellwatt.config.installed import Part, installed
@@ -15,14 +16,14 @@ from cellwatt.config.reference import written
 from cellwatt.record.settings import RecordSettings
 from cellwatt.units import Units
 
-Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
+_NAMES: JsonDict = {"propertyNames": {"pattern": "^[a-z][a-z0-9_]*$"}}
 
 
 def json_schema() -> dict[str, Any]:
     """The schema of a settings file with every driver, stage and outlet that is installed here."""
     own = _chosen("stage", installed("stage"))
 
-    class Stages(BaseModel, extra="allow"):
+    class Stages(BaseModel, extra="allow", json_schema_extra=_NAMES):
         """What is learned from the frames: a stage by its kind, or by your own name with 'stage: KIND'."""
 
         __pydantic_extra__: dict[str, own]  # type: ignore[valid-type]  # made of what is installed
@@ -30,8 +31,12 @@ def json_schema() -> dict[str, Any]:
     kinds: dict[str, Any] = {p.name: _optional(_settings(p) | own, p.title) for p in installed("stage")}
     fields: dict[str, Any] = {
         "sources": (
-            dict[Name, _chosen("driver", installed("driver"))],  # type: ignore[misc]
-            Field(min_length=1, description="What is measured: a name of your own for each device, and its driver's."),
+            dict[str, _chosen("driver", installed("driver"))],  # type: ignore[misc]
+            Field(
+                min_length=1,
+                description="What is measured: a name of your own for each device, and its driver's.",
+                json_schema_extra=_NAMES,
+            ),
         ),
         "frames": _optional(FrameSettings, FrameSettings.__doc__),
         "stages": _optional(create_model("Stages", __base__=Stages, **kinds), Stages.__doc__),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -22,8 +23,14 @@ def test_every_driver_with_its_settings_and_docs(schema):
     assert arm["properties"]["host"]["description"].startswith("Address of the controller")
     assert arm["properties"]["client"]["enum"] == ["native", "library"]
     assert arm["additionalProperties"] is False
-    (sources,) = schema["properties"]["sources"]["patternProperties"].values()
+    sources = schema["properties"]["sources"]["additionalProperties"]
     assert list(sources["discriminator"]["mapping"]) == ["absent", "arm", "broken", "meter"]
+
+
+def test_a_name_that_the_cell_would_refuse_is_flagged(schema):
+    for named in (schema["properties"]["sources"], schema["$defs"]["Stages"]):
+        assert not re.search(named["propertyNames"]["pattern"], "Arm 1")
+        assert re.search(named["propertyNames"]["pattern"], "arm_1")
 
 
 def test_defaults_are_as_written(schema):
