@@ -18,9 +18,13 @@ from cellwatt.config.places import KeyPath
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places, running
 from cellwatt.emulation.control import answers, say
+from cellwatt.emulation.words import WORLD, addressed
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.files import read_bytes, write_file
 from cellwatt.progress.terminal import show_table
+
+_SHARED = {key for kind, keys in WORLD.items() for key in (kind, *keys)}
+"""Keys of changes that all devices take alike."""
 
 
 def emulate_cell(
@@ -139,14 +143,23 @@ class _Control:
 
     def __init__(self, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:
         self._by_source = {source.name: emulators[device.name] for device in devices for source in device.sources}
-        self._emulators = emulators
+        self._devices, self._emulators = devices, emulators
 
     async def answer(self, message: dict[str, Any]) -> Mapping[str, Any]:
-        """Answer one command; ``source`` names the device, without it the command is for all of them."""
+        """Answer one command; ``source`` names the device, without it the command is for all of them.
+
+        A fault or change that one of them would refuse strikes none.
+        """
         source = message.pop("source", None)
         if source is not None and source not in self._by_source:
             raise ValueError(f"found the source {source!r}, expected one of {', '.join(self._by_source)}")
         chosen = self._emulators if source is None else {source: self._by_source[source]}
+        if isinstance(text := message.get("fault"), str):
+            struck = faults_by_device([text if source is None else f"{source}/{text}"], self._devices)
+            chosen = {name: self._emulators[name] for name, words in struck.items() if words}
+            message = {"fault": addressed(text)[1]}
+        elif len(chosen) > 1 and "counts" not in message and not _SHARED.issuperset(message.get("disturb", message)):
+            raise ValueError(f"expected its source, one of {', '.join(self._by_source)}")
         told = {name: await emulator.ask(message) for name, emulator in chosen.items()}
         return (
             {"counts": {name: answer["counts"] for name, answer in told.items()}}

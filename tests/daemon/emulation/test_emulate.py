@@ -110,6 +110,9 @@ async def test_the_devices_of_a_cell_run_in_one_world(tmp_path: Path) -> None:
     assert await asked(process, source="supply", fault="loss:probability=1%") == {"ok": True}
     assert await asked(process, source="board", disturb={"spring": 3}) == {"ok": True}
     assert "one of arm, supply, board" in (await asked(process, source="bord", fault={"kind": "loss"}))["error"]
+    for refused in ("loss:probability=1%", {"kind": "loss"}):
+        assert "arm, supply, board" in (await asked(process, fault=refused))["error"]
+    assert await asked(process, fault="arm/message:text=hello") == {"ok": True}, "the others know no such fault"
     assert set((await asked(process, counts=True))["counts"]) == {"arm", "supply", "board"}
     assert process.stdin is not None
     process.stdin.close()
