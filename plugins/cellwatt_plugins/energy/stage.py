@@ -72,6 +72,7 @@ class EnergyStage(Stage[EnergySettings]):
             from cellwatt_plugins.energy.electronics import at_campaign
             from cellwatt_plugins.energy.known import load_known
             from cellwatt_plugins.robot import Arm
+            from cellwatt_plugins.robot.description import robot_name
         except ModuleNotFoundError as error:
             raise ConfigError(
                 f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[energy]'"
@@ -79,8 +80,9 @@ class EnergyStage(Stage[EnergySettings]):
 
         self._arm = Arm.load(cell.folder / settings.robot, MOTOR)
         self._known = load_known(cell.folder / settings.balance, self._arm)
-        if cell.robot and cell.robot != self._known.robot:
-            raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {cell.robot}")
+        robot = robot_name(cell.robot, cell.folder)
+        if robot and robot != self._known.robot:
+            raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {robot}")
         self._columns = self._find(layout)
         self._source = layout.channels[self._columns[0]].source
         self._time = np.empty(0, np.int64)
