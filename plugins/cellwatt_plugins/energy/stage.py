@@ -18,6 +18,7 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction, Seconds
 from cellwatt.results import Alarm, Energy, Interval, Result, Severity, Task
 from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.robot_name import robot_name
 
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.task_energy import Stretch, TaskEnergy
@@ -72,7 +73,6 @@ class EnergyStage(Stage[EnergySettings]):
             from cellwatt_plugins.energy.electronics import at_campaign
             from cellwatt_plugins.energy.known import load_known
             from cellwatt_plugins.robot import Arm
-            from cellwatt_plugins.robot.description import robot_name
         except ModuleNotFoundError as error:
             raise ConfigError(
                 f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[energy]'"
@@ -80,7 +80,7 @@ class EnergyStage(Stage[EnergySettings]):
 
         self._arm = Arm.load(cell.folder / settings.robot, MOTOR)
         self._known = load_known(cell.folder / settings.balance, self._arm)
-        robot = robot_name(cell.robot, cell.folder)
+        robot = robot_name(cell)
         if robot and robot != self._known.robot:
             raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {robot}")
         self._columns = self._find(layout)

@@ -10,7 +10,7 @@ from cellwatt.frames import Layout
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.onnx_file import refused
-from cellwatt_plugins.robot.description import robot_name
+from cellwatt_plugins.robot_name import robot_name
 
 
 def check_robot(metadata: Metadata, cell: CellInfo, path: Path) -> None:
@@ -24,7 +24,7 @@ def check_robot(metadata: Metadata, cell: CellInfo, path: Path) -> None:
     if robot is None:
         hint = f"add 'robot: {metadata.robot}' to the settings if it is that one"
         raise refused(path, f"it is of robot {metadata.robot!r}, the cell names no robot: {hint}")
-    if metadata.robot not in (PurePath(robot).name, robot, robot_name(robot, cell.folder)):
+    if metadata.robot not in (PurePath(robot).name, robot, robot_name(cell)):
         raise refused(path, f"it is of robot {metadata.robot!r}, the cell's robot is {robot!r}")
 
 

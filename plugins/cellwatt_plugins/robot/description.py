@@ -184,21 +184,6 @@ def robot_file(robot: Place) -> Path:
     raise ConfigError(f"robot {robot!r}: no such file or folder, and no packaged robot of that name; {hint}")
 
 
-class _Named(_Keys):
-    robot: str
-
-
-def robot_name(robot: str | None, folder: Path) -> str | None:
-    """Name of a cell's ``robot``: that in its description where it is a path, relative to ``folder``.
-
-    Raises ``ConfigError``.
-    """
-    file = robot_file(folder / robot) if robot else folder
-    if file.suffix not in (".yaml", ".yml") or not file.is_file():
-        return robot
-    return read_settings(file, _Named).robot
-
-
 def load_robot(robot: Place, needs: Sequence[str] = ()) -> RobotDescription:
     """Read the description of a robot: see ``robot_file``.
 
