@@ -18,6 +18,7 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction, Seconds
 from cellwatt.results import Alarm, Energy, Interval, Result, Severity, Task
 from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.robot_name import robot_name
 
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.task_energy import Stretch, TaskEnergy
@@ -79,8 +80,9 @@ class EnergyStage(Stage[EnergySettings]):
 
         self._arm = Arm.load(cell.folder / settings.robot, MOTOR)
         self._known = load_known(cell.folder / settings.balance, self._arm)
-        if cell.robot and cell.robot != self._known.robot:
-            raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {cell.robot}")
+        robot = robot_name(cell)
+        if robot and robot != self._known.robot:
+            raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {robot}")
         self._columns = self._find(layout)
         self._source = layout.channels[self._columns[0]].source
         self._time = np.empty(0, np.int64)

@@ -13,6 +13,7 @@ from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.robot_name import robot_name
 
 
 class ReferenceSettings(StageSettings):
@@ -44,8 +45,9 @@ class ReferenceStage(Stage[S]):
         super().__init__(name, settings, layout, cell)
         path = self._path = cell.folder / settings.reference
         reference = self._reference = load(path)
-        if reference.robot and cell.robot and reference.robot != cell.robot:
-            raise ModelError(f"reference {path}: is of robot {reference.robot}, the cell's robot is {cell.robot}")
+        robot = robot_name(cell)
+        if reference.robot and robot and reference.robot != robot:
+            raise ModelError(f"reference {path}: is of robot {reference.robot}, the cell's robot is {robot}")
         known = any(channel.source == reference.arm for channel in layout.channels)
         self._positions = layout.joints("position", settings.arm or (reference.arm if known else None))
         self._source = layout.channels[self._positions[0]].source

@@ -164,7 +164,8 @@ def _cycles(cycles: Sequence[CycleFinding]) -> Table:
         place.append(cycle.status.replace("_", " "))
         for fault in cycle.faults:
             others = ", ".join(map(str, fault.alternatives)) or "–"
-            rows.append([*place, fault.statement, fixed(fault.confidence, 4), others])
+            known = " ".join(filter(None, (fault.statement, cycle.note)))
+            rows.append([*place, known, fixed(fault.confidence, 4), others])
         if not cycle.faults:
             rows.append([*place, cycle.note, "", ""])
     return Table("All cycles", heads, rows)

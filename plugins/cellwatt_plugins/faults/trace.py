@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -64,16 +65,20 @@ def one_layout(blocks: Sequence[Frames]) -> Layout:
 
 
 def segmented(
-    blocks: Sequence[Frames], arm: str | None, power: str, robot: str | None = None
+    blocks: Iterable[Frames], arm: str | None, power: str, robot: str | None = None
 ) -> Iterator[tuple[Trace, Sequence[Result]]]:
-    """Blocks of one layout, each with what the segment stage says of it; at last what it says of their end.
+    """Blocks of the first one's layout, each with what the segment stage says of it; at last what of their end.
 
     ``arm`` is the source with the joints, ``power`` the channel of the power.
     """
-    layout = one_layout(blocks)
+    left = iter(blocks)
+    first = next(left, None)
+    if first is None:
+        return
+    layout = first.layout
     kind = find_stage("segment")
     segment = kind("segment", kind.Settings.model_validate({"arm": arm}), layout, CellInfo("", "", robot, Path()))
     positions, channel = layout.joints("position", arm), layout.index(power)
-    for frames in blocks:
+    for frames in chain((first,), left):
         yield Trace.of(frames, positions, channel), segment.process(frames, ())
     yield Trace.empty(len(positions)), segment.close()

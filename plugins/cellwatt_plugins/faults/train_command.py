@@ -63,7 +63,7 @@ def train(
         raise ModelError("the reference has whole cycles only, no intervals to make a table of")
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
-        return recorded(list(frames_of_files(paths)), courses, tolerance, arm, power or reference.power)
+        return recorded(frames_of_files(paths), courses, tolerance, arm, power or reference.power)
 
     told = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
     for joint, found in told.items():

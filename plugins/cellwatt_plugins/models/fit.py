@@ -7,21 +7,24 @@ from pathlib import Path, PurePath
 
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Layout
+from cellwatt.stage import CellInfo
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.onnx_file import refused
+from cellwatt_plugins.robot_name import robot_name
 
 
-def check_robot(metadata: Metadata, robot: str | None, path: Path) -> None:
+def check_robot(metadata: Metadata, cell: CellInfo, path: Path) -> None:
     """Raises ``ModelError`` where the model is of another robot, or the cell does not name its own.
 
-    ``robot`` is the name or the folder in the cell's settings; a folder's name is that of its robot.
+    A path to a description stands for the name in it; a folder's own name is that of its robot, too.
     """
+    robot = cell.robot
     if metadata.robot is None:
         return
     if robot is None:
         hint = f"add 'robot: {metadata.robot}' to the settings if it is that one"
         raise refused(path, f"it is of robot {metadata.robot!r}, the cell names no robot: {hint}")
-    if metadata.robot not in (robot, PurePath(robot).name):
+    if metadata.robot not in (PurePath(robot).name, robot, robot_name(cell)):
         raise refused(path, f"it is of robot {metadata.robot!r}, the cell's robot is {robot!r}")
 
 

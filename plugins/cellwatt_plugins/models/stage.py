@@ -48,7 +48,7 @@ class ModelStage(Stage[ModelSettings]):
         path = cell.folder / settings.file
         self._network = open_network(path)
         self.metadata = self._network.metadata
-        check_robot(self.metadata, cell.robot, path)
+        check_robot(self.metadata, cell, path)
         check_rate(self.metadata, layout.rate, path)
         found = columns(self.metadata, layout, settings.source, path)
         self._given = [i for i, column in enumerate(found) if column is not None]

@@ -176,6 +176,7 @@ def test_what_does_not_fit_is_refused(folder, produced, tmp_path):
     layout = frames_of(produced[0], produced[1]).layout
     with pytest.raises(ModelError, match="is of robot small, the cell's robot is ur10e"):
         made(folder, layout, robot="ur10e")
+    assert made(folder, layout, robot="robot.yaml")
     with pytest.raises(ModelError, match="the key 'robot' is missing"):
         made(folder, layout, balance=Path("key.json"))
     with pytest.raises(ModelError, match="cannot be read"):

@@ -24,6 +24,12 @@ def test_a_reference_of_another_robot_is_refused(tmp_path):
     assert made(path)
     with pytest.raises(ModelError, match="is of robot irb1200, the cell's robot is ur10e"):
         made(path, robot="ur10e")
+    (tmp_path / "robot.yaml").write_text("robot: irb1200\n")
+    assert made(path, robot="robot.yaml")
+    assert made(path, robot=str(tmp_path))
+    (tmp_path / "robot.yaml").write_text("robot: ur5\n")
+    with pytest.raises(ModelError, match="the cell's robot is ur5"):
+        made(path, robot="robot.yaml")
 
 
 def test_a_reference_of_another_number_of_joints_is_refused(reference):

@@ -147,6 +147,11 @@ def test_what_fits_is_taken(tmp_path, cell, changes):
     assert stage(MLP.save(tmp_path / "m.onnx", metadata(**changes)), **cell).metadata.name == "test-power"
 
 
+def test_a_path_to_a_description_stands_for_the_name_in_it(tmp_path):
+    (tmp_path / "robot.yaml").write_text("robot: ur10e\n")
+    assert stage(MLP.save(tmp_path / "m.onnx", metadata()), robot="robot.yaml").metadata.robot == "ur10e"
+
+
 def test_without_onnxruntime_the_extra_is_named(tmp_path, monkeypatch):
     path = MLP.save(tmp_path / "m.onnx", metadata())
     monkeypatch.setitem(__import__("sys").modules, "onnxruntime", None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ friction."""
 
 
 def recorded(
-    blocks: Sequence[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
+    blocks: Iterable[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
 ) -> dict[Key, list[Codes]]:
     """Codes (20) of every whole cycle in some frames, (intervals,) each, by the course that it is of."""
     found: defaultdict[Key, list[Codes]] = defaultdict(list)

@@ -30,7 +30,7 @@ def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
     """Noise floor (C,) of channels in the quiet third of all short windows; residuals (N, C) of each run."""
     spreads = np.concatenate([_window_spreads(r, s) for r, s in zip(residuals, steps, strict=True)])
     if not len(spreads):
-        return np.asarray(np.std(np.concatenate(list(residuals)), axis=0))
+        return np.asarray(np.maximum(np.std(np.concatenate(list(residuals)), axis=0), 1e-9))
     ordered = np.sort(spreads, axis=0)
     noise = ordered[len(ordered) // 3] * _lower_third(residuals, steps)
     return np.asarray(np.maximum(noise * np.sqrt(1 - tones(residuals, steps)), 1e-9))

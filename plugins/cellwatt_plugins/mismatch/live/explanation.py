@@ -65,7 +65,7 @@ class Explanation:
         except OSError as error:
             raise RecordingError(f"cellwatt explain cannot be started: {error.strerror or error}") from error
         self._deadline = time.monotonic() + limit
-        self.gives_way = _gives_way(self._process.pid)
+        self.gives_way = _restrain(self._process.pid, limit)
         """True if it has low priority; a service may not be allowed to give it."""
 
     def poll(self) -> Outcome | None:
@@ -122,9 +122,11 @@ def make_folder(parent: Path, name: str, keep: int) -> Path:
     return folder
 
 
-def _gives_way(process: int) -> bool:
-    """Give a child low priority; whether that was allowed."""
+def _restrain(process: int, limit: float) -> bool:
+    """Let a child give way, and end by itself should no frames come to end it; whether that was allowed."""
+    seconds = int(limit) + 1
     try:
+        resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds))
         setpriority(PRIO_PROCESS, process, NICENESS)
     except PermissionError:
         return False

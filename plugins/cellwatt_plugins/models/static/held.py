@@ -39,6 +39,8 @@ def turned(q: Float) -> Float:
     Back and forth within ``STILL`` is no turn.
     """
     out = np.full_like(q, np.nan)
+    if not len(q):
+        return out
     last, furthest, sign = out[0], q[0], np.zeros(q.shape[1])
     for i, row in enumerate(q):
         way = row - furthest

@@ -32,9 +32,10 @@ def pulses_of(q: Float, encoders: Any) -> NDArray[np.int64]:
     n, per_degree = q.shape[1], np.array(encoders.pulses_per_degree, np.float64)
     if len(per_degree) != n:
         raise ConfigError(f"pulses_per_degree has {len(per_degree)} values, the robot {n} joints")
-    motors = q - (0.0 if encoders.zero is None else np.array(encoders.zero))
-    if encoders.coupling is not None:
-        motors = motors @ np.linalg.inv(np.array(encoders.coupling)).T
+    zero, coupling = getattr(encoders, "zero", None), getattr(encoders, "coupling", None)
+    motors = q - (0.0 if zero is None else np.array(zero))
+    if coupling is not None:
+        motors = motors @ np.linalg.inv(np.array(coupling)).T
     pulses = np.rint(np.degrees(motors) * per_degree)
     if np.abs(pulses).max() > _LARGEST:
         raise ConfigError("pulses_per_degree: a pose has more pulses than a controller counts")

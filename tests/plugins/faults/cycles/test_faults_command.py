@@ -16,7 +16,9 @@ def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("cell")
     describe(where)
     write_table(where / "reference.parquet", run(HEALTHY, seed=1))
-    write_table(where / "test.parquet", run([Cycle("A"), Cycle("B", faults=(Fault("spring", 0, 50.0),))], seed=5))
+    write_table(
+        where / "test.parquet", run([Cycle("A"), Cycle("B", pause=1.0, faults=(Fault("spring", 0, 50.0),))], seed=5)
+    )
     learned = called(
         reference, where / "reference.parquet", "--robot", where / "robot.yaml", "--out", where / "reference.yaml"
     )
@@ -80,7 +82,7 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_p
         assert [float(cell) for cell in row[1:3]] == pytest.approx([cycle["start"], cycle["end"]], abs=0.006)
         assert (row[3], float(row[4]), row[5]) == (cycle["task"], cycle["speed"], cycle["status"])
     row, fault = page.tables["All cycles"][2], cycles[1]["faults"][0]
-    assert (row[6], float(row[7])) == (fault["statement"], fault["confidence"])
+    assert (row[6], float(row[7])) == (f"{fault['statement']} paused for 1.0 s", fault["confidence"])
     assert {str(folder / name) for name in ("test.parquet", "reference.yaml")} < {r[0] for r in page.tables["Files"]}
 
 

@@ -22,6 +22,10 @@ def test_the_floor_of_white_noise_is_its_deviation(step):
     assert floor([sigma * white(0), sigma * white(1)], [step, step]) == pytest.approx(sigma, rel=0.05)
 
 
+def test_the_floor_is_above_zero_where_no_window_fits():
+    assert floor([np.zeros((5, 2))], [0.02]) == pytest.approx([1e-9, 1e-9])
+
+
 def test_the_floor_is_that_of_the_quiet_part():
     residual = white(5)
     residual[:2500] *= 10

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.timeout(300)
 @pytest.fixture(autouse=True)
 def _gets_its_turn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The stage explains at the lowest priority: beside busy processes it would not come to its end."""
-    if request.node.originalname != "test_it_runs_at_low_priority":
+    if request.node.originalname != "test_it_gives_way_and_ends_by_itself":
         monkeypatch.setattr(explanation, "NICENESS", 0)
 
 
@@ -157,11 +157,12 @@ def test_it_is_not_tried_more_often_than_allowed(watch, tmp_path):
     assert min(b - a for a, b in pairwise(begun)) >= timedelta(seconds=5)
 
 
-def test_it_runs_at_low_priority(watch):
-    watched = watch()
+def test_it_gives_way_and_ends_by_itself(watch):
+    watched = watch(limit=45.0)
     watched.until(33)
     (child,) = psutil.Process().children()
     assert child.nice() == 19
+    assert child.rlimit(psutil.RLIMIT_CPU) == (46, 46)
 
 
 def said(verdict, findings=(), unexplained=()):

@@ -87,7 +87,7 @@ def test_the_job_goes_to_each_pose_once_and_waits():
 
 def test_a_long_plan_is_several_jobs():
     q = within(arms.LIMITS, halton(2 * LONGEST + 1, 6))
-    encoders = SimpleNamespace(pulses_per_degree=np.full(6, 1000.0), coupling=None, zero=None)
+    encoders = SimpleNamespace(pulses_per_degree=np.full(6, 1000.0))
     written = jobs("HELD", q, encoders, 25.0, 3.0, datetime(2026, 5, 4))
     assert list(written) == ["HELD-1.JBI", "HELD-2.JBI", "HELD-3.JBI"]
     assert sum(len(read_job(text)[0]) for text in written.values()) == len(q)

@@ -53,6 +53,14 @@ def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
     np.testing.assert_array_equal(np.sign(poses.approach[1:]), np.sign(np.diff(goals, axis=0)))
 
 
+def test_a_recording_without_a_whole_row_is_refused(tmp_path, robot):
+    columns = {"t": 0.02 * np.arange(300)}
+    for j in range(6):
+        columns |= {f"arm.joint_{j + 1}.position": np.zeros(300), f"arm.joint_{j + 1}.torque": np.full(300, np.nan)}
+    with pytest.raises(RecordingError, match="no pose was held long enough"):
+        read_poses([save(tmp_path, columns)], robot)
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [
