@@ -155,6 +155,8 @@ class Browser:
 
     def put(self, data: bytes) -> None:
         """Queue an event; without room for it the stream ends."""
+        if self._ended:
+            return
         self._events.append(data)
         self._size += len(data)
         if self._size > MOST_BYTES:
@@ -164,6 +166,8 @@ class Browser:
 
     def put_frames(self, frames: Frames) -> None:
         """Queue frames; without room the oldest go."""
+        if self._ended:
+            return
         self.frames.append(frames)
         while sum(map(len, self.frames)) * (1 + len(self._channels)) > MOST_VALUES:
             self.frames.popleft()
@@ -172,7 +176,9 @@ class Browser:
 
     def end(self) -> None:
         """Send nothing more; the browser asks anew by itself."""
-        self._ended = True
+        self._ended, self._size = True, 0
+        for waiting in (self._events, self.frames, self.predictions):
+            waiting.clear()
         self._woken.set()
 
     async def send(self, response: web.StreamResponse) -> None:

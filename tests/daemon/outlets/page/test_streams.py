@@ -82,6 +82,11 @@ async def test_frames_go_before_any_event_does(monkeypatch: pytest.MonkeyPatch) 
     for _ in range(3):
         browser.put(b"alarm" * 10)
     assert browser._ended, "one that cannot even take events has to ask anew"
+    for number in range(5):
+        browser.put(b"alarm" * 50)
+        browser.put_frames(frames(number, 1, WIDE))
+    assert not browser._events and not browser.frames, "nothing waits for one that has ended"
+    assert browser._counts["browsers too slow"] == 1
 
 
 async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
