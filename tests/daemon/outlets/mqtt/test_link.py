@@ -49,3 +49,17 @@ async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.Monk
             got += some
             arrived()
     assert sizes == [(16, 0), (16, 0), (8, 0), (0, 5), (0, 5), (0, 2)] and got == rows
+
+
+async def test_nothing_of_a_batch_that_the_library_refuses_counts_as_arrived() -> None:
+    outlet, told = outlet_of(Cell(), NOWHERE), list[str]()
+
+    def publish(_: Message) -> Any:
+        raise ValueError("Payload too large.")
+
+    parts: Any = SimpleNamespace(publish=publish), outlet._made(), outlet._outbox, outlet._cursor
+    session = Session(outlet.settings, parts, None, "c", outlet.account)
+    with pytest.raises(ValueError, match="too large"):
+        await session._deliver([Parcel([MESSAGE], lambda: told.append("arrived"), lambda: told.append("back"))])
+    session.end()
+    assert told == ["back"]
