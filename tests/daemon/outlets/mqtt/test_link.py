@@ -63,3 +63,16 @@ async def test_nothing_of_a_batch_that_the_library_refuses_counts_as_arrived() -
         await session._deliver([Parcel([MESSAGE], lambda: told.append("arrived"), lambda: told.append("back"))])
     session.end()
     assert told == ["back"]
+
+
+async def test_a_thread_that_ends_while_it_is_stopped_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    link, reset = Link(outlet_of(Cell(), NOWHERE).settings, "c", MESSAGE, None, print), list[bool]()
+
+    def stop() -> None:
+        raise AttributeError("'NoneType' object has no attribute 'join'")
+
+    link._connecting = asyncio.ensure_future(asyncio.sleep(0))
+    monkeypatch.setattr(link._client, "loop_stop", stop)
+    monkeypatch.setattr(link._client, "_reset_sockets", lambda: reset.append(True))
+    await link.abort()
+    assert reset == [True]
