@@ -16,6 +16,7 @@ import pytest
 import zenoh
 
 from cellwatt import Event, Prediction, Stream
+from cellwatt.errors import OutletError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
 from cellwatt.outlets.zenoh.encode import decode, schema_in
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
@@ -350,6 +351,16 @@ async def test_a_receiver_that_is_slow_with_results_holds_up_the_loop_once_in_a_
     outlet.offer(alarm(10))
     assert len(bus.puts) == 3
     assert outlet.account.residue == 0
+
+
+async def test_a_session_that_breaks_while_a_key_is_declared_ends_the_outlet(outlet: ZenohOutlet) -> None:
+    bus: Any = Bus()
+    outlet._publisher = Publisher(bus, outlet._keys, outlet.account, outlet._seal)
+    bus.broken = True
+    outlet.offer(alarm(1))
+    with pytest.raises(OutletError, match="Zenoh session: closed"):
+        await outlet._publisher.watch(outlet.settings)
+    assert outlet.account.dropped == {"session": 1} and outlet.account.residue == 0
 
 
 async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str) -> None:
