@@ -18,7 +18,7 @@ from cellwatt.outlets.zenoh.messages import encode_json
 MOST_BYTES: Final = 1_000_000
 """Bytes of events that may wait for one browser."""
 MOST_VALUES: Final = 100_000
-"""Values of frames that may wait for it; beyond them the oldest go."""
+"""Values of frames that may wait for it, or two periods of its own where they are more; beyond, the oldest go."""
 _PREDICTIONS: Final = 4096
 """Outputs of models that may wait for it."""
 HEARTBEAT: Final = 10.0
@@ -169,7 +169,9 @@ class Browser:
         if self._ended:
             return
         self.frames.append(frames)
-        while sum(map(len, self.frames)) * (1 + len(self._channels)) > MOST_VALUES:
+        columns = 1 + len(self._channels)
+        most = max(MOST_VALUES, 2 * self._period * frames.layout.rate * columns)
+        while len(self.frames) > 1 and sum(map(len, self.frames)) * columns > most:
             self.frames.popleft()
             self.dropped += 1
             self._counts["blocks dropped"] += 1

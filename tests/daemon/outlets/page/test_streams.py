@@ -71,7 +71,7 @@ async def test_a_browser_that_takes_nothing_for_long_is_disconnected(
 async def test_frames_go_before_any_event_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "MOST_BYTES", 100)
     monkeypatch.setattr(streams, "MOST_VALUES", 100)
-    browser = Browser(Browsers(1).counts, WIDE.names)
+    browser = Browser(Browsers(1).counts, WIDE.names, 100.0)
     browser.put(b"alarm" * 10)
     for number in range(5):
         browser.put_frames(frames(number, 1, WIDE))
@@ -87,6 +87,14 @@ async def test_frames_go_before_any_event_does(monkeypatch: pytest.MonkeyPatch) 
         browser.put_frames(frames(number, 1, WIDE))
     assert not browser._events and not browser.frames, "nothing waits for one that has ended"
     assert browser._counts["browsers too slow"] == 1
+
+
+async def test_a_browser_that_is_seldom_told_misses_no_frame_for_that() -> None:
+    counts = Browsers(1).counts
+    browser = Browser(counts, WIDE.names, 0.02)
+    for second in range(50):
+        browser.put_frames(frames(50 * second, 50, WIDE))
+    assert sum(map(len, browser.frames)) == 2500 and not counts
 
 
 async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
