@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 from aiohttp import web
@@ -14,6 +16,8 @@ from aiohttp import web
 from cellwatt.frames import Frames
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.zenoh.messages import encode_json
+
+log = logging.getLogger(__name__)
 
 MOST_BYTES: Final = 1_000_000
 """Bytes of events that may wait for one browser."""
@@ -218,10 +222,19 @@ class Browser:
         newest = [block for block in self.frames if block.layout == self.frames[-1].layout and len(block)]
         self.frames.clear()
         if newest:
-            yield encoded("frames", shapes.frames(newest, self._channels))
+            yield _shaped("frames", partial(shapes.frames, newest, self._channels))
         models: dict[tuple[str, tuple[str, ...]], list[Body]] = {}
         for body in self.predictions:
             models.setdefault((body["model"], tuple(body["outputs"])), []).append(body)
         self.predictions.clear()
         for (model, _), bodies in models.items():
-            yield encoded("prediction", shapes.prediction(model, bodies))
+            yield _shaped("prediction", partial(shapes.prediction, model, bodies))
+
+
+def _shaped(event: str, shape: Callable[[], Any]) -> bytes:
+    """An event of what waited; nothing of what breaks its own contract, which costs no stream."""
+    try:
+        return encoded(event, shape())
+    except Exception:
+        log.exception("page: %s cannot be shown", event)
+        return b""

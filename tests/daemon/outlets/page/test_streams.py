@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -95,6 +96,14 @@ async def test_a_browser_that_is_seldom_told_misses_no_frame_for_that() -> None:
     for second in range(50):
         browser.put_frames(frames(50 * second, 50, WIDE))
     assert sum(map(len, browser.frames)) == 2500 and not counts
+
+
+async def test_frames_that_break_their_contract_cost_no_stream(caplog: pytest.LogCaptureFixture) -> None:
+    browser, sound = Browser(Browsers(1).counts, WIDE.names), frames(0, 1, WIDE)
+    browser.predictions.append({"model": "power", "time": (5,), "outputs": {"power": (1.0,)}})
+    browser.put_frames(replace(sound, values=sound.values[:, :3]))
+    assert (await browser._next()).startswith(b"event: prediction")
+    assert "frames cannot be shown" in caplog.text
 
 
 async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
