@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import FileIO
@@ -11,9 +13,9 @@ from pathlib import Path
 
 from cellwatt.files import open_file, sync_folder, write_all
 from cellwatt.record.chunks import read_at
-from cellwatt.record.container import closing
-from cellwatt.record.decoder import tracks_of
-from cellwatt.record.encoder import Encoder
+from cellwatt.record.container import Chunk, Contents, closing
+from cellwatt.record.decoder import Track, tracks_of
+from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.header import DAMAGED, PART, FileName, plain_cell
 from cellwatt.record.openfile import OpenFile, lock
 from cellwatt.record.reader import numbered_items
@@ -152,7 +154,7 @@ def _close_behind(file: FileIO, found: Scan) -> None:
 
 
 def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
-    """Write all that can be read into a new file beside the old one."""
+    """Write all that can be read into a new file beside the old one; ``found`` then has what is in that."""
     tracks, _ = tracks_of(found.contents.channels)
     temporary = target.with_name(f".{target.name}.new")
     temporary.with_name(temporary.name + PART).unlink(missing_ok=True)  # of a crash in the middle of it
@@ -164,7 +166,7 @@ def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
                 items = numbered_items(file, chunk, tracks, tracks)
             except ValueError as error:
                 found.damage.append(Damage(found.path, chunk.offset, chunk.length, str(error)))
-                continue
+                items = _sound(file, chunk, tracks)
             for number, item in items:
                 encoder.add(item, number if isinstance(item, Result | Event) else None)
             out.write_chunk()
@@ -173,3 +175,22 @@ def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
         temporary.rename(target)
     finally:
         out.discard()
+    found.missing.update(_by_topic(found.contents) - _by_topic(out.contents))
+    found.contents = out.contents
+
+
+def _sound(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track]) -> list[tuple[int, Item]]:
+    """The items, in order, of those channels of a chunk of which all can be read."""
+    sound = set[int]()
+    for number in tracks:
+        with contextlib.suppress(ValueError):
+            numbered_items(file, chunk, tracks, {number})
+            sound.add(number)
+    return numbered_items(file, chunk, tracks, sound) if sound else []
+
+
+def _by_topic(contents: Contents) -> Counter[str]:
+    found = Counter[str]()
+    for number, count in contents.counts.items():
+        found[contents.channels[number].topic] += count
+    return found

@@ -9,12 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from cellwatt import Batch, RecordingError, Tick
+from cellwatt import Batch, Event, RecordingError, Tick
 from cellwatt.record import Recording, recover
 from cellwatt.record.container import Chunk
+from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import PART
+from cellwatt.record.openfile import OpenFile
 
-from .making import CELL, SESSION, batch_of, name_of, same_entry, write_chunks
+from .making import CELL, HEADER, SESSION, batch_of, name_of, same_entry, write_chunks
 
 CHUNKS = 80
 PER_CHUNK = 4
@@ -208,6 +210,29 @@ def test_a_file_without_a_chunk_leaves_no_recording(name, tmp_path):
     assert ("held no message" in str(report)) == (name != "truncated to 0")
     if report.aside:
         assert report.aside.read_bytes() == NOTHING[name]
+
+
+def test_a_message_that_is_none_costs_its_chunk_no_samples(tmp_path):
+    event = Event(SESSION, "arm", "connected", "UR10e")
+    broken = OpenFile(tmp_path / name_of(), HEADER)
+    encoder = Encoder(broken)
+    for item in (batch_of(0, 5), event):
+        encoder.add(item)
+    broken.add_message(2, 1, SESSION, b"{}")
+    broken.write_chunk()
+    encoder.add(batch_of(5, 5))
+    broken.write_chunk()
+    broken.release()
+    part = tmp_path / (name_of() + PART)
+    data = part.read_bytes()
+    at = broken.contents.chunks[1].offset
+    part.write_bytes(data[:at] + GARBAGE + data[at:])
+    report = recover(part)
+    assert report is not None and report.result is not None and report.messages == 10
+    assert dict(report.missing) == {"/event": 2}
+    back = Recording.open(report.result)
+    assert all(map(same_entry, back.entries(), [batch_of(0, 5), batch_of(5, 5)]))
+    assert back.counts == {"/raw/arm/rtde": 10}
 
 
 def test_a_copy_beside_the_closed_file_is_set_aside(whole, tmp_path):

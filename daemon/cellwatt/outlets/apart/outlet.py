@@ -155,6 +155,8 @@ class ApartOutlet(Apart[S]):
         self._results: deque[Result | Event] = deque()
         self._status: Mapping[str, Any] | None = None
         self._fresh = asyncio.Event()
+        self._told_once = False
+        """The log has it that something could not be encoded."""
 
     def takes(self, item: Result | Event) -> bool:
         """True for a result or event that the process is told."""
@@ -201,7 +203,7 @@ class ApartOutlet(Apart[S]):
     async def tell(self, writer: asyncio.StreamWriter) -> None:
         """Pass on what waits, and what comes."""
         for item in await asyncio.to_thread(self._past):
-            writer.write(_item(item))
+            self._pass(writer, 0, _item(item))
             await writer.drain()
         layout: Layout | None = None
         while True:
@@ -209,24 +211,34 @@ class ApartOutlet(Apart[S]):
             self._fresh.clear()
             while self._results or self._blocks or self._status is not None:
                 if self._results:
-                    writer.write(_item(self._results.popleft()))
-                    self._passed(1)
+                    self._pass(writer, 1, _item(self._results.popleft()))
                 if self._blocks:
                     block = self._blocks.popleft()
-                    if block.layout is not layout:
-                        layout = block.layout
-                        writer.write(wire.told(Kind.LAYOUT, layout))
+                    head = [] if block.layout is layout else [(Kind.LAYOUT, block.layout)]
                     rows = block.sequence, block.time, block.values, block.quality, block.bound
-                    writer.write(wire.told(Kind.FRAMES, rows))
-                    self._passed(len(block))
+                    if self._pass(writer, len(block), *head, (Kind.FRAMES, rows)):
+                        layout = block.layout
                 if self._status is not None and not self._results:  # it says how alarms stand after those
                     status, self._status = self._status, None
-                    writer.write(wire.told(Kind.HEALTH, status))
+                    self._pass(writer, 0, (Kind.HEALTH, status))
                 await writer.drain()
 
-    def _passed(self, count: int) -> None:
+    def _pass(self, writer: asyncio.StreamWriter, count: int, *parts: tuple[Kind, Any]) -> bool:
+        """Pass on what counts as so many; what cannot be encoded costs itself alone, and gives false."""
+        try:
+            data = b"".join(wire.told(kind, body) for kind, body in parts)
+        except Exception:
+            if not self._told_once:
+                log.exception("%s: something cannot be encoded for its process, and is left out", self.name)
+            self._told_once = True
+            self._drop(count, "not encodable")
+            if not count:  # health, or what an earlier process was told
+                self.account.count("not encodable")
+            return False
+        writer.write(data)
         self.account.owed -= count
         self.account.receive(count)
+        return True
 
     def answer(self, question: Mapping[str, Any]) -> None:
         """Do what a person orders."""
@@ -240,7 +252,7 @@ class ApartOutlet(Apart[S]):
         self.account.count(f"{question['what']} by a person")
 
 
-def _item(item: Result | Event) -> bytes:
+def _item(item: Result | Event) -> tuple[Kind, Any]:
     """A result or event as the first part of its topic and its fields."""
     body = {field.name: getattr(item, field.name) for field in fields(item)}
-    return wire.told(Kind.ITEM, (topic_of(item).partition("/")[0], body))
+    return Kind.ITEM, (topic_of(item).partition("/")[0], body)

@@ -166,8 +166,11 @@ class Link:
         if isinstance(found, socket.socket):
             with contextlib.suppress(OSError):
                 socket.socket.shutdown(found, socket.SHUT_RDWR)  # not TLS's own: the thread may be reading
-        await asyncio.to_thread(self._client.loop_stop)
-        self._client._reset_sockets()  # as it does itself when it is collected
+        try:
+            with contextlib.suppress(AttributeError):  # its thread forgets itself when it ends, also under its feet
+                await asyncio.to_thread(self._client.loop_stop)
+        finally:
+            self._client._reset_sockets()  # as it does itself when it is collected
 
     def _asked(self, asked: Iterable[Any]) -> Answer:
         """The answer to come to what the library was asked for."""

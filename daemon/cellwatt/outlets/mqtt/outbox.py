@@ -26,7 +26,7 @@ from cellwatt.results import Event, Prediction, Result
 PART: Final = 500
 """Rows that are read from the record at a time."""
 PIECE: Final = 16
-"""Rows of these that are sent together."""
+"""Results, or messages of rows, of these that are sent together: the broker confirms them at once."""
 PAUSE: Final = 1.0
 """s before the record is read again that has not got as far yet."""
 
@@ -208,18 +208,24 @@ class Backfill:
     async def _fill(self, after: int, until: int) -> bool:
         """Bring a part of a span to its arrival, results first; true where the record has not got as far yet."""
         part = await self._read(after, until)
-        results = part.results
-        for first in range(0, max(len(part.rows), 1), PIECE):
-            rows = part.rows[first : first + PIECE]
+        for first in range(0, len(part.results), PIECE):
+            await self._bring(part.results[first : first + PIECE], [], after, after)
+        channels = len(part.units) if self._settings.frame == "channels" else 1
+        size = max(PIECE // max(channels, 1), 1)
+        for first in range(0, max(len(part.rows), 1), size):
+            rows = part.rows[first : first + size]
             due = time.monotonic() + len(rows) / self._settings.backfill
-            end = rows[-1].time if first + PIECE < len(part.rows) else part.until
-            self._delivered.clear()
-            self.piece = results, rows, partial(self._arrived, after, end, len(results), len(rows))
-            self._outbox.wake.set()
-            await self._delivered.wait()
-            after, results = end, []
+            end = rows[-1].time if first + size < len(part.rows) else part.until
+            await self._bring([], rows, after, end)
+            after = end
             await asyncio.sleep(max(due - time.monotonic(), 0.0))
         return part.waits
+
+    async def _bring(self, results: list[Archived], rows: list[Row], after: int, end: int) -> None:
+        self._delivered.clear()
+        self.piece = results, rows, partial(self._arrived, after, end, len(results), len(rows))
+        self._outbox.wake.set()
+        await self._delivered.wait()
 
     def _arrived(self, after: int, end: int, results: int, rows: int) -> None:
         for what, count in (("results back-filled", results), ("rows back-filled", rows)):

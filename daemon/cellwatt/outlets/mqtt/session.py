@@ -131,7 +131,8 @@ class Session:
         for parcel in self._batch:
             answers, at = self._asked[at : at + len(parcel.messages)], at + len(parcel.messages)
             sure = fenced or all(message.qos for message in parcel.messages)
-            if left or not sure or not all(map(_came, answers)):
+            asked = len(answers) == len(parcel.messages)  # not so where the library refused one of the batch
+            if left or not sure or not asked or not all(map(_came, answers)):
                 left.append(parcel)
             elif parcel.arrived is not None:
                 parcel.arrived()

@@ -110,9 +110,9 @@ def _figures(file: Path) -> dict[str, Any]:
     """Figures beside a page, None where they are missing or damaged."""
     try:
         told = json.loads(read_bytes(file, LONGEST))
-        effects = sorted(told["findings"], key=lambda effect: effect["confidence"] or 0.0, reverse=True)
-        shown = [{**_fields(each, _EFFECT), **_fields(each["improvement"], _GAIN)} for each in effects]
-        worst = max(told["fit"], key=_worse, default=None)
+        effects = sorted(told.get("findings", ()), key=lambda effect: effect.get("confidence") or 0.0, reverse=True)
+        shown = [{**_fields(each, _EFFECT), **_fields(each.get("improvement", {}), _GAIN)} for each in effects]
+        worst = max(told.get("fit", ()), key=_worse, default=None)
         fit = None if worst is None else [worst[name] for name in ("channel", "unit", "simulation", "model")]
     except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
         fit, shown = None, []
@@ -126,4 +126,4 @@ def _fields(told: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any
 def _worse(fit: Mapping[str, Any]) -> float:
     """Error of the simulation in noise floors, or as it is where none is known."""
     error = fit["simulation"]
-    return -1.0 if error is None or math.isnan(error) else float(error / (fit["noise_floor"] or 1.0))
+    return -1.0 if error is None or math.isnan(error) else float(error / (fit.get("noise_floor") or 1.0))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 from aiohttp import web
@@ -15,10 +17,12 @@ from cellwatt.frames import Frames
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.zenoh.messages import encode_json
 
+log = logging.getLogger(__name__)
+
 MOST_BYTES: Final = 1_000_000
 """Bytes of events that may wait for one browser."""
 MOST_VALUES: Final = 100_000
-"""Values of frames that may wait for it; beyond them the oldest go."""
+"""Values of frames that may wait for it, or two periods of its own where they are more; beyond, the oldest go."""
 _PREDICTIONS: Final = 4096
 """Outputs of models that may wait for it."""
 HEARTBEAT: Final = 10.0
@@ -155,6 +159,8 @@ class Browser:
 
     def put(self, data: bytes) -> None:
         """Queue an event; without room for it the stream ends."""
+        if self._ended:
+            return
         self._events.append(data)
         self._size += len(data)
         if self._size > MOST_BYTES:
@@ -164,15 +170,21 @@ class Browser:
 
     def put_frames(self, frames: Frames) -> None:
         """Queue frames; without room the oldest go."""
+        if self._ended:
+            return
         self.frames.append(frames)
-        while sum(map(len, self.frames)) * (1 + len(self._channels)) > MOST_VALUES:
+        columns = 1 + len(self._channels)
+        most = max(MOST_VALUES, 2 * self._period * frames.layout.rate * columns)
+        while len(self.frames) > 1 and sum(map(len, self.frames)) * columns > most:
             self.frames.popleft()
             self.dropped += 1
             self._counts["blocks dropped"] += 1
 
     def end(self) -> None:
         """Send nothing more; the browser asks anew by itself."""
-        self._ended = True
+        self._ended, self._size = True, 0
+        for waiting in (self._events, self.frames, self.predictions):
+            waiting.clear()
         self._woken.set()
 
     async def send(self, response: web.StreamResponse) -> None:
@@ -210,10 +222,19 @@ class Browser:
         newest = [block for block in self.frames if block.layout == self.frames[-1].layout and len(block)]
         self.frames.clear()
         if newest:
-            yield encoded("frames", shapes.frames(newest, self._channels))
+            yield _shaped("frames", partial(shapes.frames, newest, self._channels))
         models: dict[tuple[str, tuple[str, ...]], list[Body]] = {}
         for body in self.predictions:
             models.setdefault((body["model"], tuple(body["outputs"])), []).append(body)
         self.predictions.clear()
         for (model, _), bodies in models.items():
-            yield encoded("prediction", shapes.prediction(model, bodies))
+            yield _shaped("prediction", partial(shapes.prediction, model, bodies))
+
+
+def _shaped(event: str, shape: Callable[[], Any]) -> bytes:
+    """An event of what waited; nothing of what breaks its own contract, which costs no stream."""
+    try:
+        return encoded(event, shape())
+    except Exception:
+        log.exception("page: %s cannot be shown", event)
+        return b""

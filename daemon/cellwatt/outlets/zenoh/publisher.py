@@ -20,6 +20,7 @@ from cellwatt.outlets.zenoh.link import LinkSettings, why_unconnected
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item
 from cellwatt.outlets.zenoh.signing import MessageSigner
+from cellwatt.results import Prediction
 
 if TYPE_CHECKING:
     import zenoh
@@ -28,6 +29,10 @@ log = logging.getLogger(__name__)
 
 SCHEMA_EVERY: Final = 1.0
 """s between two messages of a topic that carry its schema, for consumers that came since."""
+_SLOW: Final = 0.02
+"""Time, s, of a put that had to wait for a receiver."""
+_PAUSE: Final = 1.0
+"""Time, s, without results after it."""
 _UNCONNECTED: Final = 5.0
 """Time, s, without any link after which the log says why."""
 _LOOK: Final = 0.5
@@ -35,10 +40,11 @@ _LOOK: Final = 0.5
 
 
 class Publisher:
-    """Publishes at once. No receiver holds up the loop.
+    """Publishes at once. A receiver that cannot keep up holds up the loop for 1 s at most, and then not for a while.
 
-    Samples, frames and health do not wait for a receiver that cannot keep up: it misses some and asks for them. Results
-    have room for thousands at each receiver; one that takes none until that is full is cut off after 1 s.
+    Samples, frames, predictions and health do not wait for it: it misses some and asks for them. Other results have
+    room for thousands at each receiver; one that takes none once that is full is cut off after 1 s. After a result
+    that had to wait, results are not published for 1 s: consumers ask for them.
     """
 
     def __init__(self, session: zenoh.Session, keys: CellKeys, account: Account, seal: MessageSigner) -> None:
@@ -49,6 +55,8 @@ class Publisher:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._told: dict[str, tuple[int, float]] = {}
         """CRC-32 of the schema that each topic's messages had last, and when, monotonic s."""
+        self._paused = 0.0
+        """Monotonic time, s, until which results are not published."""
         self._broken: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._interest = [self._declare(path, ARROW, lossy=True) for path in ("raw/**", FRAME)]
         """Those of all samples and frames: who subscribes is known by the time that the first ones come."""
@@ -70,12 +78,24 @@ class Publisher:
         self._told.clear()
 
     def send(self, topic: str, paths: Sequence[str], item: Item, mark: Mark) -> None:
-        """Publish an item of a topic under its paths; count it as sent or lost."""
+        """Publish an item of a topic under its paths; count it as sent, lost, or left to consumers' questions."""
         import zenoh
 
-        samples = isinstance(item, Batch | Frames)
-        publishers = [self._publisher(path, samples=samples) for path in paths]
+        lossy = isinstance(item, Batch | Frames | Prediction)
+        if not lossy and time.monotonic() < self._paused:
+            self._account.count("not published: a slow receiver", mark.count)
+            return
         self._account.expect(mark.count)
+        try:
+            self._put(topic, paths, item, mark, lossy=lossy)
+        except zenoh.ZError as error:
+            self._account.drop(mark.count, "session")
+            self._break(error)
+
+    def _put(self, topic: str, paths: Sequence[str], item: Item, mark: Mark, *, lossy: bool) -> None:
+        """Publish an item that is expected. Raises ``ZError``."""
+        samples = isinstance(item, Batch | Frames)
+        publishers = [self._publisher(path, ARROW if samples else JSON, lossy=lossy) for path in paths]
         if samples and not any(map(_wanted, publishers)):
             self._account.receive(mark.count)
             return
@@ -87,14 +107,13 @@ class Publisher:
             log.exception("zenoh: an item of %s cannot be encoded", topic)
             self._account.drop(mark.count, "not encodable")
             return
-        try:
-            for publisher in publishers:
-                publisher.put(payload, attachment=attachment)
-        except zenoh.ZError as error:
-            self._account.drop(mark.count, "session")
-            self._break(error)
-        else:
-            self._account.receive(mark.count)
+        begun = time.monotonic()
+        for publisher in publishers:
+            publisher.put(payload, attachment=attachment)
+        now = time.monotonic()
+        if not lossy and now - begun > _SLOW:
+            self._paused = now + _PAUSE
+        self._account.receive(mark.count)
 
     def send_health(self, mark: Mark, payload: bytes) -> None:
         """Publish a health message."""
@@ -139,10 +158,10 @@ class Publisher:
         self._told[topic] = check, now
         return mark, schema + rows
 
-    def _publisher(self, path: str, *, samples: bool) -> zenoh.Publisher:
+    def _publisher(self, path: str, encoding: str, *, lossy: bool) -> zenoh.Publisher:
         publisher = self._publishers.get(path)
         if publisher is None:
-            publisher = self._publishers[path] = self._declare(path, ARROW if samples else JSON, lossy=samples)
+            publisher = self._publishers[path] = self._declare(path, encoding, lossy=lossy)
         return publisher
 
     def _declare(self, path: str, encoding: str, *, lossy: bool) -> zenoh.Publisher:

@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
-from cellwatt.outlets.mqtt.link import reason
+from cellwatt import Task
+from cellwatt.outlets.mqtt.link import Link, reason
+from cellwatt.outlets.mqtt.message import Message
+from cellwatt.outlets.mqtt.outbox import Backfill
+from cellwatt.outlets.mqtt.session import Parcel, Session
+from cellwatt.outlets.past import Part
+from cellwatt.outlets.selection import Row
+from tests.daemon.outlets.mqtt.cell import LAYOUT, Cell, outlet_of
+
+NOWHERE = "mqtt://127.0.0.1:1"
+MESSAGE = Message("a", b"b", 1, False)
 
 
 @pytest.mark.parametrize(
@@ -16,3 +31,48 @@ from cellwatt.outlets.mqtt.link import reason
 )
 def test_a_broker_that_is_slow_is_told_as_that(text: str, told: str) -> None:
     assert reason(TimeoutError(text)) == told
+
+
+async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    outlet = outlet_of(Cell(), NOWHERE, frame="channels", backfill="100 kHz")
+    past = Backfill(outlet.settings, (Path("/nonexistent"), "c"), outlet._cursor, outlet._outbox, outlet.account)
+    none = dict.fromkeys(LAYOUT.names, 0)
+    rows, tasks = [Row(n, n, {}, none) for n in range(1, 13)], [Task("arm", "t", "ab", "v", 1.0, 0, 1, (1,), 4)] * 40
+    part = Part(12, rows, list(tasks), dict.fromkeys(none, "1"), whole=True)
+    monkeypatch.setattr(past, "_read", lambda *_: asyncio.sleep(0, part))
+    filling, sizes, got = asyncio.create_task(past._fill(0, 12)), list[tuple[int, int]](), list[Row]()
+    while not filling.done():
+        await asyncio.sleep(0)
+        if past.piece is not None:
+            (results, some, arrived), past.piece = past.piece, None
+            sizes.append((len(results), len(some)))
+            got += some
+            arrived()
+    assert sizes == [(16, 0), (16, 0), (8, 0), (0, 5), (0, 5), (0, 2)] and got == rows
+
+
+async def test_nothing_of_a_batch_that_the_library_refuses_counts_as_arrived() -> None:
+    outlet, told = outlet_of(Cell(), NOWHERE), list[str]()
+
+    def publish(_: Message) -> Any:
+        raise ValueError("Payload too large.")
+
+    parts: Any = SimpleNamespace(publish=publish), outlet._made(), outlet._outbox, outlet._cursor
+    session = Session(outlet.settings, parts, None, "c", outlet.account)
+    with pytest.raises(ValueError, match="too large"):
+        await session._deliver([Parcel([MESSAGE], lambda: told.append("arrived"), lambda: told.append("back"))])
+    session.end()
+    assert told == ["back"]
+
+
+async def test_a_thread_that_ends_while_it_is_stopped_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    link, reset = Link(outlet_of(Cell(), NOWHERE).settings, "c", MESSAGE, None, print), list[bool]()
+
+    def stop() -> None:
+        raise AttributeError("'NoneType' object has no attribute 'join'")
+
+    link._connecting = asyncio.ensure_future(asyncio.sleep(0))
+    monkeypatch.setattr(link._client, "loop_stop", stop)
+    monkeypatch.setattr(link._client, "_reset_sockets", lambda: reset.append(True))
+    await link.abort()
+    assert reset == [True]

@@ -295,6 +295,18 @@ def test_a_level_file_of_another_recording_is_not_used(tmp_path):
     assert curves(Store(tmp_path, CELL), *span)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
 
 
+def test_a_damaged_level_file_that_cannot_be_removed_leaves_a_gap_that_is_told(tmp_path, monkeypatch):
+    path = recording(tmp_path, [[frames(SESSION + np.arange(300) * S, np.zeros(300), rate=1.0)]])
+    span = (["arm.power"], START, START + 300_000, 30)
+    assert curves(Store(tmp_path, CELL), *span)["complete"]
+    reader = Store(tmp_path, CELL)
+    asked = []
+    monkeypatch.setattr(level_file.LevelFile, "levels", lambda *_: asked.append(1) or level_file._unpacked(b"a", 1))
+    monkeypatch.setattr(Path, "unlink", lambda *_, **__: (_ for _ in ()).throw(OSError(errno.EROFS, "read-only")))
+    assert not curves(reader, *span)["complete"] and len(asked) == 2
+    assert level_file.path_of(path).exists()
+
+
 def test_levels_go_with_their_recording(tmp_path):
     hours(tmp_path)
     reader = Store(tmp_path, CELL)

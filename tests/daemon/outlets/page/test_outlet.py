@@ -86,6 +86,7 @@ async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
         async with serving(outlet) as url:
             outlet.health(status([asdict(alarm(2))]))
             outlet.offer(replace(PREDICTION, time=None))  # one that cannot be shown costs only itself
+            outlet.offer(replace(PREDICTION, units=lambda: None))  # so does one that cannot be encoded
             outlet.offer(frames(0, 5))
             await eventually(lambda: outlet.account.received == 6, "the frames")
             response = await browser.get(f"{url}{API}/stream?channels=arm.mode&rate=25")
@@ -108,6 +109,7 @@ async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
             await stream.until("never")
         response.close()
     assert (outlet.account.received, outlet.account.residue, outlet.url) == (13, 0, None)
+    assert outlet.account.dropped == {"not encodable": 1}
 
 
 async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:

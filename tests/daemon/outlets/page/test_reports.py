@@ -195,3 +195,12 @@ def test_a_page_without_its_figures_is_told_without_them(tmp_path, text):
     found = newest_mismatch([tmp_path])
     assert found["finding"] and found["path"] == "report.html"
     assert (found["before"], found["after"], found["unit"], found["effects"]) == (None, None, None, [])
+
+
+def test_figures_of_an_earlier_version_are_told_as_far_as_they_go(tmp_path):
+    explained(tmp_path, None)
+    fit = {"channel": "joint_2.torque", "unit": "Nm", "simulation": 9.0, "model": 0.7}
+    (tmp_path / "findings.json").write_text(json.dumps({"fit": [fit]}))
+    assert newest_mismatch([tmp_path])["before"] == 9.0
+    (tmp_path / "findings.json").write_text(json.dumps({"findings": [{"effect": "payload"}]}))
+    assert [each["effect"] for each in newest_mismatch([tmp_path])["effects"]] == ["payload"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -71,7 +72,7 @@ async def test_a_browser_that_takes_nothing_for_long_is_disconnected(
 async def test_frames_go_before_any_event_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "MOST_BYTES", 100)
     monkeypatch.setattr(streams, "MOST_VALUES", 100)
-    browser = Browser(Browsers(1).counts, WIDE.names)
+    browser = Browser(Browsers(1).counts, WIDE.names, 100.0)
     browser.put(b"alarm" * 10)
     for number in range(5):
         browser.put_frames(frames(number, 1, WIDE))
@@ -82,6 +83,27 @@ async def test_frames_go_before_any_event_does(monkeypatch: pytest.MonkeyPatch) 
     for _ in range(3):
         browser.put(b"alarm" * 10)
     assert browser._ended, "one that cannot even take events has to ask anew"
+    for number in range(5):
+        browser.put(b"alarm" * 50)
+        browser.put_frames(frames(number, 1, WIDE))
+    assert not browser._events and not browser.frames, "nothing waits for one that has ended"
+    assert browser._counts["browsers too slow"] == 1
+
+
+async def test_a_browser_that_is_seldom_told_misses_no_frame_for_that() -> None:
+    counts = Browsers(1).counts
+    browser = Browser(counts, WIDE.names, 0.02)
+    for second in range(50):
+        browser.put_frames(frames(50 * second, 50, WIDE))
+    assert sum(map(len, browser.frames)) == 2500 and not counts
+
+
+async def test_frames_that_break_their_contract_cost_no_stream(caplog: pytest.LogCaptureFixture) -> None:
+    browser, sound = Browser(Browsers(1).counts, WIDE.names), frames(0, 1, WIDE)
+    browser.predictions.append({"model": "power", "time": (5,), "outputs": {"power": (1.0,)}})
+    browser.put_frames(replace(sound, values=sound.values[:, :3]))
+    assert (await browser._next()).startswith(b"event: prediction")
+    assert "frames cannot be shown" in caplog.text
 
 
 async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:

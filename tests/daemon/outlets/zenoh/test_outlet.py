@@ -8,6 +8,7 @@ import zlib
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pyarrow as pa
@@ -15,10 +16,12 @@ import pytest
 import zenoh
 
 from cellwatt import Event, Prediction, Stream
+from cellwatt.errors import OutletError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
 from cellwatt.outlets.zenoh.encode import decode, schema_in
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.publisher import Publisher
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STREAM, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.doing import doing
@@ -99,6 +102,7 @@ async def hears(consumer: Consumer, outlet: ZenohOutlet) -> None:
 
 async def test_each_item_has_its_key_encoding_and_mark(consumer: Consumer, outlet: ZenohOutlet) -> None:
     outlet.offer(Prediction("power", 3, (5,), {"power": (1.0,)}, {"power": "W"}))
+    await consumer.until(1)
     outlet.offer(alarm(1))
     outlet.offer(Event(EPOCH, "arm", "connected", "UR10e"))
     await consumer.until(3)
@@ -309,6 +313,54 @@ async def test_an_item_that_cannot_be_encoded_costs_only_itself(
     assert "an item of raw/arm/samples cannot be encoded" in caplog.text
     assert outlet.account.dropped == {"not encodable": 3}
     assert outlet.account.residue == 0
+
+
+class Bus:
+    """A session whose receivers take each put after 30 ms of its own ``clock``, s; ``broken``, it declares nothing."""
+
+    def __init__(self) -> None:
+        self.puts: list[str] = []
+        self.clock, self.broken = 1.0, False
+
+    def put(self, key: str) -> None:
+        self.puts.append(key)
+        self.clock += 0.03
+
+    def declare_publisher(self, key: str, **_: Any) -> Any:
+        if self.broken:
+            raise zenoh.ZError("closed")
+        return SimpleNamespace(put=lambda *_, **__: self.put(key))
+
+    def liveliness(self) -> Any:
+        return SimpleNamespace(declare_token=lambda _: None)
+
+
+async def test_a_receiver_that_is_slow_with_results_holds_up_the_loop_once_in_a_while(
+    outlet: ZenohOutlet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus: Any = Bus()
+    outlet._publisher = Publisher(bus, outlet._keys, outlet.account, outlet._seal)
+    monkeypatch.setattr(publisher, "time", SimpleNamespace(monotonic=lambda: bus.clock))
+    for number in range(10):
+        outlet.offer(alarm(number))
+    outlet.offer(Prediction("power", 3, (5,), {"power": (1.0,)}, {"power": "W"}))
+    assert [key.removeprefix(f"{ROOT}/") for key in bus.puts] == ["alarm/error/joint_fault", "prediction/power"]
+    assert outlet.account.counters == {"not published: a slow receiver": 9}
+    assert outlet._ends["alarm"][1] == 10, "consumers see that they miss nine"
+    bus.clock += 1.0
+    outlet.offer(alarm(10))
+    assert len(bus.puts) == 3
+    assert outlet.account.residue == 0
+
+
+async def test_a_session_that_breaks_while_a_key_is_declared_ends_the_outlet(outlet: ZenohOutlet) -> None:
+    bus: Any = Bus()
+    outlet._publisher = Publisher(bus, outlet._keys, outlet.account, outlet._seal)
+    bus.broken = True
+    outlet.offer(alarm(1))
+    with pytest.raises(OutletError, match="Zenoh session: closed"):
+        await outlet._publisher.watch(outlet.settings)
+    assert outlet.account.dropped == {"session": 1} and outlet.account.residue == 0
 
 
 async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str) -> None:

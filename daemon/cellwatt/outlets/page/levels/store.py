@@ -37,6 +37,8 @@ RETRY: Final = 60.0
 """Pause, s, before what failed is tried again."""
 PERIOD: Final = 2.0
 """s from one look at the folder to the next."""
+TRIES: Final = 2
+"""Times that a level file is asked before what it has counts as missing."""
 WORK, REST = 0.01, 0.03
 """s of reading, and of rest after it: the page's other threads go first."""
 
@@ -160,16 +162,19 @@ class Store:
     def read(self, kept: RecordFile, pace: Pace, ask: Callable[[Source], T], *, curves: bool = True) -> T | None:
         """What ``ask`` finds in the source of a recording; a level file that is damaged or gone is made anew.
 
-        See ``source``.
+        See ``source``. Raises ``TimeoutError`` where it is damaged again, as it can neither be removed nor made anew.
         """
-        while (source := self.source(kept, pace, curves=curves)) is not None:
+        for _ in range(TRIES):
+            if (source := self.source(kept, pace, curves=curves)) is None:
+                return None
             try:
                 return ask(source)
             except FileNotFoundError:  # it went with its recording, or to keep to the budget
                 self._files.pop(kept.name, None)
             except ValueError as error:
                 self.spoiled(kept, str(error))
-        return None
+            pace()
+        raise TimeoutError
 
     def known(self, kept: RecordFile) -> LevelFile | None:
         """The level file of a closed recording; None where there is no sound one."""
