@@ -20,7 +20,7 @@ from cellwatt.outlets.zenoh.link import LinkSettings, why_unconnected
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item
 from cellwatt.outlets.zenoh.signing import MessageSigner
-from cellwatt.results import Prediction
+from cellwatt.results import Alarm, Prediction
 
 if TYPE_CHECKING:
     import zenoh
@@ -29,10 +29,10 @@ log = logging.getLogger(__name__)
 
 SCHEMA_EVERY: Final = 1.0
 """s between two messages of a topic that carry its schema, for consumers that came since."""
-_SLOW: Final = 0.02
+_SLOW: Final = 0.1
 """Time, s, of a put that had to wait for a receiver."""
 _PAUSE: Final = 1.0
-"""Time, s, without results after it."""
+"""Time, s, without results but alarms after it."""
 _UNCONNECTED: Final = 5.0
 """Time, s, without any link after which the log says why."""
 _LOOK: Final = 0.5
@@ -44,7 +44,7 @@ class Publisher:
 
     Samples, frames, predictions and health do not wait for it: it misses some and asks for them. Other results have
     room for thousands at each receiver; one that takes none once that is full is cut off after 1 s. After a result
-    that had to wait, results are not published for 1 s: consumers ask for them.
+    that had to wait, only alarms are published for 1 s: consumers ask for the others.
     """
 
     def __init__(self, session: zenoh.Session, keys: CellKeys, account: Account, seal: MessageSigner) -> None:
@@ -56,7 +56,7 @@ class Publisher:
         self._told: dict[str, tuple[int, float]] = {}
         """CRC-32 of the schema that each topic's messages had last, and when, monotonic s."""
         self._paused = 0.0
-        """Monotonic time, s, until which results are not published."""
+        """Monotonic time, s, until which only alarms are published."""
         self._broken: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._interest = [self._declare(path, ARROW, lossy=True) for path in ("raw/**", FRAME)]
         """Those of all samples and frames: who subscribes is known by the time that the first ones come."""
@@ -82,7 +82,7 @@ class Publisher:
         import zenoh
 
         lossy = isinstance(item, Batch | Frames | Prediction)
-        if not lossy and time.monotonic() < self._paused:
+        if not lossy and not isinstance(item, Alarm) and time.monotonic() < self._paused:
             self._account.count("not published: a slow receiver", mark.count)
             return
         self._account.expect(mark.count)

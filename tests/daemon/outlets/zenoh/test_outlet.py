@@ -324,7 +324,7 @@ class Bus:
 
     def put(self, key: str) -> None:
         self.puts.append(key)
-        self.clock += 0.03
+        self.clock += 0.2
 
     def declare_publisher(self, key: str, **_: Any) -> Any:
         if self.broken:
@@ -342,14 +342,16 @@ async def test_a_receiver_that_is_slow_with_results_holds_up_the_loop_once_in_a_
     outlet._publisher = Publisher(bus, outlet._keys, outlet.account, outlet._seal)
     monkeypatch.setattr(publisher, "time", SimpleNamespace(monotonic=lambda: bus.clock))
     for number in range(10):
-        outlet.offer(alarm(number))
+        outlet.offer(Event(number, "arm", "connected", "arm: it answers"))
+    outlet.offer(alarm(1))
     outlet.offer(Prediction("power", 3, (5,), {"power": (1.0,)}, {"power": "W"}))
-    assert [key.removeprefix(f"{ROOT}/") for key in bus.puts] == ["alarm/error/joint_fault", "prediction/power"]
+    told = ["event", "alarm/error/joint_fault", "prediction/power"]
+    assert [key.removeprefix(f"{ROOT}/") for key in bus.puts] == told
     assert outlet.account.counters == {"not published: a slow receiver": 9}
-    assert outlet._ends["alarm"][1] == 10, "consumers see that they miss nine"
+    assert outlet._ends["event"][1] == 10, "consumers see that they miss nine"
     bus.clock += 1.0
-    outlet.offer(alarm(10))
-    assert len(bus.puts) == 3
+    outlet.offer(Event(10, "arm", "connected", "arm: it answers"))
+    assert len(bus.puts) == 4
     assert outlet.account.residue == 0
 
 
