@@ -148,9 +148,12 @@ def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, F
 
 
 def _each(table: Table, quantity: str, joints: int) -> Float | None:
-    """A quantity of the first joints, (N, joints); None where the file has it of fewer."""
+    """A quantity of the first joints, (N, joints); None where the file has it, or numbers of it, of fewer."""
     found = table.joints(quantity)
-    return None if found is None or found.shape[1] < joints else found[:, :joints]
+    if found is None or found.shape[1] < joints:
+        return None
+    whole = np.isfinite(found[:, :joints]).any(axis=0).all()
+    return found[:, :joints] if whole else None
 
 
 def _even(part: Moves, step: float) -> Moves:

@@ -54,6 +54,11 @@ def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
     assert np.isnan(moves.current).all()
 
 
+def test_currents_without_those_of_one_joint_are_none(tmp_path):
+    table = columns() | {"current_2": np.full(len(columns()["t"]), np.nan)}
+    assert np.isnan(read_moves([written(tmp_path, table)], 2).current).all()
+
+
 @pytest.mark.parametrize(
     ("gone", "said"),
     [
