@@ -131,7 +131,7 @@ class Publisher:
         """
         linked_at: float | None = time.monotonic()
         while not self._broken.done():
-            await asyncio.wait([self._broken], timeout=_LOOK)
+            await asyncio.wait([self._broken], timeout=_LOOK if link.connect else None)
             now = time.monotonic()
             if not link.connect or self._session.info.routers_zid() or self._session.info.peers_zid():
                 if linked_at is None:
