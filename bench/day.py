@@ -45,11 +45,7 @@ def settings(folder: Path) -> Path:
     """The file of the cell: nobody opens its devices."""
     sources = "  arm: {driver: ur, host: 127.0.0.1}\n  meter: {driver: scpi_analyzer, host: 127.0.0.1}\n"
     sources += "  board: {driver: power_board, port: /dev/null}\n"
-    path = cell(folder, sources, with_page(f"127.0.0.1:{free_port()}"))
-    path.write_text(
-        path.read_text().replace(f"folder: {folder / 'record'}", f"folder: {folder / 'record'}, keep: 2 GB")
-    )
-    return path
+    return cell(folder, sources, with_page(f"127.0.0.1:{free_port()}"), keep="2 GB")
 
 
 def give(assignment: shared.Assignment, hours: float, passed: Synchronized[float]) -> None:

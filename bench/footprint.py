@@ -25,7 +25,7 @@ from typing import Any
 
 import psutil
 
-from cellwatt.demo.cells import shape_file
+from cellwatt.demo.cells import model_file, shape_file
 from cellwatt.emulation import EmulatorProcess, Fault
 from cellwatt.record import Recording
 
@@ -41,9 +41,9 @@ def free_port(kind: int = socket.SOCK_STREAM) -> int:
         return int(probe.getsockname()[1])
 
 
-def cell(folder: Path, sources: str, more: str = "") -> Path:
-    path = folder / "cell.yaml"
-    path.write_text(f"site: bench\ncell: bench\nsources:\n{sources}{more}record: {{folder: {folder / 'record'}}}\n")
+def cell(folder: Path, sources: str, more: str = "", keep: str = "20 GB") -> Path:
+    path, record = folder / "cell.yaml", f"record: {{folder: {folder / 'record'}, keep: {keep}}}\n"
+    path.write_text(f"site: bench\ncell: bench\nsources:\n{sources}{more}{record}")
     return path
 
 
@@ -102,8 +102,7 @@ def idle(seconds: float) -> dict[str, float]:
 
 def with_page(address: str) -> str:
     """Settings of the typical cell's stages, a model among them, and of its page."""
-    model = shape_file().with_name("power.onnx")
-    stages = f"stages:\n  segment: {{arm: arm}}\n  power: {{stage: model, file: {model}, source: arm}}\n"
+    stages = f"stages:\n  segment: {{arm: arm}}\n  power: {{stage: model, file: {model_file()}, source: arm}}\n"
     return f'robot: demo\n{stages}page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}\n'
 
 

@@ -18,6 +18,7 @@ from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames
 from tests.doing import doing
+from tests.orders import orders, say
 from tests.patience import PATIENCE
 
 FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH = 10, 500
@@ -98,11 +99,8 @@ class Cell:
             await asyncio.sleep(0.2)
 
     async def obey(self) -> None:
-        reader = asyncio.StreamReader()
-        await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
         async with asyncio.TaskGroup() as group:
-            while line := await reader.readline():
-                order = json.loads(line)
+            async for order in orders():
                 if "stream" in order:
                     group.create_task(self.stream(**order["stream"]))
                 elif "frames" in order:
@@ -111,10 +109,6 @@ class Cell:
                     self.outlet.offer(alarm(**order["alarm"]))
                 elif "account" in order:
                     say({"account": self.outlet.account.snapshot()})
-
-
-def say(what: Any) -> None:
-    print(json.dumps(what), flush=True)
 
 
 async def main() -> None:

@@ -10,7 +10,6 @@ was made, the counts of the outlet and the memory.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import resource
 import sys
@@ -25,6 +24,8 @@ from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
 from cellwatt.results import Event, Result
+from tests.doing import doing
+from tests.orders import orders, say
 
 HOUR = 3600 * 10**9
 FRAME_RATE = 50.0
@@ -176,11 +177,8 @@ class Cell:
             await asyncio.sleep(0.5)
 
     async def obey(self) -> None:
-        reader = asyncio.StreamReader()
-        await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
         async with asyncio.TaskGroup() as group:
-            while line := await reader.readline():
-                order = json.loads(line)
+            async for order in orders():
                 if "run" in order:
                     group.create_task(self.run(order["run"]))
                 elif "past" in order:
@@ -202,22 +200,14 @@ def most_rss() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-def say(what: Any) -> None:
-    print(json.dumps(what), flush=True)
-
-
 async def main() -> None:
     cell = Cell(json.loads(sys.argv[1]))
     cell.recorder.start()
-    tasks = [asyncio.create_task(cell.outlet.run()), asyncio.create_task(cell.beat())]
-    say("ready")
     try:
-        await cell.obey()
+        async with doing(cell.outlet.run(), cell.beat()):
+            say("ready")
+            await cell.obey()
     finally:
-        for task in tasks:
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
         await cell.recorder.close()
 
 

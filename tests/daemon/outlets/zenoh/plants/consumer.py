@@ -20,8 +20,9 @@ from cellwatt import Batch, Frames
 from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.subscriber import Gap, Message, Subscriber
+from tests.orders import say
 
-from .cell import most_rss, rss, say
+from .cell import most_rss, rss
 
 
 class Recorder:
