@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from cellwatt.errors import ConfigError
-from cellwatt.files import read_text
+from cellwatt.files import read_text, write_file
 from cellwatt_plugins.mismatch.simulators.markup import Element, Markup
 
 DIRECTORIES = ("meshdir", "texturedir", "assetdir")
@@ -71,10 +71,9 @@ class Files:
                 place = self._place(include.attributes.get("file", ""))
                 if place in changed:
                     one.markup.set(include, file=changed[place].name)
-        folder.mkdir(parents=True, exist_ok=True)
         for one in self.every:
             if one.path in changed:
-                changed[one.path].write_text(one.markup.text())
+                write_file(changed[one.path], one.markup.text())
         return list(changed.values())
 
     def _new(self, folder: Path, path: Path) -> Path:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt.arrays import Float
@@ -18,6 +17,8 @@ from cellwatt_plugins.robot.motion import Moved
 
 SAMPLES = 200
 """Samples of a run that are looked at: enough for what is wrong by a factor."""
+TOGETHER = 20
+"""Samples of all torques together from which they are compared."""
 MOST = 2.0
 """Misfit that counts at most: one joint that is far off is no more than wrong."""
 MEAN_OF_NORMAL = 0.8
@@ -108,21 +109,21 @@ class Sample:
 def sample_of(run: Run, motion: Moved, arm: Arm) -> Sample:
     """Evenly spread samples of a run, none of them filled in.
 
-    Torques that were not read are 0 throughout: they speak for no reading of the columns.
+    Torques that were not read, or not together with the others, are 0 throughout: they speak for no reading of the
+    columns.
     """
-    kept = usable(run, SAMPLES)
-    torque = run.torque[kept]
-    kept, torque = (kept, torque) if np.isfinite(torque).all() else _heard(kept, torque)
+    rows = usable(run)
+    heard = np.isfinite(run.torque[rows])
+    counts = heard.sum(axis=0)
+    # Joints that were hardly ever read together with the others are left out, the one with the fewest samples first.
+    while counts.any() and heard[:, counts > 0].all(axis=1).sum() < TOGETHER:
+        counts[np.argmin(np.where(counts > 0, counts, len(rows) + 1))] = 0
+    rows = rows[heard[:, counts > 0].all(axis=1)]
+    rows = rows[:: max(1, len(rows) // SAMPLES)]
+    torque = np.where(counts > 0, run.torque[rows], 0.0)
     noise = MEAN_OF_NORMAL * np.nan_to_num(white_noise(run.torque))
     parts = (motion.position, motion.velocity, motion.acceleration)
-    return Sample(arm, Torques(torque, noise), *(part[kept] for part in parts))
-
-
-def _heard(kept: NDArray[np.intp], torque: Float) -> tuple[NDArray[np.intp], Float]:
-    """Samples in which all torques that were read at all are there, and 0 for the others."""
-    silent = np.isnan(torque).all(axis=0)
-    there = np.isfinite(torque[:, ~silent]).all(axis=1)
-    return kept[there], np.where(silent, 0.0, torque[there])
+    return Sample(arm, Torques(torque, noise), *(part[rows] for part in parts))
 
 
 def _beyond(size: float, noise: float) -> float:
