@@ -14,10 +14,11 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
-from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
+from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.fit.rows import Filtered, Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.noise import step_noise
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import Effect, Shape

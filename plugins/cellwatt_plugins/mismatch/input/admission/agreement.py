@@ -43,7 +43,7 @@ class Torques:
 
     def shares(self) -> Float:
         """Share (n,) of each column's mean square that is no noise."""
-        size = np.array([spread(column) for column in self.torque.T])
+        size = np.array([deviation(column) for column in self.torque.T])
         return np.asarray(np.maximum(1 - np.square(self.noise / np.maximum(size, 1e-12)), 0.0))
 
 
@@ -77,7 +77,7 @@ class Expected:
 
     def _misfit(self, read: Torques, column: int, joint: int) -> float:
         torque, noise = read.torque[:, column], read.noise[column]
-        if spread(torque) <= noise:
+        if deviation(torque) <= noise:
             return 0.0
         rest = torque - self.torque[:, joint]
         if not self.strict:
@@ -85,7 +85,7 @@ class Expected:
             ones = np.ones_like(speed)
             terms = np.column_stack([np.tanh(speed / STOPPED), speed, ones, -ones])
             rest = rest - terms @ nnls(terms, rest)[0]
-        return _beyond(spread(rest), noise) / _beyond(spread(torque), noise)
+        return _beyond(deviation(rest), noise) / _beyond(deviation(torque), noise)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _beyond(size: float, noise: float) -> float:
     return float(np.sqrt(max(size**2 - noise**2, 0.0)))
 
 
-def spread(values: Float) -> float:
+def deviation(values: Float) -> float:
     """Mean absolute distance from the median; numpy's own median takes three times as long for so few values."""
     count = len(values)
     half = count // 2
