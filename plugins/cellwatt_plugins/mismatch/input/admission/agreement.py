@@ -13,7 +13,7 @@ from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.motion import Moved
+from cellwatt_plugins.robot.motion import Moved, Plan
 
 SAMPLES = 200
 """Samples of a run that are looked at: enough for what is wrong by a factor."""
@@ -94,15 +94,12 @@ class Sample:
 
     arm: Arm
     read: Torques
-    position: Float
-    velocity: Float
-    acceleration: Float
+    motion: Plan
 
     def expected(self, factor: Float | float = 1.0, order: Sequence[int] | None = None) -> Expected:
         """Torque by the description for this motion times ``factor``, its columns in ``order``."""
-        motion = (self.position, self.velocity, self.acceleration)
         columns = slice(None) if order is None else list(order)
-        q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in motion)
+        q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in self.motion.courses)
         return Expected(self.arm.torque(q, qd, qdd), qd)
 
 
@@ -122,8 +119,7 @@ def sample_of(run: Run, motion: Moved, arm: Arm) -> Sample:
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     torque = np.where(counts > 0, run.torque[rows], 0.0)
     noise = MEAN_OF_NORMAL * np.nan_to_num(white_noise(run.torque))
-    parts = (motion.position, motion.velocity, motion.acceleration)
-    return Sample(arm, Torques(torque, noise), *(part[rows] for part in parts))
+    return Sample(arm, Torques(torque, noise), Plan(*(part[rows] for part in motion.courses)))
 
 
 def _beyond(size: float, noise: float) -> float:
