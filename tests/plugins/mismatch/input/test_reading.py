@@ -9,6 +9,7 @@ from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.mismatch.input.reading import read_motion
 from cellwatt_plugins.mismatch.input.signals import read_signals
 from tests.plugins.mismatch.input.reading import read_runs
+from tests.plugins.mismatch.logs import numbered
 from tests.plugins.mismatch.recorded_arm import CONSTANT, JOINTS, load, write_robot
 
 RATE = 125.0
@@ -19,10 +20,6 @@ def motion(t):
     w = 0.5 + 0.2 * np.arange(JOINTS)
     angle = np.outer(t, w)
     return np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle), 10 * np.cos(angle / 2)
-
-
-def numbered(stem, values, first=1):
-    return {f"{stem}_{i + first}": values[:, i] for i in range(values.shape[1])}
 
 
 def recording(t, **more):
