@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,9 @@ def read_runs(folder: Path, joints: int) -> list[Recorded]:
     pairs = [_pair(p) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
     if not pairs:
         raise RecordingError(f"{folder}: no runs there; expected files like 100_5kg.robot.parquet")
+    for (name, *_, one, _), (other, *_, two, _) in pairwise(pairs):
+        if name == other:
+            raise RecordingError(f"{two}: the same run as {one.name} beside it: keep one of them")
     runs = spread(_read, pairs, "reading runs", shared=joints)
     return sorted(runs, key=lambda run: (run.payload, run.speed))
 

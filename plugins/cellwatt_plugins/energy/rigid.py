@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
@@ -71,7 +72,10 @@ class _Samples:
 
 
 def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: Float) -> RigidFit:
-    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are what is believed of the factors before."""
+    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are what is believed of the factors before.
+
+    Raises ``RecordingError`` where none moves for long enough.
+    """
     samples = _gather(runs)
     value = samples.torque.reshape(-1)
     n, given = arm.joints, 1.0 / expected
@@ -107,6 +111,8 @@ def _gather(runs: Sequence[Recorded]) -> _Samples:
         q, tau = (smooth(s, motion.step, bandwidth)[chosen] for s in (motion.position, motion.torque))
         qd, qdd, _ = (s[chosen] for s in rates(motion.velocity, motion.step, bandwidth))
         parts.append((q, qd, qdd, tau, np.full(len(chosen), run.payload)))
+    if not parts:
+        raise RecordingError(f"{runs[0].motion.place}: no run has {SAMPLES} samples in motion: record longer or faster")
     return _Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

@@ -78,7 +78,8 @@ def train(
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
         if content is not None:
-            about["file"] = str(out / f"{about['task']}-{about['speed']:.2f}-codes.onnx")
+            speed = f"{about['speed']:.3f}".removesuffix("0")  # slow variants differ in the third decimal alone
+            about["file"] = str(out / f"{about['task']}-{speed}-codes.onnx")
             write_file(Path(about["file"]), content)
         report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
@@ -89,7 +90,7 @@ def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
     out: defaultdict[int, list[Path]] = defaultdict(list)
     for given in faulty:
         joint, _, name = given.partition("=")
-        if not joint.isdigit() or not 1 <= int(joint) <= joints or not name:
+        if not joint.isdecimal() or not 1 <= int(joint) <= joints or not name:
             raise ConfigError(f"--fault {given}: expected JOINT=RECORDING with a joint from 1 to {joints}")
         if not Path(name).exists():
             raise ConfigError(f"--fault {given}: there is no {name}")
