@@ -26,17 +26,16 @@ SURE = 2.0
 
 @dataclass(frozen=True)
 class Advice:
-    """One change, and what it saves each cycle."""
+    """One change (``kind`` slower, faster or brakes), and what it saves, J a cycle, with one standard deviation.
+
+    ``setting`` are those to be made, with units in the names.
+    """
 
     kind: str
-    """slower, faster or brakes."""
     statement: str
     saving: float
-    """J a cycle."""
     uncertainty: float
-    """J, one standard deviation."""
     setting: Mapping[str, float] = field(default_factory=dict)
-    """Settings to be made, with units in the names."""
 
 
 @dataclass(frozen=True)

@@ -29,37 +29,35 @@ class Fixed:
 
 @dataclass(frozen=True)
 class JointFriction:
-    """Friction of one joint by eq. (7), at the joint side."""
+    """Friction of one joint by eq. (7), at the joint side.
+
+    ``viscous`` Nm s/rad, ``coulomb`` and ``offset`` Nm, ``windage`` Nm s²/rad², and in ``further`` the coefficient of
+    each other law of friction that was fitted.
+    """
 
     joint: str
     viscous: float
-    """Nm s/rad."""
     coulomb: float
-    """Nm."""
     offset: float
-    """Nm."""
     windage: float
-    """Nm s²/rad²."""
     further: Mapping[str, float] = field(default_factory=dict)
-    """Coefficient of each other law of friction that was fitted."""
 
 
 @dataclass(frozen=True)
 class JointDrive:
-    """Identified parameters of one joint's drive."""
+    """Identified parameters of one joint's drive.
+
+    Torque as given by the robot is the true torque times ``torque_gain``. ``winding_resistance`` Ω is at the described
+    torque constant; ``switching`` W/A, ``iron`` W s²/rad² (eddy currents), ``hysteresis`` W s/rad.
+    """
 
     joint: str
     torque_gain: float
-    """Torque as given by the robot is the true torque times this."""
     torque_gain_uncertainty: float
     winding_resistance: float
-    """Ω, at the described torque constant."""
     switching: float
-    """W/A."""
     iron: float
-    """W s²/rad²: eddy currents."""
     hysteresis: float
-    """W s/rad."""
 
 
 @dataclass(frozen=True)

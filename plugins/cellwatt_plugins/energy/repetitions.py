@@ -36,14 +36,11 @@ SAME_LENGTH = 0.02
 
 @dataclass(frozen=True)
 class Repetition:
-    """One way round the path, robot's clock."""
+    """One way round the path, s of the robot's clock; ``uncertainty`` is that of its length."""
 
     start: float
-    """s."""
     end: float
-    """s."""
     uncertainty: float
-    """s, of its length."""
 
     @property
     def seconds(self) -> float:

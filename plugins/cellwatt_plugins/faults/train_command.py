@@ -9,21 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.commands.options import INPUT, with_progress, with_scheduler
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.files import write_file
 from cellwatt.scheduler import spread
-from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.criteria import Codes, Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
 from cellwatt_plugins.faults.paper.course import Key, courses_of
 from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import load
-
-Codes = NDArray[np.int8]
 
 
 @click.command("train")

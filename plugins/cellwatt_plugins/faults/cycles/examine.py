@@ -14,8 +14,8 @@ from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain, odds_o
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
+from cellwatt_plugins.faults.cycles.off_path import STOPPED, readings
 from cellwatt_plugins.faults.cycles.pattern import Pattern
-from cellwatt_plugins.faults.cycles.readings import STOPPED, readings
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.samples import Samples, sample
 from cellwatt_plugins.faults.cycles.weigh import fit

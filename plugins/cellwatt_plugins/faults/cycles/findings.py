@@ -15,11 +15,11 @@ from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, find_cycles
+from cellwatt_plugins.faults.cycles.new_tasks import new_tasks
+from cellwatt_plugins.faults.cycles.off_path import STOPPED
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
-from cellwatt_plugins.faults.cycles.readings import STOPPED
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.cycles.strangers import new_tasks
 from cellwatt_plugins.faults.cycles.words import note_on, statement_on
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
@@ -74,18 +74,18 @@ class CycleFinding:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Power of a known cycle at N times ``tau`` s of its healthy pattern, as its finding rests on it."""
+    """Power of a known cycle at N times ``tau`` s of its healthy pattern, as its finding rests on it.
+
+    ``moves`` are start and end of each interval, s of the pattern; ``residual`` (N,) W against healthy power, ``sigma``
+    (N,) W one standard deviation of healthy cycles, ``explained`` (N,) W what the faults named add.
+    """
 
     finding: CycleFinding
     moves: tuple[tuple[float, float], ...]
-    """Start and end of each interval, s of the pattern."""
     tau: Float
     residual: Float
-    """(N,) W against healthy power."""
     sigma: Float
-    """(N,) W: one standard deviation of healthy cycles."""
     explained: Float
-    """(N,) W that the faults named add."""
 
 
 def judge_recording(recording: Recording, known: Known, evidence: list[Evidence] | None = None) -> list[CycleFinding]:

@@ -15,9 +15,9 @@ from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, judge_cycle, stranger
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
+from cellwatt_plugins.faults.cycles.new_tasks import new_tasks
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.cycles.strangers import new_tasks
 from cellwatt_plugins.faults.trace import Trace
 
 REST = 0.5
