@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -71,11 +71,13 @@ def train(
 
         fitted = known_of(reference, file, robot).arm
     sources = Sources(told, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
+    names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
         if content is not None:
-            speed = f"{about['speed']:.3f}".removesuffix("0")  # slow variants differ in the third decimal alone
-            about["file"] = str(out / f"{about['task']}-{speed}-codes.onnx")
+            name = f"{about['task']}-{about['speed']:.2f}"
+            name = name if names[name] == 1 else f"{about['task']}-{about['speed']:.3f}"
+            about["file"] = str(out / f"{name}-codes.onnx")
             write_file(Path(about["file"]), content)
         report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
