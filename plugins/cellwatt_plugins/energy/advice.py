@@ -40,12 +40,14 @@ class Advice:
 
 @dataclass(frozen=True)
 class Cycle:
-    """A task as it recurs: its motion, how long the arm then waits, s, and the frames while it does."""
+    """A task as it recurs: its motion, how long the arm then waits, s, and the frames while it does.
+
+    Without these the arm is taken to wait as at the motion's end.
+    """
 
     motion: Stretch
     waiting: float
     rest: Stretch | None = None
-    """Without it the arm is taken to wait as at the motion's end."""
 
     @property
     def holding(self) -> Float:

@@ -9,7 +9,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Fixed:
-    """Table II: power that is drawn whatever the robot does, W, with one standard deviation each."""
+    """Table II: power that is drawn whatever the robot does, W, with one standard deviation each.
+
+    ``hold`` is what the motors drew in the third state, to hold the arm where G(q) was not quite zero.
+    """
 
     controller: float
     robot_electronics: float
@@ -18,7 +21,6 @@ class Fixed:
     robot_electronics_uncertainty: float
     brakes_uncertainty: float
     hold: float
-    """Power that the motors drew in the third state, to hold the arm where G(q) was not quite zero."""
     notes: tuple[str, ...] = ()
 
     @property
@@ -62,7 +64,11 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class RunEnergy:
-    """Table III: one run, mean of its repetitions, J."""
+    """Table III: one run, mean of its repetitions, J, with one standard deviation of each.
+
+    ``regeneration_upper_bound`` is the negative mechanical energy (eq. 11), ``path_speed_mm_s`` the mean speed of the
+    flange along the path, by the encoders.
+    """
 
     run: str
     speed_mm_s: float
@@ -77,14 +83,11 @@ class RunEnergy:
     electrical_losses: float | None
     regeneration: float | None
     regeneration_upper_bound: float
-    """Negative mechanical energy (eq. 11)."""
     positive_mechanical: float
     motion_efficiency_percent: float
     analyzer_offset_s: float
     path_speed_mm_s: float
-    """Mean speed of the flange along the path, by the encoders."""
     uncertainty: Mapping[str, float | None] = field(default_factory=dict)
-    """One standard deviation of each of the above."""
     notes: tuple[str, ...] = ()
 
 

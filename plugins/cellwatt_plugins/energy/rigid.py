@@ -53,13 +53,15 @@ OFFSET = "offset"
 
 @dataclass(frozen=True)
 class RigidFit:
-    """Factors and friction of each joint."""
+    """Factors and friction of each joint, (n,) each.
+
+    The given torque is to be multiplied by ``torque``, h; ``friction`` has the coefficient of each of ``LAWS``, and
+    ``OFFSET`` Nm.
+    """
 
     torque: Float
-    """h: what the given torque is to be multiplied by."""
     uncertainty: Float
     friction: Mapping[str, Float]
-    """Coefficient of each of ``LAWS``, and ``OFFSET`` Nm, (n,) each."""
 
 
 @dataclass(frozen=True)
