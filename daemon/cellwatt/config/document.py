@@ -116,24 +116,18 @@ class Document:
 
 
 def read(
-    file: Path, environ: Mapping[str, str], *, bounds: Bounds = SETTINGS_FILE, expected: str = "site, cell and sources"
-) -> Document:
-    """Read a settings file; ``expected`` names the keys that it should have.
-
-    Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top.
-    """
-    return parse(file, text_of(file, bounds), environ, bounds=bounds, expected=expected)
-
-
-def parse(
     file: Path,
-    text: str,
     environ: Mapping[str, str],
     *,
+    text: str | None = None,
     bounds: Bounds = SETTINGS_FILE,
     expected: str = "site, cell and sources",
 ) -> Document:
-    """A text as the settings file ``file``. Raises ``ConfigError`` as ``read`` does."""
+    """Read a settings file, or ``text`` as if it were in it; ``expected`` names the keys that it should have.
+
+    Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top.
+    """
+    text = text_of(file, bounds) if text is None else text
     node = compose(file, text, bounds, expected)
     if not isinstance(node, yaml.MappingNode):
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"

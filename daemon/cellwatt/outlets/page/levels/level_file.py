@@ -12,7 +12,7 @@ import threading
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -150,6 +150,7 @@ def listing(folder: Path, cell: str) -> list[RecordFile]:
     for path in (folder / FOLDER).glob(f"*{SUFFIX}"):
         name = FileName.parse(f"{path.stem}.mcap")
         if name is not None and name.cell == plain_cell(cell):
-            status = path.stat()
-            found.append(RecordFile(path, status.st_size, status.st_mtime, True, name))
+            with suppress(FileNotFoundError):
+                status = path.stat()
+                found.append(RecordFile(path, status.st_size, status.st_mtime, True, name))
     return sorted(found, key=lambda kept: kept.name)
