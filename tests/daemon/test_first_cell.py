@@ -72,14 +72,6 @@ def test_an_arm_has_segments_and_a_meter_has_none(tmp_path):
     assert not load(file).stages
 
 
-def test_it_is_written_whole_or_not_at_all(tmp_path):
-    file = tmp_path / "cell.yaml"
-    wrong = SourcePlan("arm", "ur", {"host": "192.0.2.10", "rate": "500"})
-    with pytest.raises(ConfigError, match=r"is not written: sources\.arm\.rate: found 500: expected a number"):
-        write_cell(file, "plant", "weld", [wrong])
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("text", "settings"),
     [

@@ -13,6 +13,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -87,6 +88,8 @@ class Store:
             self._thread.join()
 
     def _run(self) -> None:
+        with suppress(OSError):  # it will be told of what is written next
+            level_file.remove_begun(self.folder, self.cell)
         while not self._closing.is_set():
             try:
                 self.look(self._rest)
