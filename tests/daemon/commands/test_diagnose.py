@@ -8,6 +8,7 @@ import re
 import stat
 import zipfile
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from click.testing import CliRunner, Result
@@ -126,10 +127,7 @@ def test_the_record_that_is_not_there_is_told(folder: Path, monkeypatch: pytest.
     _, found = diagnose(folder, text)
     assert found["recordings.json"] == "[]\n"
     assert stat.S_IMODE((folder / "bundle.zip").stat().st_mode) == 0o600
-
-    def locked(*_: object) -> None:
-        raise PermissionError(errno.EACCES, "no")
-
+    locked = Mock(side_effect=PermissionError(errno.EACCES, ""))
     monkeypatch.setattr("cellwatt.diagnose.contents.listing", locked)
     assert "recordings with sizes and verdicts: Permission denied" in diagnose(folder, text)[0].output
 
