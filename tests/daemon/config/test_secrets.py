@@ -64,6 +64,18 @@ def test_a_secret_in_the_file_is_not_in_what_is_kept_or_published(tmp_path: Path
     assert load_again(tmp_path, config.text)
 
 
+def test_a_secret_that_is_a_word_of_the_file_leaves_it_yaml(tmp_path: Path) -> None:
+    """The maker's own password of an ABB arm, for instance."""
+    file = tmp_path / "cell.yaml"
+    arm = "{driver: abb, host: &robotics h, user: u, password: robotics}"
+    file.write_text(f"# robotics: the maker's\nsite: robotics-plant\ncell: robotics\nsources:\n  robotics: {arm}\n")
+    text = load(file, {}).text
+    assert text.startswith("# ***: the maker's\n")
+    told = yaml.safe_load(text)
+    assert (told["site"], told["cell"]) == ("***-plant", "***")
+    assert told["sources"]["robotics"] == yaml.safe_load(arm) | {"password": "***"}
+
+
 def paths(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     if not isinstance(tree, dict):
         return [path]
