@@ -96,6 +96,7 @@ def _repair(file: FileIO, part: Path) -> Recovery:
         part.unlink(missing_ok=True)
         return _told(found, None, aside)
     if found.closed and not found.damage:
+        os.fsync(file.fileno())
         part.rename(target)
     elif found.torn:
         aside = _set_aside(file, found, target)

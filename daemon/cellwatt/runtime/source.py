@@ -257,7 +257,7 @@ class Source:
 
     def _fail(self, error: BaseException, pause: float) -> None:
         self.account.count("restarts")
-        text = str(error) or type(error).__name__
+        text = one_line(str(error) or type(error).__name__)
         if text != self.last_error or self.state != "retrying":
             self.last_error = text
             self.event("lost", f"{self.name}: {text}; trying again in {pause:.1f} s")

@@ -79,7 +79,7 @@ class Teller:
             self._history = History(self._config.record.folder, self.recorder)
             folder = self._config.record.folder
             await asyncio.to_thread(self._words.read, folder)
-            await asyncio.to_thread(self._consumption.read, folder)
+            await asyncio.to_thread(self._consumption.read, folder, self._now())
             tasks.spawn("words", self._keep_words(folder))
             tasks.spawn("energy", self._consumption.keep(folder))
             tasks.spawn("recovery", self._report_recovery(self.recorder))

@@ -294,7 +294,7 @@ class Monitor:
         self._past: deque[tuple[int, Mapping[str, Any]]] = deque()
         self._book = AlarmBook()
         for alarm in active:
-            if alarm.kind in KINDS:
+            if alarm.stage is None and alarm.kind in KINDS:
                 self._book.take(alarm)
 
     def look(self, status: Mapping[str, Any], now: int) -> list[Alarm]:

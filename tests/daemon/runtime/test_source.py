@@ -175,6 +175,14 @@ async def test_a_failure_in_mid_stream_breaks_no_numbers():
 
 
 @at_once
+async def test_what_a_device_says_of_its_failure_is_one_line(caplog):
+    async with running(fail(ProtocolError("error \x1b[2J9\nboom"))) as cellar:
+        await DEVICES["arm"].done()
+        await tries(1)
+        assert cellar.source.status()["error"] == "error  [2J9 boom"
+
+
+@at_once
 async def test_a_driver_with_a_mistake_is_run_again(caplog):
     async with running(answer, fail(KeyError("joint_7")), answer) as cellar:
         await DEVICES["arm"].done()

@@ -53,6 +53,8 @@ SWITCH_INTERVAL: Final = 0.0005
 """Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
 LOOK: Final = 1.0
 """Longest time, s, without a look at the clock."""
+AGAIN: Final = 5.0
+"""s until a process is tried again that the PC had no memory, processes or files left for."""
 END: Final = 12.0
 """Longest time, s, that one process may take to come to its end."""
 
@@ -215,7 +217,11 @@ class Supervisor:
         self._shared.clock.discipline()
         for part in serving:
             if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
-                self._start(part)
+                try:
+                    self._start(part)
+                except OSError as error:  # the others go on, and one that takes too much may end
+                    part.again_at = time.monotonic() + AGAIN
+                    log.warning("the process %s cannot be begun: %s; again in %.0f s", part.name, error.strerror, AGAIN)
 
     def _wait(self, seconds: float) -> None:
         """Deal with news, which may take ``seconds`` to come."""

@@ -30,7 +30,6 @@ from cellwatt.runtime.processes.shared import (
     Apply,
     Assignment,
     InForce,
-    Looks,
     Ready,
     figures,
 )
@@ -235,7 +234,7 @@ class _Telling:
     def _hear(self) -> None:
         try:
             message = self._assignment.control.recv()
-        except EOFError:  # the supervisor is gone: the others end by themselves
+        except (EOFError, OSError):  # the supervisor is gone: the others end by themselves
             loop = asyncio.get_running_loop()
             loop.remove_reader(self._assignment.control.fileno())
             loop.call_later(ALONE, self._over.set)
@@ -261,7 +260,8 @@ class _Telling:
             await self._change(message, change)
             self._raw.held = self._frames.held = False
             self._turn()
-            self._assignment.control.send(InForce(message.generation))
+            with contextlib.suppress(OSError):  # the supervisor is gone: what is in the rings is still to be told
+                self._assignment.control.send(InForce(message.generation))
 
     async def _change(self, message: Apply, change: Change) -> None:
         await self._teller.stop(self._tasks, change.outlets)
@@ -284,12 +284,13 @@ class _Telling:
                 self._alive = now, line
 
     async def _heart(self) -> None:
-        looks = Looks()
+        count = -1
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = tick.lateness
-                if not looks.due(sum(way.reader.count for way in self._ways)):
-                    continue
+                before, count = count, sum(way.reader.count for way in self._ways)
+                if count == before:
+                    ticker.skip()  # nothing comes: each other second will do
                 self._assignment.shared.clock.discipline()
                 self._turn()
                 self._settle()
