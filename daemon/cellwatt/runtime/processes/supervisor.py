@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -182,24 +183,25 @@ class Supervisor:
         generation = self._generation + held
         made: dict[int, Part] = {}
         for slot, names in zip(free, chain_names(config, CHAINS), strict=False):
-            made[slot] = Part(
-                f"judge {'+'.join(names)}", judge, self._assign_judge(config, generation, names, slot, held)
-            )
+            assign = partial(self._assign_judge, config, generation, tuple(names), slot, held)
+            made[slot] = Part(f"judge {'+'.join(names)}", judge, assign)
         return made
 
     def _assign_judge(
-        self, config: CellConfig, generation: int, names: list[str], slot: int, held: bool
-    ) -> Callable[[Connection, int], Assignment]:
-        def make(control: Connection, restarts: int) -> Assignment:
-            waits = held and self._generation < generation
-            if not restarts:
-                self._shared.frames.settle(OTHERS + slot, self._shared.frames.head)
-            self._shared.results[slot].begin()
-            return Assignment(
-                self._shared, config, generation, control, restarts, stages=tuple(names), slot=slot, held=waits
-            )
-
-        return make
+        self,
+        config: CellConfig,
+        generation: int,
+        names: tuple[str, ...],
+        slot: int,
+        held: bool,
+        control: Connection,
+        restarts: int,
+    ) -> Assignment:
+        waits = held and self._generation < generation
+        if not restarts:
+            self._shared.frames.settle(OTHERS + slot, self._shared.frames.head)
+        self._shared.results[slot].begin()
+        return Assignment(self._shared, config, generation, control, restarts, stages=names, slot=slot, held=waits)
 
     def _start(self, part: Part) -> None:
         part.start([p for p in self._parts if p is not part])

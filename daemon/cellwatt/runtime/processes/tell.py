@@ -16,7 +16,7 @@ from cellwatt.frames import Frames
 from cellwatt.gather import next_moment
 from cellwatt.processor import starved
 from cellwatt.results import Event, series_of
-from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
+from cellwatt.ring import ItemReader, Mark, RingJournal, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.chain import BEGINS_ANEW
 from cellwatt.runtime.change import Change
@@ -89,8 +89,8 @@ class _Telling:
         self._lag = 0.0
         self._alive = 0.0, ""
         """When the supervisor heard of the cell's health last, monotonic s, and what."""
-        self._skipped = self._told_skipped = 0
-        """Bytes that were written over before they were read here, and of how many an event was told."""
+        self._told_skipped = 0
+        """Bytes of which an event told that they were written over before they were read here."""
 
     async def run(self) -> None:
         control, loop = self._assignment.control, asyncio.get_running_loop()
@@ -179,8 +179,6 @@ class _Telling:
                 self._note_figures(way, item.figures)
             case Mark():
                 self._come_to(way, item.generation)
-            case Skipped():
-                self._skipped += item.size
             case Batch() | Frames():
                 fresh = self._resume.fresh(item)
                 if fresh is not None:
@@ -299,6 +297,11 @@ class _Telling:
                 except Exception:
                     # Health is worth a lot, but never the data: it is looked at again in a second.
                     log.exception("the look at the cell's health failed")
+
+    @property
+    def _skipped(self) -> int:
+        """Bytes that were written over before they were read here."""
+        return sum(way.reader.skipped for way in self._ways)
 
     def _tell_skipped(self) -> None:
         lost, self._told_skipped = self._skipped - self._told_skipped, self._skipped
