@@ -125,10 +125,11 @@ class Source:
             if not allowed:
                 return
             reading, n = _first(reading, allowed), allowed
-        if reading.device_time is not None:
+        device_time = reading.device_time
+        if device_time is not None:
             clock = self.clocks[stream.name]
             resets = clock.resets
-            stamped, bound = clock.stamp(reading.device_time, reading.arrival)
+            stamped, bound = clock.stamp(device_time, reading.arrival)
             if clock.resets != resets:
                 self.event("clock_step", f"{self.name}: the device's clock stepped ({clock.state().reason})")
         else:
@@ -145,17 +146,7 @@ class Source:
         if stream.name in self._blank:
             self._look_for_numbers(stream.name, reading.values)
         self._take(
-            Batch(
-                self.name,
-                stream,
-                sequence,
-                reading.arrival,
-                stamped,
-                bound,
-                reading.values,
-                quality,
-                reading.device_time,
-            )
+            Batch(self.name, stream, sequence, reading.arrival, stamped, bound, reading.values, quality, device_time)
         )
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
