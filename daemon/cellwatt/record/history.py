@@ -132,7 +132,7 @@ class History:
             ]
 
     def _asked(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
-        repairing = self._recorder.repairing(session)
+        repairing = self._recorder.upkeep.repairing(session)
         with self._lock:
             found = self._settled(lambda: self._find(name, session, first, count))
             end = found[-1][0] + _length(found[-1][1]) if found else first

@@ -44,13 +44,8 @@ def asked_to_end(error: BaseException) -> bool:
 
 
 def _first(reading: Reading, n: int) -> Reading:
-    times, quality = reading.device_time, reading.quality
-    return replace(
-        reading,
-        values=reading.values[:n],
-        device_time=None if times is None else times[:n],
-        quality=None if quality is None else quality[:n],
-    )
+    arrays = [name for name in ("values", "device_time", "quality") if getattr(reading, name) is not None]
+    return replace(reading, **{name: getattr(reading, name)[:n] for name in arrays})
 
 
 class Source:

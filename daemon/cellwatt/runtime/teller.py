@@ -127,7 +127,7 @@ class Teller:
         return Header(self.site, self.cell, self.session, config.robot, config.text, self._streams)
 
     async def _report_recovery(self, recorder: Recorder) -> None:
-        for recovery in await recorder.recovered():
+        for recovery in await recorder.upkeep.recovered():
             self.take(Event(self._now(), None, "recovered", str(recovery)))
 
     async def _keep_words(self, folder: Path) -> None:

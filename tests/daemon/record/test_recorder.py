@@ -146,7 +146,7 @@ async def test_a_start_repairs_what_the_last_run_left(tmp_path):
     (tmp_path / (name_of(3) + PART)).write_bytes(b"")
     async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12)) as recorder:
         assert recorder.put(batch_of(0, 1))
-        reports = await recorder.recovered()
+        reports = await recorder.upkeep.recovered()
     assert [r.part.name for r in reports] == [name_of(3) + PART, name_of(2) + PART]
     assert "was empty" in str(reports[0]) and "10 messages recovered, lost: " in str(reports[1])
     assert recorder.stats()["recovered"] == [str(r) for r in reports]
