@@ -7,7 +7,7 @@ import pytest
 from blockbuster import blockbuster_ctx
 
 from cellwatt import Alarm, Channel, Event, RecordingError, Stream, Tick
-from cellwatt.record import Recorder, Recording, RecordSettings
+from cellwatt.record import Recording, RecordSettings
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART
 from cellwatt.record.survey import survey
@@ -129,13 +129,6 @@ async def test_what_cannot_be_written_is_counted_and_the_rest_goes_on(recorder, 
     await recorder.close()
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 2, "/event": 1}
     assert [b.sequence for b in Recording.open(tmp_path).entries()] == [2]
-
-
-async def test_a_folder_that_cannot_be_made_is_an_error_in_one_line(tmp_path):
-    (tmp_path / "file").write_text("")
-    recorder = Recorder(RecordSettings(folder=tmp_path / "file" / "folder"), HEADER)
-    with pytest.raises(RecordingError, match=r"record\.folder .* cannot be made: Not a directory"):
-        recorder.start()
 
 
 async def test_a_start_repairs_what_the_last_run_left(tmp_path):
