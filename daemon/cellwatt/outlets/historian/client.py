@@ -11,26 +11,22 @@ import base64
 import gzip
 import http.client
 import math
-import ssl
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from email.utils import parsedate_to_datetime
 from functools import lru_cache
+from ssl import SSLContext
 from typing import Any, Final, Literal
 
 import aiohttp
-import pydantic_core
 
-from cellwatt.errors import OutletError, why
 from cellwatt.outlets.historian.settings import InfluxSettings
 from cellwatt.outlets.past import Archived
+from cellwatt.outlets.remote import trust, unreached, wait_of
 from cellwatt.outlets.selection import Row
-from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.outlets.zenoh.messages import encode_json, parse_json
 from cellwatt.results import Alarm, Energy, Task
 
-LONGEST_WAIT: Final = 3600.0
-"""Most of what a server may ask us to wait, s."""
 _EFFORT: Final = 1
 """Of gzip: 3 times as fast as 5 for an eighth more bytes."""
 _LONGEST_ANSWER: Final = 64_000
@@ -56,11 +52,11 @@ class Client:
         self.url = settings.url
         self._settings = settings
         self._session: aiohttp.ClientSession | None = None
-        self._context: ssl.SSLContext | bool = True
+        self._context: SSLContext | bool = True
 
     async def __aenter__(self) -> Client:
         if self._settings.ca is not None:
-            self._context = await asyncio.to_thread(_context, str(self._settings.ca))
+            self._context = await asyncio.to_thread(trust, self._settings.ca)
         timeout = aiohttp.ClientTimeout(total=self._settings.timeout)
         self._session = aiohttp.ClientSession(timeout=timeout, auto_decompress=False)
         return self
@@ -82,14 +78,13 @@ class Client:
                 return outcome_of(answer.status, text, answer.headers)
         except TimeoutError:
             return Outcome("later", f"no answer within {self._settings.timeout:g} s")
-        except aiohttp.ClientConnectorError as error:
-            return Outcome("later", f"nobody answers ({why(error.os_error).lower()})")
         except (aiohttp.ClientError, OSError) as error:
-            return Outcome("later", f"{type(error).__name__}: {_short(str(error))}")
+            return Outcome("later", unreached(error))
 
     def _headers(self) -> dict[str, str]:
         settings = self._settings
         found = {"Content-Encoding": "gzip", "Content-Type": "text/plain; charset=utf-8"}
+        found["Accept-Encoding"] = "identity"  # the reason of a refusal is read as it comes: it cannot unpack to more
         if settings.token is not None:
             found["Authorization"] = f"Token {settings.token.get_secret_value()}"
         elif settings.user is not None and settings.password is not None:
@@ -129,33 +124,12 @@ def reason_of(text: str) -> str:
     return _short(str(found or text))
 
 
-def wait_of(header: str | None, now: datetime) -> float | None:
-    """Time in s that a ``Retry-After`` asks for: seconds, or a date; ``None`` where it asks for none."""
-    if header is None:
-        return None
-    try:
-        seconds = float(header)
-    except ValueError:
-        try:
-            seconds = (parsedate_to_datetime(header) - now).total_seconds()
-        except (ValueError, TypeError, OverflowError):
-            return None
-    return min(max(seconds, 0.0), LONGEST_WAIT) if math.isfinite(seconds) else None
-
-
 def _packed(lines: Sequence[str]) -> bytes:
     return gzip.compress("\n".join(lines).encode(), _EFFORT)
 
 
 def _short(text: str) -> str:
     return " ".join(text.split())[:_LONGEST_REASON]
-
-
-def _context(ca: str) -> ssl.SSLContext:
-    try:
-        return ssl.create_default_context(cafile=ca)
-    except (OSError, ValueError) as error:
-        raise OutletError(f"influx: ca: {ca} cannot be used: {error}") from None
 
 
 Value = float | int | bool | str
@@ -178,12 +152,8 @@ def line(measurement: str, tags: Mapping[str, str | None], fields: Mapping[str, 
 
 def row_line(measurement: str, tags: Mapping[str, str], row: Row) -> str:
     """A row: its channels as fields, and ``quality``, the worst of the values that are there."""
-    values = row.values
-    fields = [f"{_word(name)}={value!r}" for name, value in values.items() if math.isfinite(value)]
-    if not fields:
-        return ""
-    worst = max(quality for name, quality in row.quality.items() if name in values)
-    return f"{_series(measurement, tags)} {','.join(fields)},quality={worst}i {row.time}"
+    fields = [f"{_word(name)}={value!r}" for name, value in row.values.items()]
+    return f"{_series(measurement, tags)} {','.join(fields)},quality={row.worst}i {row.time}" if fields else ""
 
 
 def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> str:
@@ -192,8 +162,8 @@ def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> 
         case Alarm():
             more = {key: getattr(result, key) for key in ("id", "kind", "severity", "source", "stage")}
             fields = {key: getattr(result, key) for key in ("active", "since", "statement", "joint")}
-            evidence = pydantic_core.to_json(dict(result.evidence), inf_nan_mode="null", fallback=str).decode()
-            return line(f"{measurement}_alarm", {**tags, **more}, {**fields, "evidence": evidence}, result.time)
+            fields["evidence"] = encode_json(result.evidence).decode()
+            return line(f"{measurement}_alarm", {**tags, **more}, fields, result.time)
         case Task():
             more = {"source": result.source, "task": result.name, "variant": result.variant}
             seconds = (result.end - result.start) * 1e-9

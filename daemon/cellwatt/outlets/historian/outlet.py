@@ -18,10 +18,11 @@ from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import put_aside
 from cellwatt.outlet import CellView, Item, Outlet, revealed
 from cellwatt.outlets.cursor import Cursor
-from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
+from cellwatt.outlets.forward import Forwarder, Peer, framed_record
 from cellwatt.outlets.historian.client import Client, result_line, row_line
 from cellwatt.outlets.historian.settings import HistorianSettings, LakeSettings
 from cellwatt.outlets.past import Archived
+from cellwatt.outlets.remote import NotNowError
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
 

@@ -63,9 +63,9 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
     import zenoh
 
     keys = CellKeys(config.site, config.cell)
-    session = open_session(link_to(config), patience=PATIENCE)
     try:
-        replies = list(session.get(keys.question(question), timeout=PATIENCE))
+        with open_session(link_to(config), patience=PATIENCE) as session:
+            replies = list(session.get(keys.question(question), timeout=PATIENCE))
         told = next((reply.ok for reply in replies if reply.ok is not None), None)
         if told is None:
             refused = [reply.err.payload.to_string() for reply in replies if reply.err is not None]
@@ -73,8 +73,6 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
         answer: dict[str, Any] = json.loads(told.payload.to_bytes())
     except (zenoh.ZError, ValueError) as error:
         raise OutletError(f"the cell {keys.root} gave no answer that can be read: {error}") from error
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
     return answer
 
 
