@@ -117,6 +117,11 @@ class Forwarder(Generic[M]):
             if len(self._items) > BLOCKS:
                 self._forgo_item(self._items.popleft())
 
+    def succeed(self, before: Forwarder[M]) -> None:
+        """Go on where the one before ended, with what it was offered since."""
+        self.cursor.succeed(before.cursor)
+        self._items.extendleft(reversed(before._items))
+
     async def run(self) -> None:
         """Send until cancelled, then once more, and keep what is left to be filled in."""
         await self.cursor.open()
@@ -315,8 +320,7 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
 
     def __init__(self, name: str, settings: F, view: CellView) -> None:
         super().__init__(name, settings, view)
-        self._cursor = cursor_of(view, name, self.account, self.place)
-        parts = framed_record(view), self._cursor, self.account
+        parts = framed_record(view), cursor_of(view, name, self.account, self.place), self.account
         self._forwarder: Forwarder[M] = Forwarder(name, self, settings, view.cell, *parts)
 
     @property
@@ -339,7 +343,7 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
     def succeed(self, before: Outlet[Any]) -> None:
         """Go on where the outlet before ended."""
         if isinstance(before, ForwardOutlet):
-            self._cursor.succeed(before._cursor)
+            self._forwarder.succeed(before._forwarder)
 
     def trouble(self) -> str | None:
         """Reason why the peer takes nothing, or nothing can be filled in."""

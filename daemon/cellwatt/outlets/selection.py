@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import pairwise
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,7 +161,7 @@ class _Span:
         self._frames = 0
         self._worst = np.zeros(channels, np.uint8)
 
-    def add(self, values: Floats, quality: NDArray[np.uint8]) -> Self:
+    def add(self, values: Floats, quality: NDArray[np.uint8]) -> None:
         """Add frames (n, channels)."""
         there = np.isfinite(values)
         known = np.where(there, values, 0.0)
@@ -171,7 +171,6 @@ class _Span:
         self._worst = np.maximum(self._worst, np.where(there, quality, 0).max(axis=0))
         newest = np.where(there, np.arange(len(values))[:, None], -1).max(axis=0)
         self.last = np.where(newest >= 0, values[newest, np.arange(values.shape[1])], self.last)
-        return self
 
     @property
     def mean(self) -> Floats:

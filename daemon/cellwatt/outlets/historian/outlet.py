@@ -168,6 +168,11 @@ class HistorianOutlet(Outlet[HistorianSettings]):
     def health(self, status: Mapping[str, Any]) -> None:
         """Nothing of it is kept."""
 
+    def succeed(self, before: Outlet[Any]) -> None:
+        """Go on where the outlet before ended; the lake goes on by its file."""
+        if isinstance(before, HistorianOutlet) and self._influx is not None and before._influx is not None:
+            self._influx.succeed(before._influx)
+
     def trouble(self) -> str | None:
         """Reason why InfluxDB or the lake takes nothing; ``None`` if all is well."""
         said = [] if self._influx is None else list(self._influx.troubles)

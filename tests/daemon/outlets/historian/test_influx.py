@@ -225,6 +225,15 @@ async def test_a_row_that_new_channels_cut_is_sent_in_two() -> None:
     assert [point.fields["arm.joint_1.position"] for point in cut] == pytest.approx(means)
 
 
+async def test_what_comes_between_two_settings_is_sent_by_the_later() -> None:
+    async with fake() as server:
+        before, after = outlet_of(server.url, None), outlet_of(server.url, None)
+        before.offer(frames(0, 100))
+        after.succeed(before)
+        async with running(after):
+            await settled(server, 2)
+
+
 async def test_version_2(record: Path) -> None:
     async with fake() as server:
         v2 = {"database": None, "org": "my plant", "bucket": "cells", "token": "s3cret"}
