@@ -14,7 +14,7 @@ from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, decode
-from cellwatt.outlets.zenoh.keys import QUESTIONS, CellKeys
+from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.questions import parameters
 from cellwatt.results import Alarm, Event, Result
@@ -97,8 +97,7 @@ def run(data: bytes) -> None:
 
 def seeds() -> Iterable[bytes]:
     """Each question."""
-    for name in QUESTIONS:
-        yield name.encode()
+    yield from (b"status", b"config", b"schema", b"recordings", b"history", b"results")
     session = f"session={SESSION}"
     yield f"history?source=arm;stream=rtde;{session};first=2;count=4".encode()
     yield f"history?stream=frame;{session};first=1;count=3".encode()
