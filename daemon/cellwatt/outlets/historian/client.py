@@ -10,22 +10,30 @@ import asyncio
 import base64
 import gzip
 import http.client
+import logging
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
+from pathlib import Path
 from ssl import SSLContext
 from typing import Any, Final, Literal
 
 import aiohttp
 
+from cellwatt.errors import why
+from cellwatt.files import put_aside
+from cellwatt.outlets.forward import Peer
 from cellwatt.outlets.historian.settings import InfluxSettings
 from cellwatt.outlets.past import Archived
-from cellwatt.outlets.remote import trust, unreached, wait_of
+from cellwatt.outlets.remote import NotNowError, trust, unreached, wait_of
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.zenoh.messages import encode_json, parse_json
 from cellwatt.results import Alarm, Energy, Task
+
+log = logging.getLogger(__name__)
 
 _EFFORT: Final = 1
 """Of gzip: 3 times as fast as 5 for an eighth more bytes."""
@@ -34,6 +42,12 @@ _LONGEST_REASON: Final = 500
 _WRITTEN: Final = (200, 204)
 _REFUSED: Final = (400, 422)
 _TOO_LARGE: Final = 413
+REFUSED: Final = "historian-refused.txt"
+"""File of the lines that the server will never take, with the reasons."""
+LARGEST: Final = 16_000_000
+"""Bytes of it."""
+TRIES: Final = 64
+"""Requests by which the bad lines of a batch are looked for; then what is left of it is refused as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +59,15 @@ class Outcome:
     wait: float | None = None
 
 
-class Client:
-    """Writes to one database or bucket; use as a context manager."""
+class Influx(Peer[str]):
+    """Lines for one database or bucket, sent while the context lasts; those that it refuses are kept in ``folder``."""
 
-    def __init__(self, settings: InfluxSettings) -> None:
-        self.url = settings.url
-        self._settings = settings
+    def __init__(self, settings: InfluxSettings, tags: Mapping[str, str], folder: Path | None) -> None:
+        self._settings, self._tags, self._folder = settings, tags, folder
         self._session: aiohttp.ClientSession | None = None
         self._context: SSLContext | bool = True
 
-    async def __aenter__(self) -> Client:
+    async def __aenter__(self) -> Influx:
         if self._settings.ca is not None:
             self._context = await asyncio.to_thread(trust, self._settings.ca)
         timeout = aiohttp.ClientTimeout(total=self._settings.timeout)
@@ -65,7 +78,39 @@ class Client:
         if self._session is not None:
             await self._session.close()
 
-    async def write(self, lines: Sequence[str]) -> Outcome:
+    def row(self, row: Row, units: Mapping[str, str]) -> str | None:
+        """See ``Peer.row``."""
+        return row_line(self._settings.measurement, self._tags, row) or None
+
+    def result(self, result: Archived) -> str | None:
+        """See ``Peer.result``."""
+        return result_line(self._settings.measurement, self._tags, result) or None
+
+    async def send(self, messages: Sequence[str]) -> Mapping[str, int]:
+        """See ``Peer.send``; where the server refuses some lines, those are found by halves.
+
+        A batch with a bad line is sent again in parts: a point that was written already is the same point.
+        """
+        parts, found = [list(messages)], Counter[str]()
+        tries = 0
+        while parts:
+            part = parts.pop()
+            outcome = await self._write(part)
+            tries += 1
+            match outcome.kind:
+                case "written":
+                    continue
+                case "later":
+                    raise NotNowError(f"{self._settings.url}: {outcome.reason}", outcome.wait)
+                case "refused" | "too large" if len(part) > 1 and tries < TRIES:
+                    half = len(part) // 2
+                    parts += [part[half:], part[:half]]
+                case _:
+                    await asyncio.to_thread(_refused, self._folder, part, outcome.reason)
+                    found[outcome.kind] += len(part)
+        return found
+
+    async def _write(self, lines: Sequence[str]) -> Outcome:
         """Send lines; tell what became of them. Never raises for what the server or the network does."""
         body = await asyncio.to_thread(_packed, lines)
         url, params = place_of(self._settings)
@@ -91,6 +136,17 @@ class Client:
             shown = f"{settings.user}:{settings.password.get_secret_value()}".encode()
             found["Authorization"] = f"Basic {base64.b64encode(shown).decode()}"
         return found
+
+
+def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
+    """Put lines aside, below the reason; without a folder the log alone tells. Blocks."""
+    log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
+    if folder is not None:
+        content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
+        try:
+            put_aside(folder / REFUSED, content, LARGEST, 0o644)
+        except OSError as error:
+            log.warning("influx: %s cannot be written: %s", folder / REFUSED, why(error))
 
 
 def place_of(settings: InfluxSettings) -> tuple[str, dict[str, str]]:

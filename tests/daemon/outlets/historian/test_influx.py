@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 from cellwatt import RecordingError
 from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
-from cellwatt.outlets.historian.client import outcome_of, place_of, reason_of
-from cellwatt.outlets.historian.outlet import REFUSED, HistorianOutlet
+from cellwatt.outlets.historian.client import REFUSED, outcome_of, place_of, reason_of
+from cellwatt.outlets.historian.outlet import HistorianOutlet
 from cellwatt.outlets.remote import LONGEST_WAIT, wait_of
 from tests.daemon.outlets.historian.made import (
     ANOTHER,
