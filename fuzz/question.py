@@ -10,7 +10,7 @@ from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView
-from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES
+from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, decode
@@ -64,7 +64,9 @@ def _answers() -> Answers:
     backlog.add(Alarm("a1", "joint_fault", "error", False, 1, 2, "over"))
     backlog.add_frames(frames(0, 4))
     backlog.add_frames(frames(4, 2))
-    return Answers(view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: (Mark(SESSION, 0, 1, 5), b"{}"))
+    return Answers(
+        view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: Answer(b"{}", mark=Mark(SESSION, 0, 1, 5))
+    )
 
 
 ANSWERS = _answers()

@@ -20,6 +20,7 @@ from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.host import stays_here
 from cellwatt.outlet import CellView, Item, Outlet, Section, refusal
+from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
@@ -189,15 +190,15 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         with self._counting:
             self.account.count(what, n)
 
-    def _health(self) -> tuple[Mark, bytes]:
-        """Encode health as the answer to a question, numbered as the next message, which is still to come.
+    def _health(self) -> Answer:
+        """Health as the answer to a question, numbered as the next message, which is still to come.
 
         Whoever asks may have just come: the next samples bring their schema.
         """
         if self._publisher is not None:
             self._publisher.tell_schemas()
         mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
-        return mark, self._said(mark)
+        return Answer(self._said(mark), mark=mark)
 
     def _said(self, mark: Mark) -> bytes:
         return health(mark, self.view.session, dict(self._ends), self._status or self.view.status())
