@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,6 @@ from cellwatt_drivers.shared.rows import Row, Rows
 
 if TYPE_CHECKING:
     from can import Message
-from collections import deque
 
 DUPLICATE = -1
 _WINDOW = 16

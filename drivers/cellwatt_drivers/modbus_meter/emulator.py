@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cellwatt.emulation import Options, PortEmulator
-from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
@@ -80,9 +79,5 @@ class ModbusMeterEmulator(PortEmulator):
 
 def _map(options: Options) -> MeterMap:
     name: MeterName = options.choice("meter", "eastron_sdm630", METERS)
-    if not (file := options.text("map")):
-        return packaged_map(name)
-    try:
-        return load_map(Path(file))
-    except ConfigError as error:
-        raise ValueError(str(error)) from error
+    file = options.text("map")
+    return load_map(Path(file)) if file else packaged_map(name)
