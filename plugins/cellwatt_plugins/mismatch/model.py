@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from cellwatt.arrays import Float
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ConfigError, ModelError
+from cellwatt.files import write_file
 from cellwatt_plugins.mismatch.fit.problem import Term, on_joints
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.robot import Arm, RobotDescription
@@ -141,10 +142,10 @@ def _supply(model: Model, states: States) -> Float:
 
 
 def save_model(model: Model, path: Path) -> None:
-    """Write ``model.yaml`` with the URDF beside it."""
+    """Write ``model.yaml`` with the URDF beside it. Raises ``CellwattError`` where it cannot be written."""
     urdf = path.with_name("robot.urdf")
     if urdf.resolve() != model.robot.urdf.resolve():
-        urdf.write_bytes(urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
+        write_file(urdf, urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
     terms = [_term(fitted) for fitted in model.terms]
@@ -152,7 +153,7 @@ def save_model(model: Model, path: Path) -> None:
     known = {name: values.tolist() for name, values in arrays.items() if values is not None}
     known |= {} if model.lead is None else {"lead": model.lead}
     content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
-    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+    write_file(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
 
 
 def _term(fitted: FittedTerm) -> dict[str, Any]:
