@@ -244,7 +244,7 @@ def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelF
     refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [
         ChannelFit(*problem.channel(c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
-        for c in (problem.told if problem.side == "torque" else [0])
+        for c in problem.told
     ]
 
 
@@ -284,6 +284,3 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
     if longest < 100:
         notes.append(f"The longest run lasts {longest:.0f} s: effects of warming up could not be tested.")
     return tuple(notes)
-
-
-__all__ = ["Explained", "LackOfFit", "explain"]

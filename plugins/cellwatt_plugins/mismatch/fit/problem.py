@@ -15,7 +15,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
-from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
+from cellwatt_plugins.mismatch.fit.nuisance import Nominal, supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.fit.rows import Filtered, Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
@@ -53,6 +53,10 @@ STOP = 0.1
 """s over which the sign of the velocity stays unknown at a stop."""
 
 
+Place = tuple[str, int | None]
+"""An effect's name, or a nominal parameter's, and its joint (0-based); None for the robot or the supply."""
+
+
 @dataclass(frozen=True)
 class Term:
     """An effect at a place with its shape."""
@@ -63,9 +67,14 @@ class Term:
     shape: Shape
 
     @property
-    def place(self) -> tuple[str, int | None]:
+    def place(self) -> Place:
         """Effect and joint, which tell it from other terms."""
         return self.effect.name, self.joint
+
+    @property
+    def number(self) -> int | None:
+        """The joint as people count, from 1."""
+        return None if self.joint is None else self.joint + 1
 
 
 def on_joints(course: Float, joint: int | None, joints: int) -> Float:
@@ -80,7 +89,7 @@ def on_joints(course: Float, joint: int | None, joints: int) -> Float:
 def said(term: Term) -> str:
     """Name of a term in messages."""
     name = term.effect.name.replace("_", " ")
-    return name if term.joint is None else f"{name} of joint {term.joint + 1}"
+    return name if term.joint is None else f"{name} of joint {term.number}"
 
 
 @dataclass(frozen=True)
@@ -99,7 +108,7 @@ class Problem:
     """Noise floor (C,)."""
     size: Float
     """Size (C,) that counts as considerable: scale of the priors of effects."""
-    nuisance: tuple[Block, ...]
+    nuisance: tuple[Nominal, ...]
     measured: Float
     """Standard deviation (C,) of what was measured."""
 
@@ -151,7 +160,9 @@ class Problem:
 
     @cached_property
     def told(self) -> list[int]:
-        """Channels (0-based) of which anything was measured."""
+        """Channels (0-based) of which anything was measured; the supply has but one."""
+        if self.side == "supply":
+            return [0]
         least = np.min([np.min(part, axis=0) for part in self.variance], axis=0)
         return [int(c) for c in np.flatnonzero(least < UNTOLD * self.floor**2)]
 
@@ -179,8 +190,9 @@ class Problem:
         joints = self.states[0].arm.body.joints
         carried = [s.regressor @ nuisance[: PER_LINK * joints] for s in self.states]
         out = [s.nominal + load for s, load in zip(self.states, carried, strict=True)]
-        last = len(self.nuisance) - (0 if self.states[0].drive is None else joints)
-        for block, place in zip(self.nuisance[joints:last], self.design.slices[joints:last], strict=True):
+        for block, place in zip(self.nuisance, self.design.slices, strict=True):
+            if block.name in ("link", "drive"):
+                continue
             for part, columns in zip(out, np.split(block.columns, self._ends), strict=True):
                 part[:, block.channel or 0] += columns @ nuisance[place]
         for term, coefficients in terms:
