@@ -16,10 +16,11 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, on_joints, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, on_joints
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
+from cellwatt_plugins.mismatch.fit.sides import supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, by_law
@@ -84,8 +85,8 @@ class Explained:
         Raises ``CellwattError`` where the file cannot be written.
         """
         from cellwatt.report import Provenance
-        from cellwatt_plugins.mismatch.report import report
-        from cellwatt_plugins.mismatch.report.traces import traces_of
+        from cellwatt_plugins.mismatch.report.page import report
+        from cellwatt_plugins.mismatch.report.trace import traces_of
 
         made_from = Provenance.here(self.inputs)
         problems = [side.problem for side in (self.torque, self.supply) if side is not None]

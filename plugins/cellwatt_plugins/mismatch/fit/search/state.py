@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.mismatch.fit.problem import MOVES, Place, Problem, Term
+from cellwatt_plugins.mismatch.fit.problem import Place, Problem, Term
 from cellwatt_plugins.mismatch.fit.retuning import loose
 from cellwatt_plugins.mismatch.fit.search.budget import now
+from cellwatt_plugins.mismatch.fit.sides import MOVES
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.robot.blocks import Block
