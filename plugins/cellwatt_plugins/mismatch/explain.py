@@ -92,15 +92,13 @@ class Explained:
         problems = [side.problem for side in (self.torque, self.supply) if side is not None]
         floors = {p.channel(c)[0]: floor for p in problems for c, floor in enumerate(p.floor.tolist())}
         traces = traces_of(self.runs, self.model, self.torque)
-        page = report(self.findings, traces, self.model.robot.robot, floors, made_from)
+        moved = []
         if self.runs[0].drive is not None:
             from cellwatt_plugins.mismatch.report import motion
 
-            joints, file = [joint.name for joint in self.model.robot.joints], self.model.robot.urdf
-            numbers, cascade, *more = page.sections
-            moved = motion.section(self.runs, joints, file, mended)
-            page = replace(page, sections=[numbers, cascade, moved, *more])
-        page.write(Path(path))
+            joints = [joint.name for joint in self.model.robot.joints]
+            moved = [motion.section(self.runs, joints, self.model.robot.urdf, mended)]
+        report(self.findings, traces, self.model.robot.robot, floors, made_from, moved).write(Path(path))
 
 
 def explain(
