@@ -27,7 +27,10 @@ def described(path: Path, joints: int | Sequence[str] | None = None) -> RobotDes
 
     Rotors, friction and ranges are the file's. Raises ``ConfigError`` where it cannot be read or has no such arm.
     """
-    return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
+    try:
+        return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
+    except ValueError as error:  # a number that is none, or that no joint can have
+        raise ConfigError(f"{path}: a joint cannot be as it says: {' '.join(str(error).split())}") from error
 
 
 def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:

@@ -109,6 +109,14 @@ def test_a_urdf_stands_for_robot_yaml(tmp_path):
     assert Arm.load(tmp_path / "arm.urdf").joints == 4, "the thumb follows the finger"
 
 
+@pytest.mark.parametrize("damping", ["-0.8", "much"])
+def test_a_joint_that_cannot_be_is_told_with_its_file(tmp_path, damping):
+    dynamics = f'<dynamics damping="{damping}"/></joint>'
+    (tmp_path / "arm.urdf").write_text(scara.urdf().replace("</joint>", dynamics, 1))
+    with pytest.raises(ConfigError, match=rf"arm\.urdf: a joint cannot be as it says: .*{damping}"):
+        described(tmp_path / "arm.urdf")
+
+
 def test_gravity_of_an_arm_on_a_wall(tmp_path):
     path = scara.write(tmp_path)
     path.write_text(path.read_text() + "gravity: [9.81, 0, 0]\n")

@@ -15,7 +15,9 @@ from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, kinds_of_power
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_power
+from cellwatt_plugins.robot.meter.model import Meter, Readings, Windows
 from cellwatt_plugins.robot.motion import rates
 
 STIFFNESS = np.geomspace(1e-4, 1e4, 9)

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict, Field
 
-from cellwatt_plugins.robot.meter import Meter
+from cellwatt_plugins.robot.meter.model import Meter
 
 _STRICT = ConfigDict(extra="forbid")
 

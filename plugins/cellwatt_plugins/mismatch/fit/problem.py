@@ -24,8 +24,8 @@ from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.regression import Prior
-from cellwatt_plugins.robot.servo.motion import EDGE, compared
-from cellwatt_plugins.robot.servo.motion import noise as noise_of
+from cellwatt_plugins.robot.servo.filtered import EDGE, compared
+from cellwatt_plugins.robot.servo.filtered import noise as noise_of
 
 ROWS = 16000
 """Rows that are fitted, about."""

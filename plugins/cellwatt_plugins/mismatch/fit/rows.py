@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.sparse import csr_array
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot.meter import Windows
+from cellwatt_plugins.robot.meter.model import Windows
 from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.samples import interpolated
 

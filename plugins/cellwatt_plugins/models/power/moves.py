@@ -15,7 +15,9 @@ from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
 from cellwatt_plugins.models.predict import starts_of
-from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
+from cellwatt_plugins.robot.meter.file import power_beside, with_meters
+from cellwatt_plugins.robot.meter.held import onto
+from cellwatt_plugins.robot.meter.model import Meter
 from cellwatt_plugins.robot.samples import interpolated
 
 POWER = ("supply.power", "bus.power")

@@ -126,8 +126,10 @@ def _grouped(pose: Float, q: Float, torque: Float, known: Float, payload: Float)
 def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     whole = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
-    finite = np.isfinite(np.hstack([whole.q, whole.torque]))
-    whole = whole.rows(np.flatnonzero(finite.all(axis=1)))
+    finite = np.isfinite(np.hstack([whole.q, whole.torque])).all(axis=1)
+    if not finite.all():
+        note = f"{int(np.sum(~finite))} poses have samples that are no numbers and are left out"
+        whole = replace(whole.rows(np.flatnonzero(finite)), notes=(*whole.notes, note))
     if len(whole) < FEWEST:
         where = ", ".join(map(str, paths))
         raise RecordingError(f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model")

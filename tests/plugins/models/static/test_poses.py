@@ -61,6 +61,15 @@ def test_a_recording_without_a_whole_row_is_refused(tmp_path, robot):
         read_poses([save(tmp_path, columns)], robot)
 
 
+def test_poses_with_samples_that_are_no_numbers_are_told(tmp_path, robot):
+    table = arms.samples(arms.Arm(), np.random.default_rng(1), 15)
+    table["torque_percent_2"] = table["torque_percent_2"].astype(float)
+    table["torque_percent_2"][[250, 260]] = np.nan
+    poses = read_poses([save(tmp_path, table)], robot)
+    assert len(poses) == 14
+    assert poses.notes == ("1 poses have samples that are no numbers and are left out",)
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [
