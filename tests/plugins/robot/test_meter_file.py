@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellwatt.arrays import rows_of
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.robot.meter.file import power_beside
 from cellwatt_plugins.robot.meter.find import find
@@ -39,7 +40,7 @@ def test_the_motion_tells_how_far_the_clocks_are_apart(tmp_path, offset):
     assert meter is not None
     windows = meter.windows(readings[0])
     inside = windows.inside(ARM.time)
-    true = windows.part(inside).means(ARM.time, ARM.power)
+    true = rows_of(windows, inside).means(ARM.time, ARM.power)
     # Values a tenth of a second off would miss the power by far more than its noise.
     assert np.std(readings[0].value[inside] - true) < 0.1 * np.std(true)
     assert meter.window == pytest.approx(0.1, abs=0.01)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, vstack
 from scipy.sparse.linalg import spsolve
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
 from cellwatt_plugins.faults.cycles.recording import Recording
@@ -73,7 +73,7 @@ def _of_cycle(windows: Windows, value: Float, pattern: Pattern, warp: Warp) -> t
     """Weights (M, T) of a pattern's samples in the readings of one cycle, and these (M,) W."""
     own = Windows(warp.to_pattern(windows.start), warp.to_pattern(windows.end))
     inside = own.inside(pattern.time)
-    return own.part(inside).weights(pattern.time), value[inside]
+    return rows_of(own, inside).weights(pattern.time), value[inside]
 
 
 def _solved(cycles: Sequence[tuple[csr_array, Float]], bend: csr_array) -> Float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
@@ -79,10 +79,8 @@ class Moves:
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
         """Some whole moves, numbered anew."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        kept: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
-        kept["move"] = np.unique(kept["move"], return_inverse=True)[1].astype(np.int64)
-        return replace(self, **kept)
+        kept = rows_of(self, rows)
+        return replace(kept, move=np.unique(kept.move, return_inverse=True)[1].astype(np.int64))
 
     def only(self, moves: Iterable[int]) -> Moves:
         """Some moves."""

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cellwatt.arrays import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
@@ -44,11 +43,6 @@ class Poses:
 
     def __len__(self) -> int:
         return len(self.q)
-
-    def rows(self, which: NDArray[np.intp]) -> Poses:
-        """Some of the poses."""
-        kept: dict[str, Any] = {name: getattr(self, name)[which] for name in COLUMNS}
-        return replace(self, **kept)
 
     @property
     def payload_known(self) -> bool:
@@ -129,7 +123,7 @@ def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     finite = np.isfinite(np.hstack([whole.q, whole.torque])).all(axis=1)
     if not finite.all():
         note = f"{int(np.sum(~finite))} poses have samples that are no numbers and are left out"
-        whole = replace(whole.rows(np.flatnonzero(finite)), notes=(*whole.notes, note))
+        whole = replace(rows_of(whole, np.flatnonzero(finite)), notes=(*whole.notes, note))
     if len(whole) < FEWEST:
         where = ", ".join(map(str, paths))
         raise RecordingError(f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model")
