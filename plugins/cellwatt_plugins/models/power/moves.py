@@ -21,7 +21,7 @@ from cellwatt_plugins.robot.meter.model import Meter
 from cellwatt_plugins.robot.samples import interpolated
 
 POWER = ("supply.power", "bus.power")
-"""Channels that a model of the supply power may be trained on; the first that is there counts."""
+"""Channels that a model of the supply power may be trained on; the first that holds numbers counts."""
 UNEVEN = 0.02
 """Steps that differ by more than this share are put on an even grid."""
 SHORTEST = 10
@@ -132,11 +132,10 @@ def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, F
     """The fields of ``Moves`` that a file has, beside the time."""
     missing = np.full(len(table), np.nan)
     current = _each(table, "current", joints)
-    power = metered
-    for name in POWER:
-        power = table.whole(name) if power is None else power
+    known = [metered] if metered is not None else [table.whole(name) for name in POWER]
+    power = next((each for each in known if each is not None and np.isfinite(each).any()), None)
     if current is None and power is None:
-        raise table.lacks(f"power, nor of {usual('current', 1)} …")
+        raise table.lacks(f"power, nor of {usual('current', 1)} …, that holds numbers")
     optional = {"payload": table.whole("tool.payload"), "temperature": _each(table, "temperature", joints)}
     return {
         "q": table.needed("position", joints),

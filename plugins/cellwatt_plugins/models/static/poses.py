@@ -23,6 +23,7 @@ FEWEST: Final = 12
 _LIGHT: Final = 0.05  # kg: payloads that differ by less teach nothing
 COLUMNS: Final = ("q", "torque", "approach", "payload")
 """Fields of ``Poses`` with a row a pose."""
+_ALIKE: Final = 1e-3  # rad: poses in which no joint differs by more are one
 _SHORT: Final = 0.25
 """Poses with less than this share of the usual number of samples are left out."""
 
@@ -124,7 +125,12 @@ def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     if not finite.all():
         note = f"{int(np.sum(~finite))} poses have samples that are no numbers and are left out"
         whole = replace(rows_of(whole, np.flatnonzero(finite)), notes=(*whole.notes, note))
+    where = ", ".join(map(str, paths))
     if len(whole) < FEWEST:
-        where = ", ".join(map(str, paths))
-        raise RecordingError(f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model")
+        left_out = "".join(f"; {note}" for note in whole.notes)
+        raise RecordingError(
+            f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model{left_out}"
+        )
+    if np.ptp(whole.q, axis=0).max() < _ALIKE or not whole.torque.any():
+        raise RecordingError(f"{where}: all poses are the same, or all torques are 0: a model learns nothing from them")
     return whole
