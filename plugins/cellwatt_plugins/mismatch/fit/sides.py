@@ -19,8 +19,8 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.noise import step_noise
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import smooth
-from cellwatt_plugins.robot.servo.motion import EDGE
-from cellwatt_plugins.robot.servo.motion import noise as noise_of
+from cellwatt_plugins.robot.servo.filtered import EDGE
+from cellwatt_plugins.robot.servo.filtered import noise as noise_of
 
 FINEST = 0.002
 """Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
