@@ -151,16 +151,8 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
 
 def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
     """Return the motion of exact ``position`` rad and its derivatives in s, (N, n) each: a plan's, without doubt."""
-    return Moved(
-        position,
-        velocity,
-        acceleration,
-        direction(velocity),
-        np.zeros_like(velocity),
-        np.zeros(velocity.shape[1]),
-        np.zeros_like(velocity),
-        np.zeros_like(velocity),
-    )
+    none = np.zeros_like(velocity)
+    return Moved(position, velocity, acceleration, direction(velocity), none, np.zeros(velocity.shape[1]), none, none)
 
 
 def direction(velocity: Float) -> Float:

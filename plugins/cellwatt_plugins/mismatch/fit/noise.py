@@ -30,7 +30,7 @@ def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
     if not len(spreads):
         return np.asarray(np.maximum(np.std(np.concatenate(list(residuals)), axis=0), 1e-9))
     ordered = np.sort(spreads, axis=0)
-    noise = ordered[len(ordered) // 3] * _lower_third(residuals, steps)
+    noise = ordered[len(ordered) // 3] * _lower_third(steps)
     return np.asarray(np.maximum(noise * np.sqrt(1 - tones(residuals, steps)), 1e-9))
 
 
@@ -113,7 +113,7 @@ def _window_spreads(residual: Float, step: float) -> Float:
     return np.asarray(np.sqrt(np.sum(_detrended(residual, width) ** 2, axis=1) / (width - 3)))
 
 
-def _lower_third(residuals: Sequence[Float], steps: Sequence[float]) -> float:
+def _lower_third(steps: Sequence[float]) -> float:
     """Factor from the lower third of window spreads of white noise to its standard deviation."""
     width = max(8, round(WINDOW / float(np.median(steps))))
     degrees = width - 3

@@ -11,8 +11,8 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.input.unread import unread
 from cellwatt_plugins.mismatch.simulators import Simulator
+from cellwatt_plugins.robot.servo.filtered import filtered, held
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
-from cellwatt_plugins.robot.servo.motion import filtered, held
 
 DELAYS = (0.0, *(float(d) for d in np.geomspace(0.004, 0.12, 16)))
 """s that commands may act later, to see where the drives' limits are reached."""

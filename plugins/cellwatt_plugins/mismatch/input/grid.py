@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.robot.meter import onto
+from cellwatt_plugins.robot.meter.held import onto
 from cellwatt_plugins.robot.stretches import stretches
 
 LEAST_ROWS = 16

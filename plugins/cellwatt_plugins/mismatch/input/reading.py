@@ -24,7 +24,7 @@ from cellwatt_plugins.mismatch.input.sources import Source, run_name
 from cellwatt_plugins.mismatch.input.unread import without_unread
 from cellwatt_plugins.mismatch.simulators import Simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.meter import power_beside
+from cellwatt_plugins.robot.meter.file import power_beside
 from cellwatt_plugins.robot.motion import Moved, Plan, exact
 from cellwatt_plugins.robot.samples import interpolated
 

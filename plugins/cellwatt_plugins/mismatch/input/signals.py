@@ -14,7 +14,7 @@ from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.meter import held, onto
+from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
 
 SLOW = "temperature"

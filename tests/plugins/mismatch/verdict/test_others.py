@@ -34,6 +34,7 @@ def dying(torque: np.ndarray) -> np.ndarray:
 OTHERS = {
     "same": (Missing(read=offset), "explained"),
     "pushed": (Missing(read=offset, added=pushed), "differs"),
+    "silent": (Missing(read=lambda torque: offset(torque) * np.array([1, 1, np.nan])), "explained"),
     "dying": (Missing(read=dying), "explained"),
     "turned": (Missing(read=lambda torque: offset(torque) * np.array([1, -1, 1])), "not compared"),
 }
@@ -61,6 +62,7 @@ def test_each_other_recording_is_judged(found: Explained, name: str) -> None:
     (other,) = [other for other in found.findings.others if other.recording == name]
     said = {True: "explained", False: "differs", None: "not compared"}
     assert said[other.explained] == OTHERS[name][1]
+    assert np.isfinite(other.error)
 
 
 def test_the_odd_ones_are_named_with_the_reason(found: Explained) -> None:
@@ -68,7 +70,7 @@ def test_the_odd_ones_are_named_with_the_reason(found: Explained) -> None:
     assert findings.verdict == "partly_explained"
     notes = "\n".join(findings.notes)
     assert (
-        "6 of 10 recordings, those whose motions differ most, were looked at closely; 1 of the others differs from "
+        "6 of 11 recordings, those whose motions differ most, were looked at closely; 1 of the others differs from "
         "what was found in them" in notes
     )
     (pushed,) = [other for other in findings.others if other.explained is False]
@@ -84,6 +86,6 @@ def test_the_report_lists_them(found: Explained, tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text()
     section = page[page.index("<h2>Other recordings</h2>") :]
     assert "6 recordings (" in page
-    assert "4 more compared with the model" in page
+    assert "5 more compared with the model" in page
     order = [section.index(f">{name}<") for name in ("turned", "pushed", "same")]
     assert order == sorted(order)
