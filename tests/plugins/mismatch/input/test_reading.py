@@ -29,14 +29,8 @@ def recording(t, **more):
 
 def simulation(t):
     q, qd, qdd, tau = motion(t)
-    return {
-        "t": t,
-        **numbered("q", q),
-        **numbered("qd", qd),
-        **numbered("qdd", qdd),
-        **numbered("tau", tau),
-        "power": 90 + t,
-    }
+    planned = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
+    return planned | numbered("tau", tau) | {"power": 90 + t}
 
 
 def times(seconds=8.0, rate=RATE):
