@@ -89,4 +89,4 @@ def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
     """The link to an endpoint. Raises ``click.UsageError`` where it needs certificates and has none."""
     if connect.startswith(("tls/", "quic/")) and tls is None:
         raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")
-    return client_of(connect, tls)
+    return client_of((connect,), tls)

@@ -37,7 +37,7 @@ def command() -> None:
     """Make certificates for cells and viewers, and rules who may publish, ask and see.
 
     DIR holds the private key of your authority: keep it on a PC or stick of its own. Each member gets the folder of
-    its name. docs/zenoh.md goes through it.
+    its name. docs/outlets/zenoh.md goes through it.
     """
 
 
