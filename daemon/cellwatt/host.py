@@ -34,12 +34,7 @@ def check_host(host: str) -> str:
 
 def stays_here(host: str) -> bool:
     """True if only programs of this PC reach what listens at a host."""
-    if host.lower() == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    return host.lower() == "localhost" or (is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 
 def web_address(url: str, like: str) -> SplitResult:

@@ -30,7 +30,6 @@ _folder = click.option(
     type=click.Path(file_okay=False, path_type=Path),
     help="The folder that init made (default: here).",
 )
-_host = click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
 
 
 @click.group(short_help="Make certificates and access rules.")
@@ -65,7 +64,7 @@ def router(name: str, hosts: tuple[str, ...], path: Path) -> None:
 
 @command.command()
 @click.argument("name")
-@_host
+@click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
 @_folder
 def cell(name: str, hosts: tuple[str, ...], path: Path) -> None:
     """Add a cell: it alone may publish and answer under its name.
