@@ -16,7 +16,8 @@ from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record.reader import Recording
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
-from cellwatt_plugins.robot.meter import onto, power_beside, with_meters
+from cellwatt_plugins.robot.meter.file import power_beside, with_meters
+from cellwatt_plugins.robot.meter.held import onto
 
 SOURCE = "table"
 """Source name of a table's channels."""

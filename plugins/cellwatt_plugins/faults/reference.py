@@ -51,7 +51,7 @@ from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
 from cellwatt_plugins.faults.cycles.pattern import Pattern as CyclePattern
-from cellwatt_plugins.robot.meter import Meter
+from cellwatt_plugins.robot.meter.model import Meter
 
 VERSION = 1
 LEAD = 0.2

@@ -17,7 +17,7 @@ from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.reference import Reference, StoredJoint, StoredModel
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.meter import Meter
+from cellwatt_plugins.robot.meter.model import Meter
 
 
 @dataclass(frozen=True)

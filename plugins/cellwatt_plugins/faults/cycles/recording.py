@@ -13,7 +13,8 @@ from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt_plugins.faults.trace import one_layout
-from cellwatt_plugins.robot.meter import Meter, Readings, held
+from cellwatt_plugins.robot.meter.held import held
+from cellwatt_plugins.robot.meter.model import Meter, Readings
 
 LONGEST_HOLE = 0.5
 """s of missing positions up to which they are bridged; where the arm was meanwhile is not known in longer ones."""

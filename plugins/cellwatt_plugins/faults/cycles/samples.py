@@ -15,7 +15,7 @@ from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.noise import white_noise
-from cellwatt_plugins.robot.meter import Meter, Readings
+from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.samples import interpolated
 
 STEP = 0.04
