@@ -36,12 +36,12 @@ def folder(tmp_path_factory):
     return folder
 
 
-def frames(log, quantities=QUANTITIES, every=1):
+def frames(log, every=1):
     time, told, seen = (values[::every] for values in log)
     known = {"position": seen, "target_position": told}
-    channels = [FrameChannel(f"arm.joint_{j}.{q}", "rad", "continuous", "linear") for q in quantities for j in (1, 2)]
+    channels = [FrameChannel(f"arm.joint_{j}.{q}", "rad", "continuous", "linear") for q in QUANTITIES for j in (1, 2)]
     layout = Layout(tuple(channels), 1 / ROW / every)
-    values = np.column_stack([known[q] for q in quantities])
+    values = np.column_stack([known[q] for q in QUANTITIES])
     times = START + layout.step * np.arange(len(time))
     return Frames(layout, 0, times, values, np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.int64))
 
@@ -92,9 +92,7 @@ def test_what_it_keeps_is_explained_and_the_model_agrees_with_the_arm(folder, lo
     assert alarms(watched(folder, logs["gain"], simulation=str(tmp_path / "model.yaml"))[1]) == set()
 
 
-def test_an_arm_without_torque_needs_what_its_servos_are_told_and_their_law(folder, logs):
-    with pytest.raises(ConfigError, match=r"gives no joint_1\.torque, joint_1\.current or joint_1\.target_position"):
-        made(folder, frames(logs["null"], ("position",)).layout, robot="arm.xml")
+def test_an_arm_without_torque_needs_the_law_of_its_servos(folder, logs):
     file = mjcf()
     (folder / "motors.xml").write_text(file[: file.index("<actuator>")] + "</mujoco>")
     with pytest.raises(

@@ -17,7 +17,7 @@ import pytest
 
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.mismatch.live import explanation
-from cellwatt_plugins.mismatch.live.alarms import Told, found
+from cellwatt_plugins.mismatch.live.alarms import Occasion, found
 from cellwatt_plugins.mismatch.live.explanation import Outcome
 from cellwatt_plugins.mismatch.live.settings import ExplainSettings, MismatchSettings
 from cellwatt_plugins.mismatch.stage import MismatchStage
@@ -200,7 +200,7 @@ def finding(effect, joint, kind="missing"):
     ],
 )
 def test_an_outcome_in_words(tmp_path, findings, severity, joint, statement):
-    told = Told("mismatch", "arm", 5, 9, 60.0)
+    told = Occasion("mismatch", "arm", 5, 9, 60.0)
     alarm = found(told, Outcome(tmp_path, findings), {("spring_load", 4)})
     assert (alarm.severity, alarm.joint, alarm.since, alarm.time) == (severity, joint, 5, 9)
     assert statement in alarm.statement
