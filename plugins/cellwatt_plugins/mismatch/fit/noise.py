@@ -18,8 +18,6 @@ FEWEST = 3
 """Windows that a spectrum is made of at least."""
 STANDS_OUT = 5.0
 """Power of a line over the level on both of its sides."""
-LEVELS_SEEN = 0.2
-"""Different values of a channel, as a share of all, up to which it comes in steps."""
 LONGEST = 1.0
 """s over which a residual's autocorrelation is followed."""
 MOST, FEWEST_SAMPLES = 0.25, 9.0
@@ -34,16 +32,6 @@ def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
     ordered = np.sort(spreads, axis=0)
     noise = ordered[len(ordered) // 3] * _lower_third(steps)
     return np.asarray(np.maximum(noise * np.sqrt(1 - tones(residuals, steps)), 1e-9))
-
-
-def step_noise(measured: Float) -> Float:
-    """Noise (C,) of channels (N, C) that come in steps; 0 where no steps are seen."""
-    out = np.zeros(measured.shape[1])
-    for channel, values in enumerate(measured.T):
-        levels = np.unique(values)
-        if 1 < len(levels) < LEVELS_SEEN * len(values):
-            out[channel] = float(np.min(np.diff(levels))) / np.sqrt(12.0)
-    return out
 
 
 def tones(residuals: Sequence[Float], steps: Sequence[float]) -> Float:

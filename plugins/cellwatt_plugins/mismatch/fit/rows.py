@@ -12,10 +12,10 @@ from scipy.sparse import csr_array
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot.meter import Windows
+from cellwatt_plugins.robot.meter.model import Windows
 from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.samples import interpolated
-from cellwatt_plugins.robot.servo.motion import compared
+from cellwatt_plugins.robot.servo.filtered import compared
 
 ROWS = 16000
 """Rows that are fitted, about."""

@@ -11,15 +11,16 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
-from cellwatt_plugins.mismatch.fit.noise import floor, step_noise
+from cellwatt_plugins.mismatch.fit.noise import floor
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem
 from cellwatt_plugins.mismatch.fit.rows import Filtered, Rows, Thinned, filtered, thinned
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.noise import step_noise
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import smooth
-from cellwatt_plugins.robot.servo.motion import EDGE
-from cellwatt_plugins.robot.servo.motion import noise as noise_of
+from cellwatt_plugins.robot.servo.filtered import EDGE
+from cellwatt_plugins.robot.servo.filtered import noise as noise_of
 
 FINEST = 0.002
 """Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""

@@ -19,8 +19,8 @@ from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.mjcf import is_mjcf
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact, smooth
+from cellwatt_plugins.robot.servo.filtered import compared
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
-from cellwatt_plugins.robot.servo.motion import compared
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
 Driven = tuple[Float, Float]

@@ -16,7 +16,7 @@ from cellwatt_plugins.mismatch.input.reading import read_one
 from cellwatt_plugins.mismatch.input.sources import Source
 from cellwatt_plugins.mismatch.model import Model, predict_states
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Other
-from cellwatt_plugins.robot.meter import held
+from cellwatt_plugins.robot.meter.held import held
 
 FACTOR = 2.0
 """Error over that in the data left out of the fit from which on a recording is not explained."""
