@@ -10,17 +10,15 @@ import pytest
 from click.testing import CliRunner
 
 from cellwatt.errors import ConfigError
-from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.frames import FrameChannel, Layout
 from cellwatt.results import Alarm, Prediction
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot
+from tests.plugins.mismatch.emulated_arm import START, framed
 from tests.plugins.mismatch.servos import PLANTS, ROW, Plant, integrated, mjcf, moves
 from tests.plugins.mismatch.test_stage import made, run
 
 pytest.importorskip("mujoco")
-
-START = 1_795_000_000 * 10**9
-QUANTITIES = ("position", "target_position")
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +35,10 @@ def folder(tmp_path_factory):
 
 
 def frames(log, every=1):
-    time, told, seen = (values[::every] for values in log)
-    known = {"position": seen, "target_position": told}
-    channels = [FrameChannel(f"arm.joint_{j}.{q}", "rad", "continuous", "linear") for q in QUANTITIES for j in (1, 2)]
-    layout = Layout(tuple(channels), 1 / ROW / every)
-    values = np.column_stack([known[q] for q in QUANTITIES])
-    times = START + layout.step * np.arange(len(time))
-    return Frames(layout, 0, times, values, np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.int64))
+    _, told, seen = (values[::every] for values in log)
+    names = [f"arm.joint_{j}.{q}" for q in ("position", "target_position") for j in (1, 2)]
+    channels = tuple(FrameChannel(name, "rad", "continuous", "linear") for name in names)
+    return framed(Layout(channels, 1 / ROW / every), np.column_stack([seen, told]))
 
 
 def watched(folder, log, every=1, **settings):
