@@ -12,9 +12,9 @@ from cellwatt.arrays import Float
 def white_noise(values: Float, order: int = 3) -> Float:
     """Return the standard deviation (c,) of white noise in evenly sampled ``values`` (N, c) or (N,).
 
-    From the median of their differences of this ``order``, in which motion cancels; NaN where all are NaN or too few.
+    From the median of their differences of this ``order``, in which motion cancels; NaN where there are none.
     """
-    size = np.abs(np.diff(values, order, axis=0))
-    known = (column[np.isfinite(column)] for column in np.atleast_2d(size.T))
+    size = np.abs(np.diff(values if values.ndim > 1 else values[:, None], order, axis=0))
+    known = (column[np.isfinite(column)] for column in size.T)
     middle = np.array([np.median(column) if len(column) else np.nan for column in known])
     return np.asarray(middle / 0.6745 / np.sqrt(comb(2 * order, order)))
