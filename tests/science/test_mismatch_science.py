@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cellwatt_plugins.mismatch.fit.coordinate_search import climb
-from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.verdict.estimates import estimates

@@ -81,6 +81,11 @@ class Plan:
     acceleration: Float
     """rad/s²."""
 
+    @property
+    def courses(self) -> tuple[Float, Float, Float]:
+        """Position, velocity and acceleration."""
+        return self.position, self.velocity, self.acceleration
+
 
 @dataclass(frozen=True)
 class Turning:
@@ -95,12 +100,9 @@ class Turning:
 
 
 @dataclass(frozen=True)
-class Moved:
-    """Motion of the joints, (N, n) each."""
+class Moved(Plan):
+    """The motion that took place, and how well it is known, (N, n) each."""
 
-    position: Float
-    velocity: Float
-    acceleration: Float
     sign: Float
     """Expected tanh(velocity / 0.004)."""
     sign_spread: Float

@@ -52,7 +52,7 @@ def _late(drives: Sequence[Drive], simulator: Simulator) -> float:
     for drive in drives:
         servo, asked, moved = drive.servo, drive.asked(drive.command), drive.moved
         if np.any((asked < servo.low) | (asked > servo.high)):
-            needed = simulator.torque(moved.position, moved.velocity, moved.acceleration)
+            needed = simulator.torque(*moved.courses)
             tells.append((drive, needed, np.maximum(np.std(needed, axis=0), 1e-9)))
 
     def off(late: float) -> float:

@@ -108,13 +108,9 @@ def read_source(source: Source, robot: RobotDescription) -> Signals:
 
 def _run_through(simulator: Simulator, run: Run) -> Run:
     """The run with what a simulator says of the motion that was commanded, or made where no command was recorded."""
-    if run.plan is None:
-        motion = moved(run)
-        plan = Plan(motion.position, motion.velocity, motion.acceleration)
-    else:
-        plan = run.plan
+    plan = Plan(*moved(run).courses) if run.plan is None else run.plan
     # How friction turns over is told by motion alone: no simulator's way is taken for the arm's there.
-    torque = simulator.torque(plan.position, plan.velocity, plan.acceleration, leading=run.drive is None)
+    torque = simulator.torque(*plan.courses, leading=run.drive is None)
     notes = [note for note in simulator.notes if note not in run.notes]
     return replace(run, simulated=Simulated(run.time, plan, torque), notes=(*run.notes, *notes))
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.fit.acceptance import unconfirmed
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT
 from cellwatt_plugins.mismatch.input.moved import moved
