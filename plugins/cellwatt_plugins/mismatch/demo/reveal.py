@@ -14,7 +14,7 @@ FAR = 3.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class Named:
     """One concealed piece of physics with the finding that names it, None where none does."""
 
     concealed: Concealed
@@ -25,7 +25,7 @@ class Answer:
 class Revealed:
     """The truth beside ``findings.json``."""
 
-    answers: tuple[Answer, ...]
+    answers: tuple[Named, ...]
     invented: tuple[Mapping[str, Any], ...]
     """Findings of what was not concealed."""
 
@@ -50,7 +50,7 @@ class Revealed:
 def compared(concealed: Sequence[Concealed], findings: Mapping[str, Any]) -> Revealed:
     """Match what was concealed with the content of ``findings.json`` by name and joint."""
     named = {(f["effect"], f["joint"]): f for f in (*_retuned(findings), *findings["findings"])}
-    answers = tuple(Answer(c, named.get((c.effect, None if c.joint is None else c.joint + 1))) for c in concealed)
+    answers = tuple(Named(c, named.get((c.effect, None if c.joint is None else c.joint + 1))) for c in concealed)
     used = [answer.finding for answer in answers]
     return Revealed(answers, tuple(f for f in findings["findings"] if f not in used))
 

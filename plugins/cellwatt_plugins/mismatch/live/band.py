@@ -19,7 +19,7 @@ RECENT = 20
 
 
 @dataclass(frozen=True)
-class Reading:
+class IntervalResidual:
     """One channel in one interval, all in the channel's unit.
 
     ``residual`` is the root mean square of measured - simulated torque, or the size of the mean for the supply's power:
@@ -54,7 +54,7 @@ class Band:
     _learned: dict[int, list[Float]] = field(default_factory=dict)
     """Residuals (C,) of the first times of a motion, which count as normal; the motion seen last is the last."""
 
-    def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[Reading]:
+    def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[IntervalResidual]:
         """Readings of an interval in which the 1-based joints ``moving`` move, by the number of its motion.
 
         measured and simulated are (N, C), NaN where ``measured`` is missing. Empty while the motion is being learned.
@@ -71,7 +71,7 @@ class Band:
         noise = self._noise()
         limit = self.settings.noise * noise + self.settings.share * level + normal
         return [
-            Reading(c, *(float(x[i]) for x in (sizes, mean, level, noise, limit)))
+            IntervalResidual(c, *(float(x[i]) for x in (sizes, mean, level, noise, limit)))
             for i, c in enumerate(self.channels)
             if np.isfinite(sizes[i]) and (c.joint is None or c.joint in moving)
         ]

@@ -9,7 +9,7 @@ from typing import Any
 
 from cellwatt.alarms import AlarmBook
 from cellwatt.results import Alarm, Interval
-from cellwatt_plugins.mismatch.live.band import Reading
+from cellwatt_plugins.mismatch.live.band import IntervalResidual
 
 KIND = "simulation_differs"
 STALE = 100
@@ -43,7 +43,7 @@ class ChannelWatch:
     _readings: Counter[str] = field(default_factory=Counter)
     _book: AlarmBook = field(default_factory=AlarmBook)
 
-    def take(self, motion: int, interval: Interval, readings: Sequence[Reading]) -> list[Alarm]:
+    def take(self, motion: int, interval: Interval, readings: Sequence[IntervalResidual]) -> list[Alarm]:
         """Alarms that change with what was read of one more interval, which is of this motion."""
         return [alarm for reading in readings for alarm in self._take(motion, interval, reading)]
 
@@ -61,7 +61,7 @@ class ChannelWatch:
     def _up(self) -> list[dict[int, _Motion]]:
         return [motions for name, motions in self._outside.items() if name in self._book]
 
-    def _take(self, motion: int, interval: Interval, reading: Reading) -> list[Alarm]:
+    def _take(self, motion: int, interval: Interval, reading: IntervalResidual) -> list[Alarm]:
         c = reading.channel
         name = f"{self.prefix}.{c.name}.{KIND}"
         motions = self._count(name, motion, interval, reading.outside)
@@ -88,7 +88,7 @@ class ChannelWatch:
         self._outside[name] = {n: m for n, m in motions.items() if m.inside < patience and now - m.seen < STALE}
         return self._outside[name]
 
-    def _alarm(self, name: str, interval: Interval, reading: Reading, since: int, times: int) -> Alarm:
+    def _alarm(self, name: str, interval: Interval, reading: IntervalResidual, since: int, times: int) -> Alarm:
         c = reading.channel
         how = "on average" if c.joint is None else "(root mean square)"
         text = (
@@ -102,7 +102,7 @@ class ChannelWatch:
         )
 
 
-def _figures(reading: Reading) -> dict[str, Any]:
+def _figures(reading: IntervalResidual) -> dict[str, Any]:
     unit = reading.channel.unit
     return {
         f"residual_{unit}": reading.residual,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt.results import Interval
-from cellwatt_plugins.mismatch.live.band import Band, Reading
+from cellwatt_plugins.mismatch.live.band import Band, IntervalResidual
 from cellwatt_plugins.mismatch.live.explainer import Explainer
 from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import Judged
@@ -26,7 +26,7 @@ def interval(number, moving=(3,), way=0.5, pose=0.0, length=1.0):
 
 
 def reading(outside, channel=ELBOW):
-    return Reading(channel, 2.0 if outside else 0.5, 0.4, 10.0, 0.1, 1.0)
+    return IntervalResidual(channel, 2.0 if outside else 0.5, 0.4, 10.0, 0.1, 1.0)
 
 
 class Watching:
