@@ -1,4 +1,4 @@
-"""An ONNX file opened with onnxruntime, and held against its metadata."""
+"""An ONNX file opened with onnxruntime, and checked against its metadata."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Array = NDArray[np.floating[Any]]
 
 DTYPES: dict[str, type[np.floating[Any]]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 APART = 1e-3
-"""Outputs of one frame alone and among others that differ by more, relative to the largest, are not rounding."""
+"""Largest relative difference, from rounding, of the outputs of a frame alone and among others."""
 
 
 def check_intact(path: Path) -> None:
-    """Raises ``ModelError`` where a file cannot be read, or has changed since ``describe`` wrote it."""
+    """Raises ``ModelError`` if a file cannot be read, or has changed since ``describe`` wrote it."""
     try:
         content = read_bytes(path, COMPUTED)
     except OSError as error:
@@ -99,6 +99,6 @@ class Network(OnnxFile):
 
 
 def open_network(path: Path) -> Network:
-    """Opens a model file with metadata. Raises ``ConfigError`` and ``ModelError`` as its parts do."""
+    """Opens a model file with metadata. Raises ``ConfigError`` and ``ModelError``."""
     check_intact(path)
     return Network(path)
