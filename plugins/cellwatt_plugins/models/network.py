@@ -35,13 +35,13 @@ def check_intact(path: Path) -> None:
 
 
 class Network(OnnxFile):
-    """A session that agrees with its metadata: those in the file where left out.
+    """A session that agrees with its metadata; if left out, the file's metadata.
 
     Inputs of ``run`` are (n, inputs), or (n, window, inputs) where the window is above 1.
 
-    Raises ``ModelError`` where its tensors have other shapes or types than the metadata says, or where it does not
-    give the same outputs for a frame each time and whatever other frames are in the call: a replay would then
-    differ from what was published.
+    Raises ``ModelError`` if its tensors differ from the metadata in shape or type, or if its outputs for a frame
+    depend on the other frames of the call, or differ from call to call: a replay would then differ from the
+    published predictions.
     """
 
     def __init__(self, model: Path | bytes, metadata: Metadata | None = None) -> None:

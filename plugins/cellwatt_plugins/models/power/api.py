@@ -76,7 +76,7 @@ def _about(arm: Arm, name: str, moves: Moves, smoother: Smoother, power: bool, b
 
 @dataclass(frozen=True)
 class PowerModel:
-    """The models of an arm's power in motion, their errors on moves that they have not seen, and what they are of."""
+    """The models of an arm's power in motion, their errors on held-out moves, and their training data."""
 
     trained: Trained
     moves: Moves

@@ -106,7 +106,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Belief:
-    """Prior of the numbers before any data."""
+    """Prior of the coefficients."""
 
     shared: Prior
     """Prior of the R coefficients that all joints share."""

@@ -27,7 +27,7 @@ BESIDE: Final = 1
 
 @dataclass(frozen=True)
 class Seen:
-    """N rows of smoothed motion with the torque that the URDF has for it."""
+    """N rows of smoothed motion with the URDF's torque."""
 
     motion: Motion
     bounds: tuple[tuple[int, int], ...]
