@@ -78,9 +78,9 @@ class Scg:
         return beside([network(_joint_inputs(motion, j)) for j, network in enumerate(self.currents)])
 
     def _terms(self, current: Any, qd: Any) -> Any:
-        """Copper and mechanical terms of equation (13) by joint and in sum, the latter also without their sign.
+        """Copper and mechanical terms of equation (13) by joint and in sum, the latter also as absolute values.
 
-        What a drive gives back is not worth what it takes: with |x| beside x both have a weight of their own.
+        Power that a drive returns is worth less than power that it draws: with |x| beside x, each has its own weight.
         """
         copper = current * current
         work = self.constant * qd * current

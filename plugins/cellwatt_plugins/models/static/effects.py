@@ -85,7 +85,7 @@ class Effects:
 
     @cached_property
     def slices(self) -> dict[str, slice]:
-        """Parameters of each group."""
+        """Slice of each group's parameters."""
         ends = np.cumsum([len(group.scale) for group in self.groups])
         return {g.name: slice(int(e) - len(g.scale), int(e)) for g, e in zip(self.groups, ends, strict=True)}
 
