@@ -88,7 +88,7 @@ def _known(above: Mapping[str, str | None], names: Sequence[str]) -> dict[str, s
 
 
 def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[str] | None) -> list[str]:
-    """The first ``joints`` of the longest chain of joints from the base; if they are names, only joints of these names."""
+    """The first ``joints`` of the longest chain of joints from the base; names: only joints of these."""
     if joints is not None and not isinstance(joints, int):
         known = _known(above, joints)
         if not known:
