@@ -45,26 +45,28 @@ class _Kinds(click.Group):
 
 @click.group(cls=_Kinds, short_help="Train a model of a robot from recordings.")
 def train() -> None:
-    """Make a model of a robot from recordings: its energy at rest, its power in motion, or that of a task."""
+    """Train a model of a robot from recordings: of its torque at rest, of its power in motion, or of a task's power."""
 
 
 @click.command(short_help="Run a trained model on a table.")
 @click.argument("tables", nargs=-1, required=True, metavar="TABLE...", type=INPUT)
-@click.option("--model", required=True, type=Input(dir_okay=False, path_type=Path), help="model.onnx of a training.")
+@click.option(
+    "--model", required=True, type=Input(dir_okay=False, path_type=Path), help="model.onnx that cellwatt train wrote."
+)
 @click.option(
     "--out",
     required=True,
     type=click.Path(path_type=Path),
-    help="Table to write: .parquet or .csv; for several TABLEs the folder of theirs.",
+    help="Table to write (.parquet or .csv); for several TABLEs, a folder.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
 @with_scheduler
 def predict(tables: tuple[Path, ...], model: Path, out: Path, as_json: bool) -> None:
-    """Say what a model gives for the rows of TABLE (Parquet, CSV, or a recording of cellwatt), or of each of several.
+    """Run a trained model on the rows of each TABLE (Parquet, CSV, or a recording of cellwatt).
 
     Columns are q_1 …, qd_1 …, torque_1 …, or named as channels (joint_1.position); those that number the rows
-    (t, pose, move) are kept. A model that sees several rows at once begins anew where move changes or t jumps.
+    (t, pose, move) are copied. The window of a model starts again where move changes or t jumps.
     """
     from cellwatt_plugins.models.predict import predict_file, predict_files
 

@@ -29,9 +29,11 @@ def check_intact(path: Path) -> None:
     except OSError as error:
         raise refused(path, f"it cannot be read: {why(error).lower()}") from error
     if uncovered(content):
-        raise refused(path, "it has weights in a file beside it, where nothing shows a change: describe it anew")
+        raise refused(path, "it has weights in another file, which its digest does not cover: describe it again")
     if broken(content):
-        raise refused(path, "it is not as describe() left it: copy it again, or describe it anew if that was meant")
+        raise refused(
+            path, "it has changed since describe(): copy it again, or describe it again if the change was intended"
+        )
 
 
 class Network(OnnxFile):

@@ -65,9 +65,11 @@ class Report:
         where = "" if self.file is None else f"written to {self.file}: "
         lines = [f"{where}{self.rows} rows of {', '.join(self.outputs)}"]
         if self.begun:
-            lines.append(f"{self.begun} rows at the start of a motion were predicted as if the arm had rested before")
+            lines.append(
+                f"{self.begun} rows at the start of a motion were predicted as if the arm had been at rest before"
+            )
         if self.missing:
-            lines.append(f"{self.missing} rows have no prediction: an input is missing there")
+            lines.append(f"{self.missing} rows have no prediction: an input is missing")
         lines += [
             f"warning: {channel} is outside the range of the training in {rows} rows: extrapolated"
             for channel, rows in self.outside.items()
@@ -94,7 +96,7 @@ def predict_files(model: Path, tables: Sequence[Path], folder: Path) -> list[Rep
     files = [folder / f"{table.stem}.parquet" for table in tables]
     if len(set(files)) < len(files):
         twice = next(file.stem for file in files if files.count(file) > 1)
-        raise RecordingError(f"two tables are called {twice}: predict them one by one")
+        raise RecordingError(f"two tables have the name {twice}: predict them one by one")
     reports = spread(_predicted, tables, "predicting tables", shared=model)
     return [report.written(file) for report, file in zip(reports, files, strict=True)]
 

@@ -46,9 +46,7 @@ class Arm:
         if not is_simulator(path):
             return cls.of(load_robot(robot, needs), weighed)
         if needs:
-            raise ConfigError(
-                f"{path} does not say {needs[0]}: write a robot.yaml with it that names this file as urdf"
-            )
+            raise ConfigError(f"{path} has no {needs[0]}: write a robot.yaml that has it, with this file as its urdf")
         return cls.of(described(path), weighed)
 
     @classmethod
@@ -62,8 +60,8 @@ class Arm:
         body = body.with_gravity(np.array(description.gravity))
         if weighed and (missing := body.without_mass()):
             raise ConfigError(
-                f"{description.urdf}: no mass of {', '.join(missing)}: without it the arm's weight and inertia are not "
-                "known: write <inertial> into these links, from CAD or the maker's data"
+                f"{description.urdf}: no mass of {', '.join(missing)}: without it the arm's weight and inertia are "
+                "unknown: write <inertial> into these links, from CAD or the maker's data"
             )
         return cls(_with_kinds(description, body), body)
 
@@ -145,7 +143,7 @@ def _with_kinds(description: RobotDescription, body: Body) -> RobotDescription:
     for joint, kind in zip(description.joints, kinds, strict=True):
         if "kind" in joint.model_fields_set and joint.kind != kind:
             raise ConfigError(
-                f"{description.urdf}: joint {joint.name} is {kind}, the robot's description says otherwise"
+                f"{description.urdf}: joint {joint.name} is {kind}, but {joint.kind} in the robot's description"
             )
     if all(kind == "revolute" for kind in kinds):
         return description

@@ -67,7 +67,7 @@ class Curve(Effect):
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         """One plain sentence."""
-        return f"{who} has a torque that goes with {self.along}."
+        return f"{who} has a torque that depends on {self.along}."
 
 
 CURVES: tuple[Curve, ...] = (

@@ -33,7 +33,7 @@ def described(path: Path, joints: int | Sequence[str] | None = None) -> RobotDes
     try:
         return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
     except ValueError as error:  # text that is not a number, or a number that no joint can have
-        raise ConfigError(f"{path}: a joint cannot be as it says: {' '.join(str(error).split())}") from error
+        raise ConfigError(f"{path}: a joint has an impossible value: {' '.join(str(error).split())}") from error
 
 
 def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
@@ -93,7 +93,7 @@ def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[s
         known = _known(above, joints)
         if not known:
             raise ConfigError(
-                f"{path} has the joints {', '.join(above)}, the recording {', '.join(joints)}: name them alike"
+                f"{path} has the joints {', '.join(above)}, the recording {', '.join(joints)}: use the same names"
             )
         above, joints = known, None
     rows = []
@@ -105,7 +105,7 @@ def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[s
     longest = max(rows, key=len, default=[])
     if not longest or (joints is not None and len(longest) < joints):
         raise ConfigError(
-            f"{path}: its longest row of joints from the base is {', '.join(longest) or 'empty'}, the recording has "
+            f"{path}: its longest chain of joints from the base is {', '.join(longest) or 'empty'}, the recording has "
             f"{joints} joints"
             if joints is not None
             else f"{path}: no joint moves"
@@ -114,6 +114,6 @@ def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[s
     if others := {tuple(row[:count]) for row in rows if len(row) >= count} - {tuple(longest[:count])}:
         arms = " or ".join(", ".join(row) for row in sorted({tuple(longest[:count])} | others))
         raise ConfigError(
-            f"{path}: several arms have {count} joints ({arms}): name those of the recording in robot.yaml"
+            f"{path}: several arms have {count} joints ({arms}): list the joints of the recording in robot.yaml"
         )
     return longest[:count]

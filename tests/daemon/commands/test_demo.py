@@ -22,7 +22,7 @@ GOOD: dict[str, Any] = {
     "intervals": 40,
     "tasks": 8,
     "fault": {"statement": "Joint 3 needs more torque than it did.", "delay_s": 1.5},
-    "meter": {"statement": "mains.supply.power shows means over 100 ± 5 ms, 30 ± 2 ms late."},
+    "meter": {"statement": "mains.supply.power is averaged over 100 ± 5 ms and delayed by 30 ± 2 ms."},
     "problems": [],
     "sources": {
         "arm": {
@@ -54,7 +54,7 @@ def test_a_good_run(call: Call, folders: dict[str, Any]) -> None:
     assert ended.code == 0
     assert "nothing was lost, and the alarm named the right joint in time" in ended.out
     assert "alarm 1.5 s after the spring: Joint 3 needs more torque than it did." in ended.out
-    assert "means over 100 ± 5 ms" in ended.out
+    assert "averaged over 100 ± 5 ms" in ended.out
     assert "499.98 Hz" in ended.out
     assert "on change" in ended.out
 

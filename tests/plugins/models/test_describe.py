@@ -43,9 +43,9 @@ def test_any_flipped_bit_is_seen_until_the_file_is_described_again(tmp_path_fact
     content = bytearray(path.read_bytes())
     content[int(at * (len(content) - SEAL))] ^= 1 << bit
     path.write_bytes(content)
-    with pytest.raises(ModelError, match="is not as describe\\(\\) left it"):
+    with pytest.raises(ModelError, match="has changed since describe\\(\\)"):
         stage(path)
-    with pytest.raises(ModelError, match="is not as describe\\(\\) left it"):
+    with pytest.raises(ModelError, match="has changed since describe\\(\\)"):
         read_metadata(path)
 
 
@@ -71,7 +71,7 @@ def test_weights_beside_the_file_are_packed_into_it(tmp_path):
 def test_a_digest_that_does_not_cover_the_weights_is_refused(tmp_path):
     path = with_weights_beside(tmp_path, 1)
     path.write_bytes(sealed(path.read_bytes()))
-    with pytest.raises(ModelError, match="weights in a file beside it, where nothing shows a change: describe it"):
+    with pytest.raises(ModelError, match="weights in another file, which its digest does not cover: describe it"):
         read_metadata(path)
     describe(path, metadata())
     assert read_metadata(path) == metadata()

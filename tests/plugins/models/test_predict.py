@@ -69,7 +69,7 @@ def test_windows_begin_with_each_motion_and_hold_its_first_row(tmp_path):
     rows = np.maximum(np.arange(60)[:, None] + np.arange(-3, 1), starts[:, None])
     np.testing.assert_allclose(given["power"].to_numpy(), model.truth(values[rows])[:, 0], atol=1e-5)
     assert report.begun == 9
-    assert "9 rows at the start of a motion were predicted as if the arm had rested" in report.in_words()
+    assert "9 rows at the start of a motion were predicted as if the arm had been at rest" in report.in_words()
 
 
 def test_missing_values_have_no_prediction_and_far_ones_are_told(tmp_path):

@@ -63,6 +63,6 @@ def findings(config, seen: dict[str, list[Batch]]) -> dict[str, Examination]:
 def test_window_and_delay_are_told_beside_the_meter(config):
     found = findings(config, read(WINDOW))
     (text,) = found["mains"].findings
-    assert text.startswith("mains.supply.power shows means over 10")
+    assert text.startswith("mains.supply.power is averaged over 10")
     assert "a value every 100 ms" in text
     assert (found["mains"].verdict, found["arm"].findings) == ("ok", [])

@@ -75,14 +75,14 @@ def test_window_and_delay_are_told_while_the_arm_moves():
     assert alarm.evidence["window_s"] == pytest.approx(WINDOW, abs=0.01)
     assert alarm.evidence["late_s"] == pytest.approx(LATE, abs=0.01)
     assert alarm.evidence["interval_s"] == pytest.approx(WINDOW, abs=0.005)
-    assert "mains.supply.power shows means over" in alarm.statement
+    assert "mains.supply.power is averaged over" in alarm.statement
 
 
 def test_a_window_that_is_not_as_declared_is_a_warning():
     of = layout(declared=0.05)
     (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [Arm(60.0, 3)]))
     assert alarm.severity == "warning"
-    assert "means over 50 ms are declared" in alarm.statement
+    assert "the declared window is 50 ms" in alarm.statement
 
 
 def test_of_two_arms_the_one_is_found_that_the_meter_supplies():
@@ -113,7 +113,7 @@ def test_a_block_of_frames_may_be_longer_than_what_is_kept():
 def test_a_cell_without_a_slow_meter_or_an_arm_is_told():
     with pytest.raises(ConfigError, match="slower than the frames"):
         MeterStage("meter", MeterSettings(), layout(method="average"), CELL)
-    with pytest.raises(ConfigError, match="nothing to find"):
+    with pytest.raises(ConfigError, match="no window to find"):
         MeterStage("meter", MeterSettings(power="supply.power"), layout(method="average"), CELL)
     with pytest.raises(ConfigError, match=r"joint_1\.position"):
         MeterStage("meter", MeterSettings(), layout(arms=()), CELL)

@@ -82,12 +82,12 @@ def test_a_mujoco_file_stands_for_robot_yaml(file):
         Arm.load(file)
     file.write_text(ARM.replace('<joint name="right" type="slide" axis="0 -1 0"/>', ""))
     assert Arm.load(str(file)).joints == 4
-    with pytest.raises(ConfigError, match=r"does not say torque_constant: write a robot\.yaml"):
+    with pytest.raises(ConfigError, match=r"has no torque_constant: write a robot\.yaml"):
         Arm.load(file, ("torque_constant",))
 
 
 def test_more_joints_than_the_file_has(file):
-    with pytest.raises(ConfigError, match="row of joints from the base is yaw, shoulder, lift, left, the recording"):
+    with pytest.raises(ConfigError, match="chain of joints from the base is yaw, shoulder, lift, left, the recording"):
         described(file, 6)
 
 
@@ -110,7 +110,7 @@ def test_a_urdf_stands_for_robot_yaml(tmp_path):
 def test_a_urdf_that_cannot_be_is_told_in_one_line(tmp_path):
     file = tmp_path / "arm.urdf"
     file.write_text(scara.urdf().replace("</joint>", '<dynamics damping="-0.8"/></joint>', 1))
-    with pytest.raises(ConfigError, match=r"arm\.urdf: a joint cannot be as it says: .*-0\.8"):
+    with pytest.raises(ConfigError, match=r"arm\.urdf: a joint has an impossible value: .*-0\.8"):
         described(file)
     ring = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
     rings = ring.format("to", "one", "other") + ring.format("fro", "other", "one")

@@ -24,5 +24,5 @@ def test_kinds_are_the_urdfs(tmp_path):
 
 
 def test_a_kind_that_the_urdf_contradicts_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="joint axis_1 is revolute, the robot's description says otherwise"):
+    with pytest.raises(ConfigError, match="joint axis_1 is revolute, but prismatic in the robot's description"):
         Arm.load(scara.write(tmp_path, kind="prismatic"))

@@ -16,21 +16,23 @@ from cellwatt.report.page import PAGE
 @click.command("power")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
-@click.option("--meter", multiple=True, type=INPUT, help="Power (t, power) of a meter's own clock, one a recording.")
+@click.option(
+    "--meter", multiple=True, type=INPUT, help="Power (t, power) on the meter's own clock, one file per RECORDING."
+)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the networks' first weights."
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the networks' first weights."
 )
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
 @with_scheduler
 def train_power(out: Path, page: Path | None, as_json: bool, **asked: Any) -> None:
-    """Make a model of the currents and the supply power of a moving arm, from RECORDINGs of its moves.
+    """Train a model of the currents and the supply power of a moving arm, on RECORDINGs of its moves.
 
-    RECORDINGs are tables (Parquet, CSV) with t, q_i, qd_i, current_i and power, and move where a file holds several;
-    or recordings of cellwatt. Prints how the paper's two methods and the best model do on moves that they have not
-    seen, and writes model.onnx (the best model), nls.onnx and scg.onnx (the paper's) and power.json.
+    RECORDINGs are tables (Parquet, CSV) with t, q_i, qd_i, current_i and power, and move if a file holds several
+    moves; or recordings of cellwatt. Prints the errors of the paper's two methods and of the best model on held-out
+    moves, and writes model.onnx (the best model), nls.onnx and scg.onnx (the paper's) and power.json.
     """
     from cellwatt_plugins.models.power import api
     from cellwatt_plugins.models.power.wording import in_words

@@ -96,7 +96,7 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
     found = spread(_parts, with_meters(paths, meters), "reading recordings", shared=joints)
     parts = [part for of_file in found for part in of_file]
     if not parts:
-        raise RecordingError(f"{paths[0]}: no {SHORTEST} rows in a row with position and velocity of all joints")
+        raise RecordingError(f"{paths[0]}: no {SHORTEST} consecutive rows with position and velocity of all joints")
     if any(part.payload is None for part in parts):
         parts = [replace(part, payload=None) for part in parts]
     if any(part.temperature is None for part in parts):

@@ -196,12 +196,12 @@ def _doubts(
         ]
         if told:
             found.append(
-                f"{robot.joints[j].name}: {', '.join(told)}: at a bound, it stands for what the equations lack"
+                f"{robot.joints[j].name}: {', '.join(told)}: at a bound, it compensates for what the equations lack"
             )
         wanted = free[1 + 2 * n + j]
         if abs(wanted / by_current[j] - 1) > APART:
             found.append(
-                f"k_m of joint {j + 1}: currents say {by_current[j]:.3g}, power alone {wanted:.3g} Nm/A: masses of the "
-                "URDF are off, or the supply loses what equation (13) lacks"
+                f"k_m of joint {j + 1}: {by_current[j]:.3g} Nm/A from currents, {wanted:.3g} from power: masses of "
+                "the URDF are wrong, or the supply has a loss that equation (13) lacks"
             )
     return tuple(found)

@@ -34,17 +34,17 @@ COLOURS: Final = {"NLS": SIMULATION, "SCG": GOOD, BEST: MODEL}
 ROLES: Final = {"NLS": "simulation", "SCG": "good", BEST: "model"}
 SHOWN = 3
 """Number of moves drawn over time."""
-CURRENTS = "Currents: root mean square error of each joint, in per cent of the current's spread."
-OVER_TIME = "Each move predicted by models that had not seen it: the slowest, a middling and the fastest move."
+CURRENTS = "Currents: root mean square error of each joint, in per cent of the current's standard deviation."
+OVER_TIME = "Each move is predicted by models that were not trained on it: the slowest, a medium and the fastest move."
 
 
 def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -> Report:
     """The page of a training."""
     best = trained.scores[BEST]
     if best.energy_mean is None:
-        said = "The model predicts the currents of moves that it has not seen; no power was measured."
+        said = "The model predicts the currents of held-out moves; no power was measured."
     else:
-        said = f"The model predicts the energy of moves that it has not seen to {best.energy_mean:.2f} % in the mean"
+        said = f"The model predicts the energy of held-out moves to {best.energy_mean:.2f} % on average"
         said += f", {best.energy_worst:.2f} % at worst."
     known = [(name, score) for name, score in trained.scores.items() if score.energy_mean is not None]
     return Report(
@@ -56,13 +56,13 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
             Tile(name, f"{fixed(score.energy_mean, 2)} %", f"power {fixed(score.power, 2)} W rms", ROLES[name])
             for name, score in known
         ],
-        tiles_remark="Mean energy error of a move held out." if known else "",
+        tiles_remark="Mean energy error of a held-out move." if known else "",
         sections=[
-            Section("Measured beside predicted", _over_time(trained, moves), OVER_TIME),
+            Section("Measured and predicted", _over_time(trained, moves), OVER_TIME),
             Section(
-                "Residual of each joint", _residuals(trained, moves), "Measured less predicted current over speed."
+                "Residual of each joint", _residuals(trained, moves), "Measured minus predicted current over speed."
             ),
-            Section("Rivals", [b for table in rivals(trained) for b in (heading(table.label), table)], CURRENTS),
+            Section("Methods", [b for table in rivals(trained) for b in (heading(table.label), table)], CURRENTS),
             Section("The best model", [Notes([text.strip() for text in findings(trained)]), *_parameters(trained)]),
         ],
         provenance=provenance,
@@ -89,7 +89,7 @@ def _move(trained: Trained, moves: Moves, bounds: tuple[int, int], which: int) -
         upper.append(curve(name, watts[part], COLOURS[name], step=step))
         lower.append(curve(name, power - watts[part], COLOURS[name], step=step, width=1.1))
     rows = [[Panel(upper, Axis("s"), Axis("power, W"))], [Panel(lower, Axis("s"), Axis("measured −, W"))]]
-    label = f"Power of move {which + 1} of {SHOWN}: measured and predicted, and what is left"
+    label = f"Power of move {which + 1} of {SHOWN}: measured and predicted, and the residual"
     return Figure(label, rows, (190, 110), "x", layout={"hovermode": "x unified"}, when=("move", which))
 
 
@@ -108,7 +108,7 @@ def _parameters(trained: Trained) -> Sequence[Block]:
     unsure: Float = np.full(model.weights.shape, np.nan)
     if len(errors):
         unsure = errors[shared : shared + model.weights.size].reshape(joints, -1).T
-    heads = ["Nm for 1 of each term", *(f"joint {j + 1}" for j in range(joints))]
+    heads = ["Nm per unit of each term", *(f"joint {j + 1}" for j in range(joints))]
     rows = [
         [term, *(measured(v, s) for v, s in zip(values, spread, strict=True))]
         for term, values, spread in zip(model.terms, model.weights, unsure, strict=True)
@@ -116,7 +116,7 @@ def _parameters(trained: Trained) -> Sequence[Block]:
     out = [Table("Torque", heads, rows)]
     if model.supply is not None:
         supply = model.supply
-        names = ["standing by, W", "drawn for 1 W taken", "saved for 1 W given back", "brakes, W"]
+        names = ["standby, W", "drawn per W of the drives", "saved per W returned", "brakes, W"]
         names += [f"{term}, joint {j + 1}" for term in supply.terms for j in range(joints)]
         spread: Float = errors[shared + model.weights.size :] if len(errors) else np.full(len(names), np.nan)
         known = zip(names, supply.vector(), spread, strict=True)

@@ -94,7 +94,7 @@ def through_its_meter(moves: Moves, arm: Arm) -> Moves:
     meter = find(readings, [Course(moves.time[a:b], kinds[a:b]) for a, b in bounds])
     if meter is None:
         raise RecordingError(
-            f"power comes every {readings[0].interval:.2g} s, and the motion does not tell when each value was "
+            f"power comes every {readings[0].interval:.2g} s, and the motion does not show when each value was "
             "measured: record more moves, or use a faster meter"
         )
     came = np.full(len(moves), np.nan)

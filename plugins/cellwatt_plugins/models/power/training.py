@@ -103,7 +103,7 @@ def check_known(arm: Arm) -> None:
     if lacking := [joint.name for joint in arm.description.joints if not joint.torque_constant]:
         raise ConfigError(
             f"torque_constant of {', '.join(lacking)} is missing in robot.yaml (Nm/A at the joint): "
-            "write the data sheet's, 20 % off is near enough"
+            "write the data sheet's; an error of 20 % does no harm"
         )
 
 

@@ -114,8 +114,8 @@ def findings(trained: Trained) -> list[str]:
         supply = model.supply
         share = supply.down / supply.up if supply.up else 0.0
         lines.append(
-            f"  supply: {supply.standby:.1f} W standing by, efficiency {1 / supply.up:.3f}, {100 * share:.0f} % of the "
-            f"energy that drives give back is used"
+            f"  supply: {supply.standby:.1f} W standby, efficiency {1 / supply.up:.3f}, {100 * share:.0f} % of the "
+            f"energy that drives return is used"
         )
     if trained.nls is not None:
         lines += [f"NLS: {doubt}" for doubt in trained.nls.doubts]

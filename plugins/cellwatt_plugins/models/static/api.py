@@ -18,7 +18,7 @@ from cellwatt_plugins.robot.description import robot_file
 
 @dataclass(frozen=True)
 class StaticModel:
-    """The models of an arm at rest, their errors on poses that they have not seen, and the arm that they are of."""
+    """The models of an arm at rest, their errors on held-out poses, and the arm."""
 
     trained: Trained
     arm: HeldArm

@@ -24,12 +24,12 @@ FILE = click.Path(exists=True, path_type=Path)
 @with_progress
 @with_scheduler
 def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Path | None, as_json: bool) -> None:
-    """Make a model of the torque that an arm needs to hold still, from RECORDINGs of held poses.
+    """Train a model of the torque that an arm needs to hold still, on RECORDINGs of held poses.
 
     RECORDINGs are tables (Parquet, CSV) with q_i and torque_percent_i or torque_i and a column pose, or recordings
-    of the cell in which the poses are recognised. Prints how the published methods and
-    the best model do on poses that they have not seen, what the arm has and its CAD model lacks, and whether more
-    poses would help.
+    of the cell in which the poses are recognised. Prints the errors of the published
+    methods and of the best model on held-out poses, the effects that the CAD model lacks, and whether more poses
+    would help.
     """
     from cellwatt_plugins.models.static import api
     from cellwatt_plugins.models.static.wording import in_words
@@ -47,21 +47,23 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 @click.command("plan-poses")
 @click.option("--robot", type=FILE, help="The robot's YAML description or its folder (default: a Yaskawa MH12).")
 @click.option(
-    "--count", default=532, show_default=True, type=click.IntRange(2, 20_000), help="Poses; 40 may be enough."
+    "--count", default=532, show_default=True, type=click.IntRange(2, 20_000), help="Number of poses; 40 may be enough."
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for plan and job.")
-@click.option("--cell", type=FILE, help="Cell whose yaskawa source says what the encoders count; for the job.")
-@click.option("--source", help="That source, where the cell has several.")
-@click.option("--speed", default=25.0, show_default=True, type=FiniteRange(0.01, 100), help="Of the job, per cent.")
+@click.option("--cell", type=FILE, help="Cell whose yaskawa source has pulses_per_degree, for the job.")
+@click.option("--source", help="That source, if the cell has several.")
+@click.option(
+    "--speed", default=25.0, show_default=True, type=FiniteRange(0.01, 100), help="Speed of the job, per cent."
+)
 @click.option("--hold", default=3.0, show_default=True, type=FiniteRange(2.6, 600), help="Wait in each pose, s.")
 @click.option("--name", default="POSES", show_default=True, help="The job's name.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
 def plan_poses(as_json: bool, **asked: Any) -> None:
-    """Plan poses to hold: spread over the joints' ranges, clear of the arm itself and the floor, with short ways.
+    """Plan poses to hold: spread over the joints' ranges, clear of the arm itself and the floor, with short moves.
 
     Writes plan.csv and, with --cell, an INFORM job that an operator loads and runs: cellwatt itself moves nothing.
-    Try the job at low speed first; the check knows the arm and the floor, not what else stands in the cell.
+    Try the job at low speed first; the check knows the arm and the floor, not other objects in the cell.
     """
     from cellwatt_plugins.models.static.planning import write_plan
 

@@ -114,7 +114,7 @@ def _gravity(model: Identified, basis: Basis) -> Iterator[Finding]:
         if abs(change) > _CLEAR * figure.deviation and abs(thought[pose]) > 1e-6:
             text = (
                 f"Joint {joint + 1} carries {figure} of gravity in pose {pose + 1}, the heaviest; "
-                f"the CAD model says {thought[pose]:.2f} Nm."
+                f"{thought[pose]:.2f} Nm in the CAD model."
             )
             yield Finding("gravity", (joint + 1,), text, (figure,), None)
 
@@ -158,7 +158,7 @@ def _spring(told: _Told) -> list[Finding]:
 def _bent_spring(told: _Told) -> list[Finding]:
     joint = told.group.joints[0]
     figure, pose = told.pull(joint)
-    text = f"Its torque at joint {joint + 1} is no straight line: up to {figure} off it (in pose {pose + 1})."
+    text = f"Its torque at joint {joint + 1} is not linear: it deviates by up to {figure} (in pose {pose + 1})."
     return [told.finding(text, figure)]
 
 
@@ -191,8 +191,8 @@ def _each(told: _Told) -> list[Finding]:
 
 _EACH: Final[dict[str, tuple[str, float, str, tuple[str, ...]]]] = {
     "load friction": ("Friction also holds a share of the load", 100.0, "%", ()),
-    "gain": ("Torques read high (or low, where negative) against gravity of the other joints", 100.0, "%", ()),
-    "zero": ("Zero positions are off", float(np.degrees(1.0)), "°", ()),
+    "gain": ("Torques are measured high (low if negative), compared with gravity at the other joints", 100.0, "%", ()),
+    "zero": ("Zero positions are wrong", float(np.degrees(1.0)), "°", ()),
     "tilt": ("The base is not level", float(np.degrees(1.0)), "°", ("down along x", "down along y")),
 }
 """Groups with one figure per joint, after common ones: words, factor to the unit, unit, names if not joints."""

@@ -57,7 +57,7 @@ class Curve:
     def in_words(self) -> str:
         """Advice on the number of poses."""
         floor = min(self.floor, self.reached)
-        error = f"{self.reached:.2f} Nm on poses left out, of which {floor:.2f} Nm is the scatter of a pose"
+        error = f"{self.reached:.2f} Nm on held-out poses, of which {floor:.2f} Nm is the scatter of a pose"
         if self.enough is None:
             return f"More poses would still help: with {self.poses} the error is {error}."
         if self.enough == self.poses:

@@ -70,8 +70,8 @@ def safe_places(count: int, limits: Float, checker: Checker) -> tuple[Float, int
         have += len(kept[-1])
     if have < count:
         raise ConfigError(
-            f"only {have} of {seen} places within the joints' limits are safe: narrow lower_limit and upper_limit in "
-            "robot.yaml, or correct its capsules"
+            f"only {have} of {seen} positions within the joints' limits are safe: narrow lower_limit and upper_limit "
+            "in robot.yaml, or correct its capsules"
         )
     return np.concatenate(kept), seen - count
 

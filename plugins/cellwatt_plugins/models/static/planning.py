@@ -38,7 +38,7 @@ def pulses_of(q: Float, encoders: Any) -> NDArray[np.int64]:
         motors = motors @ np.linalg.inv(np.array(coupling)).T
     pulses = np.rint(np.degrees(motors) * per_degree)
     if np.abs(pulses).max() > _LARGEST:
-        raise ConfigError("pulses_per_degree: a pose has more pulses than a controller counts")
+        raise ConfigError("pulses_per_degree: a pose exceeds the largest number of pulses of a controller")
     return pulses.astype(np.int64)
 
 
@@ -106,15 +106,15 @@ class PlanReport:
         plan = self.plan
         even = ", ".join(f"{100 * share:.0f} %" for share in plan.rising)
         lines = [
-            f"{len(plan.q)} poses of {self.robot}; {plan.unsafe} places of the sequence were left out: the arm would "
-            f"touch itself or the floor there, and {plan.unreachable} poses whose straight way is not safe",
-            f"ways of {plan.travel:.0f} s in all at full speed, {plan.unordered:.0f} s as the sequence has them",
-            f"joints come from below in {even} of the moves",
+            f"{len(plan.q)} poses of {self.robot}; {plan.unsafe} positions were left out because the arm would touch "
+            f"itself or the floor, and {plan.unreachable} poses because the straight path to them is not safe",
+            f"moves take {plan.travel:.0f} s in all at full speed, {plan.unordered:.0f} s before ordering",
+            f"joints move upwards in {even} of the moves",
             f"about {self.duration / 60:.0f} min with the pauses",
             f"written: {', '.join(self.files)}",
         ]
         if not any(file.endswith(".JBI") for file in self.files):
-            lines.append("no job: --cell with a yaskawa source says how many pulses a degree has")
+            lines.append("no job: it needs --cell with a yaskawa source that has pulses_per_degree")
         return "\n".join(lines)
 
 

@@ -123,7 +123,7 @@ def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     whole = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
     finite = np.isfinite(np.hstack([whole.q, whole.torque])).all(axis=1)
     if not finite.all():
-        note = f"{int(np.sum(~finite))} poses have samples that are no numbers and are left out"
+        note = f"{int(np.sum(~finite))} poses have samples that are not numbers and are left out"
         whole = replace(rows_of(whole, np.flatnonzero(finite)), notes=(*whole.notes, note))
     where = ", ".join(map(str, paths))
     if len(whole) < FEWEST:
@@ -132,5 +132,5 @@ def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
             f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model{left_out}"
         )
     if np.ptp(whole.q, axis=0).max() < _ALIKE or not whole.torque.any():
-        raise RecordingError(f"{where}: all poses are the same, or all torques are 0: a model learns nothing from them")
+        raise RecordingError(f"{where}: all poses are the same, or all torques are 0: no model can be trained on them")
     return whole

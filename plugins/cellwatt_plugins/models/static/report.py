@@ -12,10 +12,8 @@ from cellwatt_plugins.models.report import left_by_joint
 from cellwatt_plugins.models.static.training import COVERAGE, Trained
 from cellwatt_plugins.models.static.wording import TITLES, rivals
 
-SEEN = (
-    "Each pose predicted by a model that had not seen it. Band: {share:.0f} % of new poses lie within ± {width:.2f} Nm."
-)
-RIVALS = "On the fifth of the poses that no method had seen; in brackets the published figures."
+SEEN = "Held-out poses. Band: {share:.0f} % of new poses lie within ± {width:.2f} Nm."
+RIVALS = "On the fifth of the poses that was held out of all methods; in brackets the published figures."
 
 
 def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
@@ -26,26 +24,26 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
     seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.told)
     noise = trained.checked.model.posterior.noise
     told = [*(finding.statement for finding in trained.findings), *trained.left_out]
-    facts = "Standard deviations after ±; evidence: natural log of how much more probable it makes the measurements."
+    facts = "Standard deviations after ±; evidence: natural log of the factor by which the data get more probable."
     return Report(
         name=robot,
         subject="torque to hold still",
         facts=["torque to hold still", f"{len(trained.poses)} poses", f"{len(noise)} joints"],
-        verdict=f"Poses that the model has not seen are predicted to {best.rmse:.2f} Nm, {best.mape:.2f} %.",
+        verdict=f"Held-out poses are predicted to {best.rmse:.2f} Nm, {best.mape:.2f} %.",
         tiles=[
             Tile(TITLES[m.name], f"{m.scores.rmse:.2f} Nm", f"{m.scores.mape:.2f} %", roles[m.name])
             for m in trained.methods
             if m.name in roles
         ],
-        tiles_remark="RMSE of the absolute sum of the torques on poses held out of all methods.",
+        tiles_remark="RMSE of the absolute sum of the torques on poses that were held out of all methods.",
         sections=[
-            Section("Measured beside predicted", [_predicted(trained)], seen),
+            Section("Measured and predicted", [_predicted(trained)], seen),
             Section(
                 "Residual of each joint", [_residuals(trained)], "Nm over the joint's position. Band: ± 2 × noise."
             ),
             Section("Learning curve", [curve.in_words()]),
-            Section("Rivals", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
-            Section("What the arm has and its CAD model lacks", [_figures(trained), Notes(told)], facts),
+            Section("Methods", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
+            Section("Effects that the CAD model lacks", [_figures(trained), Notes(told)], facts),
             Section("Notes", [Notes(trained.poses.notes)]),
         ],
         provenance=provenance,

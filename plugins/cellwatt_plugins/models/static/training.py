@@ -106,7 +106,7 @@ class Trained:
     def left_out(self) -> list[str]:
         """A sentence on the poses with outliers, whose torques were not used; empty if there are none."""
         odd = np.unique(np.argwhere(self.checked.model.odd)[:, 0]) + 1
-        return [f"Not used, as they fit nothing else: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
+        return [f"Not used, as they are outliers: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
 
     def as_json(self) -> dict[str, Any]:
         """Return the result as ``--json`` prints it."""

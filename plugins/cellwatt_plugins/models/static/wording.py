@@ -22,15 +22,15 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
     """The whole report."""
     best, widths = trained.scores, trained.widths
     lines = [
-        f"{len(trained.poses)} poses; absolute sum of the torques on the fifth of them that no method had seen "
+        f"{len(trained.poses)} poses; absolute sum of the torques on the fifth that was held out of all methods "
         "(published figures in brackets)",
         rivals(trained).text(),
-        f"Best model, every pose left out once: RMSE {best.rmse:.2f} Nm, R² {best.r2:.5f}, MAPE {best.mape:.2f} %.",
-        f"{100 * COVERAGE:.0f} % of new poses within ± {widths.told:.2f} Nm, ± {widths.blind:.2f} Nm where it is not "
-        "told from where the arm came.",
+        f"Best model, each pose held out once: RMSE {best.rmse:.2f} Nm, R² {best.r2:.5f}, MAPE {best.mape:.2f} %.",
+        f"{100 * COVERAGE:.0f} % of new poses within ± {widths.told:.2f} Nm, ± {widths.blind:.2f} Nm if the side of "
+        "approach is not given.",
         trained.curve.in_words(),
     ]
-    lines.append("What the arm has and its CAD model lacks:")
+    lines.append("Effects that the CAD model lacks:")
     lines += [f"  • {finding.statement}" for finding in trained.findings]
     lines += [*trained.left_out, *(f"note: {note}" for note in trained.poses.notes)]
     return "\n".join([*lines, f"written: {', '.join(map(str, files))}"])
@@ -39,7 +39,7 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
 def rivals(trained: Trained) -> Table:
     """The errors of all methods, the published ones in brackets."""
     heads = ("method", "neurons", "RMSE, Nm", "R²", "MAPE, %", "accuracy, %")
-    return Table("Rivals", heads, [_method(method) for method in trained.methods])
+    return Table("Methods", heads, [_method(method) for method in trained.methods])
 
 
 def _method(method: Method) -> list[str]:

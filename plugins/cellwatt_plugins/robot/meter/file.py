@@ -74,7 +74,7 @@ def _read(path: Path, step: float) -> Readings:
     known = np.isfinite(power)
     time, power = time[known], power[known]
     if len(time) < 2:
-        raise RecordingError(f"{path}: the power holds no numbers")
+        raise RecordingError(f"{path}: the column of the power has no numbers")
     interval = float(np.median(np.diff(time)))
     count = max(1, -(-round(1e6 * ROWS * step) // max(1, round(1e6 * interval))))
     rows = len(time) // count

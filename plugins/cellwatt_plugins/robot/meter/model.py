@@ -92,8 +92,8 @@ class Meter:
 
     @property
     def told(self) -> str:
-        """In words, with 95 % intervals: ``means over 100 ± 4 ms, 152 ± 2 ms late``."""
-        return f"means over {_ms(self.window, self.window_spread)}, {_ms(self.late, self.late_spread)} late"
+        """In words, with 95 % intervals: ``averaged over 100 ± 4 ms and delayed by 152 ± 2 ms``."""
+        return f"averaged over {_ms(self.window, self.window_spread)} and delayed by {_ms(self.late, self.late_spread)}"
 
 
 def _ms(value: float, spread: float) -> str:

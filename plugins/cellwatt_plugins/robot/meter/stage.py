@@ -64,7 +64,7 @@ class MeterStage(Stage[MeterSettings]):
     window."""
 
     Settings = MeterSettings
-    title = "what the values of a slow power meter stand for: means over which time, how late"
+    title = "averaging window and delay of a slow power meter, found from the motion of an arm"
 
     def __init__(self, name: str, settings: MeterSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
@@ -149,7 +149,7 @@ def _meters(layout: Layout, power: str | None) -> tuple[int, ...]:
     if power is not None:
         column = layout.index(power)
         if layout.channels[column].method != "hold":
-            raise ConfigError(f"{layout.names[column]} is as fast as the frames: there is nothing to find")
+            raise ConfigError(f"{layout.names[column]} is as fast as the frames: it has no window to find")
         return (column,)
     columns = tuple(i for i, c in enumerate(layout.channels) if c.short == POWER and c.method == "hold")
     if not columns:
@@ -161,7 +161,7 @@ def _arms(layout: Layout, arm: str | None) -> list[_Arm]:
     """The arms that may be meant. Raises ``ConfigError`` if there are none."""
     sources = sorted({c.source for c in layout.channels if c.short == "joint_1.position"}) if arm is None else [arm]
     if not sources:
-        raise ConfigError("no source gives joint_1.position: without a motion nothing tells what a meter's values are")
+        raise ConfigError("no source gives joint_1.position: a meter's window can only be found from an arm's motion")
     found = []
     for source in sources:
         positions = layout.joints("position", source)
@@ -203,10 +203,10 @@ def _alarm(stage: str, channel: FrameChannel, meter: Meter, arm: _Arm, since: in
     """The alarm that describes a meter."""
     declared = channel.window
     off = declared and abs(meter.window - declared) > max(DOUBT * meter.window_spread, SHARE * declared)
-    told = f"{channel.name} shows {meter.told}, a value every {1e3 * meter.interval:.0f} ms (from the motion of "
-    told += f"{arm.source})"
+    told = f"{channel.name} is {meter.told}, with a value every {1e3 * meter.interval:.0f} ms (found from "
+    told += f"the motion of {arm.source})"
     if off:
-        told += f"; means over {1e3 * declared:.0f} ms are declared: check how the meter is set, or its window here"
+        told += f"; the declared window is {1e3 * declared:.0f} ms: check the meter's setting, or its window here"
     return Alarm(
         id=f"{stage}.{channel.name}.meter_timing",
         kind="meter_timing",

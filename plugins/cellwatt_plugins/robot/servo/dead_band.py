@@ -25,11 +25,11 @@ class DriveDeadBand(Effect):
     form = Form(to_scale=True)
     acceptance = Acceptance()
     confusions = (
-        Confusion("coulomb_friction", "push the joint by hand in rest: a band lets it go without any resistance"),
-        Confusion("backlash", "lock the motor: play stays, a dead band does not"),
+        Confusion("coulomb_friction", "push the joint by hand at rest: within a band it does not resist"),
+        Confusion("backlash", "lock the motor: play remains, a dead band does not"),
     )
     shape_is = (("half_width", "rad"),)
-    sentence = "The drive of {joint} does nothing within {half_width} of its command: a dead band is missing."
+    sentence = "The drive of {joint} gives no torque within {half_width} of its command: a dead band is missing."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         error = np.abs(np.concatenate([run.servos.error[:, joint or 0] for run in runs]))

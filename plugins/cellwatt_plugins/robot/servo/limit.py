@@ -27,9 +27,9 @@ class DriveLimit(Effect):
     name = "torque_saturation"
     acts_on = "drive"
     form = Form(to_scale=True, error=0.02)
-    confusions = (Confusion("drive_gain", "move slower: a soft loop stays soft, a limit is not reached"),)
+    confusions = (Confusion("drive_gain", "move slower: a soft loop remains soft, a limit is not reached"),)
     shape_is = (("limit", "N*m"),)
-    sentence = "The drive of {joint} gives no more than {limit}: its limit is lower."
+    sentence = "The drive of {joint} gives at most {limit}: its limit is lower than the simulation's."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         asked, given = self._torques(runs, joint or 0)

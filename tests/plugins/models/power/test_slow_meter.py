@@ -66,5 +66,5 @@ def test_the_meter_is_found_and_what_it_shows_is_compared(case):
 def test_power_that_does_not_follow_the_motion_is_refused(case):
     arm, known, _ = case
     other = np.random.default_rng(3).normal(100, 20, len(known))
-    with pytest.raises(RecordingError, match=r"every 0\.1 s, and the motion does not tell"):
+    with pytest.raises(RecordingError, match=r"every 0\.1 s, and the motion does not show"):
         through_its_meter(slow(replace(known, power=other), 0.1, 0.15), arm)

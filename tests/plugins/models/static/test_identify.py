@@ -80,7 +80,7 @@ def test_findings_are_true_within_their_deviations(tmp_path):
     (share,) = [f.figures for f in told if f.kind == "load friction"]
     two = next(figure for figure in share if figure.name == "joint 2")
     assert abs(two.value - 4.0) < 3.5 * two.deviation
-    assert any("Joint 2 carries" in f.statement and "the CAD model says" in f.statement for f in told)
+    assert any("Joint 2 carries" in f.statement and "in the CAD model" in f.statement for f in told)
 
 
 class Bumpy(arms.Arm):

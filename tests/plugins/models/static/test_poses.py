@@ -67,7 +67,7 @@ def test_poses_with_samples_that_are_no_numbers_are_told(tmp_path, robot):
     table["torque_percent_2"][[250, 260]] = np.nan
     poses = read_poses([save(tmp_path, table)], robot)
     assert len(poses) == 14
-    assert poses.notes == ("1 poses have samples that are no numbers and are left out",)
+    assert poses.notes == ("1 poses have samples that are not numbers and are left out",)
 
 
 @pytest.mark.parametrize(

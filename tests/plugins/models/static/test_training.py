@@ -55,15 +55,15 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_report(case):
     check(page)
     assert page.title == "mh12: torque to hold still"
     assert [text for tag, text in page.headings if tag == "h2"][:5] == [
-        "Measured beside predicted",
+        "Measured and predicted",
         "Residual of each joint",
         "Learning curve",
-        "Rivals",
-        "What the arm has and its CAD model lacks",
+        "Methods",
+        "Effects that the CAD model lacks",
     ]
     assert len(page.figures) == 2
     assert [len(trace["x"]) for trace in page.figures[1]["data"]] == [48] * 6
-    for row, method in zip(page.tables["Rivals"][1:], report["methods"], strict=True):
+    for row, method in zip(page.tables["Methods"][1:], report["methods"], strict=True):
         told = [numbers(cell)[0] for cell in row[2:]]
         assert told == pytest.approx([method[name] for name in ("rmse", "r2", "mape", "accuracy")], abs=0.006)
     figures = [figure for finding in report["findings"] for figure in finding["figures"]]

@@ -62,5 +62,5 @@ class Backlash(TwoMass):
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         return (
             f"{who} has a play of about {1000 * parameters['gap'].value:.2g} mrad between motor and link, "
-            "felt when its load turns over: backlash is missing."
+            "which shows when its load reverses: backlash is missing."
         )

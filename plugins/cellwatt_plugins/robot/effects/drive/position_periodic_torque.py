@@ -73,7 +73,7 @@ class PositionPeriodicTorque(Effect):
         second = parameters.get("second_amplitude")
         more = "" if second is None else f", and of {second} twice as often"
         return (
-            f"{who} has a ripple of {parameters['amplitude']}, {parameters['cycles'].value:.4g} times a turn"
+            f"{who} has a ripple of {parameters['amplitude']}, {parameters['cycles'].value:.4g} times per turn"
             f"{more}: a position-periodic torque (gear, cogging or bearing) is missing."
         )
 

@@ -14,7 +14,7 @@ class RotorInertia(Effect):
     name = "rotor_inertia"
     nominal = "rotor_inertia"
     confusions = (
-        Confusion("link_inertial_error", "move the joint in several poses of the rest: a rotor feels the same in all"),
+        Confusion("link_inertial_error", "move the joint in several poses of the others: a rotor adds the same in all"),
         Confusion("time_delay", "run the same path at two speeds"),
     )
     coefficients_are = (("inertia", "kg*m^2"),)

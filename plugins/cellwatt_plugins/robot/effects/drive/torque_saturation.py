@@ -35,7 +35,7 @@ class TorqueSaturation(Effect):
     acts_on = "reading"
     depends_on = "fitted torque"
     form = Form(to_scale=True)
-    confusions = (Confusion("torque_gain", "move slower: a gain stays, clipping goes"),)
+    confusions = (Confusion("torque_gain", "move slower: a gain remains, clipping vanishes"),)
     shape_is = (("limit", "N*m"),)
     sentence = "The torque measured at {joint} is clipped at {limit}."
 

@@ -23,7 +23,7 @@ class AsymmetricFriction(Effect):
     relations = Relations(along="velocity", beats=("torque_offset",))
     form = Form(reverses=True)
     confusions = (
-        Confusion("torque_offset", "hold the arm still: an offset stays, friction goes"),
+        Confusion("torque_offset", "hold the arm still: an offset remains, friction vanishes"),
         Confusion("load_dependent_friction", "sweep where gravity loads the joint the other way"),
     )
 

@@ -27,7 +27,7 @@ class LoadDependentFriction(Friction):
     trained = MappingProxyType({"friction by load": ()})
     doubt = 0.1, ()
     confusions = (
-        Confusion("torque_gain", "hold the arm still at several loads: friction then has no direction, a gain stays"),
+        Confusion("torque_gain", "hold the arm still at several loads: friction then has no direction, a gain remains"),
         Confusion("asymmetric_friction", "sweep where gravity does not load the joint"),
     )
     coefficients_are = (("coefficient", ""),)

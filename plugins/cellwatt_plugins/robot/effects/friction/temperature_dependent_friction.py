@@ -36,7 +36,7 @@ class TemperatureDependentFriction(Effect):
     """They are relative to nominal friction, which may be wrong by its tolerance."""
     confusions = (
         Confusion("viscous_friction", "repeat the same cycle cold and warm"),
-        Confusion("torque_drift", "hold the arm still for minutes: friction rests, a drift goes on"),
+        Confusion("torque_drift", "hold the arm still for minutes: friction is constant, a drift continues"),
     )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

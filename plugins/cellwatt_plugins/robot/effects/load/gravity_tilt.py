@@ -43,7 +43,7 @@ class GravityTilt(Effect):
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         leans = " and ".join(f"{np.degrees(each.value):.1f}° in {name}" for name, each in parameters.items())
-        return f"The base is not level: it leans {leans}."
+        return f"The base is not level: it is tilted by {leans}."
 
 
 AXES = ("roll", "pitch", "yaw")

@@ -33,7 +33,7 @@ class LinkInertialError(Effect):
     )
     coefficients_are = (("mass", "kg"), ("moment_x", "kg*m"), ("moment_y", "kg*m"), ("moment_z", "kg*m"))
     sentence = (
-        "The link moved by {joint} is well off its description: its mass by {mass}, "
+        "The link moved by {joint} differs from its description: its mass by {mass}, "
         "its first moment by ({moment_x:.3g}, {moment_y:.3g}, {moment_z:.3g}) kg m."
     )
 

@@ -37,7 +37,7 @@ class Payload(Effect):
     )
     """A load whose centre is more than a metre from the flange is an error of the links."""
     confusions: ClassVar[tuple[Confusion, ...]] = (
-        Confusion("link_inertial_error", "weigh with the tool off, then on: an error of the last link stays"),
+        Confusion("link_inertial_error", "weigh with the tool off, then on: an error of the last link remains"),
         Confusion("gravity_tilt", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),
     )
     sentence = "The flange carries {mass} at ({com_x:.3f}, {com_y:.3f}, {com_z:.3f}) m: a payload is missing."

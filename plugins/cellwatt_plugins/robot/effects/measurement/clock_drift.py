@@ -30,7 +30,7 @@ class ClockDrift(Effect):
     # A delay and a drift together fit any signal that is early in one half of a run and late in the other.
     relations = Relations(family="lateness")
     acceptance = Acceptance(least_rate=FAST, several_channels=True)
-    confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
+    confusions = (Confusion("time_delay", "record for longer: a delay is constant, a drift grows"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         longest = max(float(run.time[-1] - run.time[0]) for run in runs)
@@ -53,6 +53,6 @@ class ClockDrift(Effect):
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         rate = parameters["rate"]
         return (
-            f"Torque and position drift apart by {1000 * rate.value:.3g} ± {1000 * rate.std:.2g} ms a second: "
+            f"Torque and position drift apart by {1000 * rate.value:.3g} ± {1000 * rate.std:.2g} ms per second: "
             "the two clocks drift."
         )

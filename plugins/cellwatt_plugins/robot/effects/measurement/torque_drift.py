@@ -22,9 +22,7 @@ class TorqueDrift(Effect):
     name = "torque_drift"
     acts_on = "reading"
     relations = Relations(beats=("torque_offset",))
-    confusions = (
-        Confusion("temperature_dependent_friction", "hold the arm still for minutes: a drift goes on, friction rests"),
-    )
+    confusions = (Confusion("temperature_dependent_friction", "hold the arm still for minutes: only a drift goes on"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         longest = max(float(run.time[-1] - run.time[0]) for run in runs)

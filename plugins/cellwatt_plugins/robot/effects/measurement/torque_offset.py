@@ -17,11 +17,11 @@ class TorqueOffset(Effect):
     acceptance = Acceptance(usual=True)
     acts_on = "reading"
     confusions = (
-        Confusion("asymmetric_friction", "hold the arm still: an offset stays, friction goes"),
+        Confusion("asymmetric_friction", "hold the arm still: an offset remains, friction vanishes"),
         Confusion("spring_load", "hold the joint at several positions"),
     )
     coefficients_are = (("offset", "N*m"),)
-    sentence = "The torque measured at {joint} is off by {offset}, at rest too."
+    sentence = "The torque measured at {joint} has an offset of {offset}, also at rest."
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return np.ones((len(run.time), 1))

@@ -29,7 +29,7 @@ class ConverterEfficiency(Effect):
     """A converter that passes on less than 40 % would burn."""
     confusions = (
         Confusion("copper_loss", "hold the arm at several loads: at rest only copper heats"),
-        Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency leaves it alone"),
+        Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency does not change it"),
     )
     tried = ((ALL,), (MOTORING,), (BOTH_WAYS,))
 

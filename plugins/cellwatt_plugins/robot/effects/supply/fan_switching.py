@@ -32,7 +32,7 @@ class FanSwitching(Effect):
     form = Form(intermittent=True)
     acceptance = Acceptance(above=0.0)
     confusions = (
-        Confusion("brake_power", "let the arm stand: a fan goes on switching"),
+        Confusion("brake_power", "let the arm stand: a fan continues to switch"),
         Confusion("winding_temperature", "hold a load at rest for minutes: windings warm steadily, a fan switches"),
     )
 

@@ -35,4 +35,4 @@ class RegenerationDissipated(Effect):
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         share = 100 * parameters["share"].value
-        return f"{share:.0f} % of the power that braking drives give back is lost: regeneration is dissipated."
+        return f"{share:.0f} % of the power that braking drives return is lost: regeneration is dissipated."
