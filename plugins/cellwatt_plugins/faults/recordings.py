@@ -86,7 +86,7 @@ def frames_of_table(time: Float, position: Float, power: Float, name: str = SOUR
     if np.minimum(steps, LONGEST).sum() * rate > max(LARGEST, SPARSE * len(time)):
         i = int(np.argmax(np.where(steps > LONGEST, 0.0, steps)))
         raise RecordingError(
-            f"{name}: most rows are {1 / rate:g} s apart, row {i + 2} is {steps[i]:g} s after row {i + 1}: are the times "
+            f"{name}: most rows are {1 / rate:g} s apart, row {i + 2} is {steps[i]:g} s after row {i + 1}: are times "
             "rounded, or was the clock set? Give a table with evenly spaced times"
         )
     number = _numbers(time, rate)
