@@ -11,29 +11,8 @@ Align = Literal["linear", "average", "hold"]
 
 UNITS = frozenset(
     [
-        "1",
-        "rad",
-        "rad/s",
-        "rad/s^2",
-        "Nm",
-        "Nm/s",
-        "N",
-        "m",
-        "m/s",
-        "m/s^2",
-        "A",
-        "V",
-        "W",
-        "VA",
-        "var",
-        "J",
-        "s",
-        "Hz",
-        "kg",
-        "kg/m^3",
-        "degC",
-        "ohm",
-        "Pa",
+        *("1", "rad", "rad/s", "rad/s^2", "Nm", "Nm/s", "N", "m", "m/s", "m/s^2", "kg", "kg/m^3", "Pa"),
+        *("A", "V", "W", "VA", "var", "J", "s", "Hz", "degC", "ohm"),
     ]
 )
 """SI units that may leave a driver; raw device units stop at its ``wire.py``."""

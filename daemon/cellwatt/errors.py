@@ -21,22 +21,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = [
-    "CellwattError",
-    "ConfigError",
-    "ConnectError",
-    "DeviceError",
-    "ModelError",
-    "OutletError",
-    "Problem",
-    "ProtocolError",
-    "RecordingError",
-    "RepairingError",
-    "SourceError",
-    "WrongDeviceError",
-    "why",
-]
-
 
 def why(error: OSError) -> str:
     """The system's plain reason, e.g. ``Connection refused``, instead of asyncio's wording."""

@@ -81,16 +81,12 @@ class Layout:
         sources = sorted(
             {c.source for c in self.channels if c.short.startswith("joint_") and c.short.endswith(f".{quantity}")}
         )
-        if source is None:
-            if len(sources) != 1:
-                what = (
-                    f"several sources have joints: choose one of {', '.join(sources)}"
-                    if sources
-                    else (f"no source gives joint_1.{quantity}")
-                )
-                raise ConfigError(what)
-            source = sources[0]
-        elif source not in sources:
+        if source is None and not sources:
+            raise ConfigError(f"no source gives joint_1.{quantity}")
+        if source is None and len(sources) > 1:
+            raise ConfigError(f"several sources have joints: choose one of {', '.join(sources)}")
+        source = sources[0] if source is None else source
+        if source not in sources:
             raise ConfigError(f"source {source!r} gives no joint_1.{quantity}; these do: {', '.join(sources)}")
         columns: list[int] = []
         while (name := f"{source}.joint_{len(columns) + 1}.{quantity}") in self.names:

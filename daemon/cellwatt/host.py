@@ -10,6 +10,7 @@ from urllib.parse import SplitResult, unquote, urlsplit
 
 from pydantic import AfterValidator
 
+LAST_PORT: Final = 65535
 LONGEST: Final = 253
 """Characters of a host name, of each of its parts 63 (RFC 1123)."""
 _NAME = re.compile(r"(?:(?!-)[A-Za-z0-9_-]{1,63}(?<!-)\.)*(?!-)[A-Za-z0-9_-]{1,63}(?<!-)\.?")
@@ -33,12 +34,7 @@ def check_host(host: str) -> str:
 
 def stays_here(host: str) -> bool:
     """True if only programs of this PC reach what listens at a host."""
-    if host.lower() == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    return host.lower() == "localhost" or (is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 
 def web_address(url: str, like: str) -> SplitResult:

@@ -124,13 +124,6 @@ def test_gaps_are_marked_and_never_filled_in_silence(channel, missing, quality):
     assert np.all(found[away] == GOOD)
 
 
-@pytest.mark.parametrize(("age", "quality"), [(2.9, GOOD), (3.1, INTERPOLATED), (6.9, INTERPOLATED), (7.1, MISSING)])
-def test_a_held_value_grows_stale(age, quality):
-    aligner, of = one(MODE)
-    _, _, found, _ = joined(play(aligner, [batch(of, [20 - age], [1.0]), batch(of, [20.5], [1.0])]))
-    assert found[0, 0] == quality
-
-
 def test_quality_of_the_samples_used_is_merged_by_maximum():
     for channel in (POSITION, POWER):
         aligner, of = one(channel)
@@ -300,7 +293,6 @@ def test_what_is_held_in_memory_does_not_grow_with_the_run():
 @pytest.mark.parametrize(
     ("make", "text"),
     [
-        (lambda: one(POSITION, POSITION), "arm.joint_1.position"),
         (lambda: one(POSITION, latency=0.0), "latency"),
         (lambda: one(POWER, latency=0.011), "at least 12 ms"),
         (lambda: one(POSITION, gap=1.0), "gap"),

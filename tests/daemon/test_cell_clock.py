@@ -45,7 +45,7 @@ def test_follows_the_host_while_nobody_sets_its_clock():
         host.monotonic_ns += SECOND
         assert clock.discipline() == 0
         assert clock.now() == host.wall()
-        assert clock.utc_error_ns == clock.slew_ppm == clock.steps == 0
+        assert clock.utc_error_ns == clock.slew_ppm == 0
 
 
 @pytest.mark.parametrize("step", [3 * SECOND, -3 * SECOND, 2_000_000, -3600 * SECOND])
@@ -59,7 +59,6 @@ def test_a_step_of_the_wall_clock_is_reported_and_not_followed_by_a_jump(step):
 
     assert clock.discipline() == step
 
-    assert clock.steps == 1
     assert clock.utc_error_ns == -step
     assert clock.now() == before
     assert clock.discipline() == 0

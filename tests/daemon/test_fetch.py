@@ -71,6 +71,15 @@ def test_what_is_cut_off_leaves_nothing(
     assert list(home.iterdir()) == []
 
 
+def test_a_store_that_tells_no_size_gives_what_it_has(
+    store: fsspec.AbstractFileSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.pipe("/plant/run.csv", b"t,q_1")
+    info = store.info("/plant/run.csv")
+    monkeypatch.setattr(store, "info", lambda path, **_: info | {"size": None})
+    assert fetch("memory://plant/run.csv").read_bytes() == b"t,q_1"
+
+
 def test_what_nobody_used_for_long_is_removed(store: fsspec.AbstractFileSystem, home: Path) -> None:
     store.pipe({"/plant/a": b"a", "/plant/b": b"b", "/plant/c": b"c"})
     old, kept = fetch("memory://plant/a"), fetch("memory://plant/b")

@@ -84,20 +84,6 @@ def test_slots_without_a_connection_are_told_apart() -> None:
     assert slots.begin(Beat(2060 * MS, 1)) == [], "what was missed since is no matter of the connection"
 
 
-def test_an_answer_that_nothing_else_held_up_was_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.processor._ready_ns", lambda: 0)
-    monkeypatch.setattr("cellwatt.processor._steal.now", lambda: ())
-    slots = Slots(50.0, untold)
-    slots.begin(Beat(1000 * MS, 0))
-    slots.end()
-    slots._idle = 1070 * MS  # an answer that took 70 ms
-    assert slots.begin(Beat(1080 * MS, 3)) == [(1, "host stalled")]
-    slots.end()
-    assert slots.begin(Beat(1100 * MS, 0)) == [(2, "slow answers")]
-    slots.end()
-    assert slots.begin(Beat(1120 * MS, 0)) == [], "told once"
-
-
 @pytest.mark.parametrize(
     ("stolen", "reason"), [((0, 40), "host stalled"), ((10, 10), "slow answers"), ((), "slow answers")]
 )

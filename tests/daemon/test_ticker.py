@@ -52,6 +52,15 @@ async def test_the_first_beat_comes_within_twenty_milliseconds_however_slow_the_
         assert beat.deadline - entered <= 20 * MILLISECOND
 
 
+async def test_a_deadline_that_is_left_out_wakes_nobody_and_is_not_missed():
+    async with Ticker(200) as ticker:
+        first = await anext(ticker)
+        ticker.skip()
+        second = await anext(ticker)
+    periods = round((second.deadline - first.deadline) / (5 * MILLISECOND))
+    assert periods - second.merged == 2
+
+
 async def test_an_overrun_is_merged_into_the_newest_deadline_and_counted():
     async with Ticker(1000) as ticker:
         first = await anext(ticker)

@@ -37,7 +37,7 @@ class Aligner:
     the worst clock bound of its samples plus the distance of the nearest one from the grid point, -1 where it
     is missing.
 
-    Raises ``ConfigError`` where two channels share a name, or where the latency is too short to average.
+    Channels of a source have different names. Raises ``ConfigError`` where the latency is too short to average.
     """
 
     def __init__(
@@ -65,7 +65,6 @@ class Aligner:
                 ]
                 _check(source, stream, lane, step, self._latency)
         self.layout = Layout(tuple(channels), rate)
-        _check_names(self.layout)
         self.skipped = 0
         """Frames left out because the cell's time jumped."""
         self._now = self._given_out = NEVER
@@ -163,11 +162,3 @@ def _check(source: str, stream: Stream, lane: Lane, step: int, latency: int) -> 
             f"frames: a latency of {latency / 1e6:g} ms is too short to average {source}.{stream.name} over the "
             f"grid step of {step / 1e6:g} ms: expected at least {needed / 1e6:g} ms"
         )
-
-
-def _check_names(layout: Layout) -> None:
-    seen: set[str] = set()
-    for name in layout.names:
-        if name in seen:
-            raise ConfigError(f"two streams give a channel named {name!r}: rename one of them")
-        seen.add(name)

@@ -34,8 +34,6 @@ class CellClock:
         self._line = (at, utc, 0.0)  # replaced as one, so that other threads may read the time
         self.utc_error_ns = 0
         """The cell's time minus the host's UTC at the last ``discipline``, ns."""
-        self.steps = 0
-        """Steps of the host's wall clock seen so far."""
 
     @property
     def slew_ppm(self) -> float:
@@ -60,10 +58,7 @@ class CellClock:
         self._line = (at, now, _next_slew(slew, self.utc_error_ns / 1e9, (at - before) / 1e9))
         step = utc - at - self._difference
         self._difference = utc - at
-        if abs(step) < _STEP_NS:
-            return 0
-        self.steps += 1
-        return step
+        return step if abs(step) >= _STEP_NS else 0
 
     def _compare(self) -> tuple[int, int]:
         """CLOCK_MONOTONIC and the wall clock at one moment, ns: the closest of a few readings."""

@@ -95,8 +95,8 @@ def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], place: P
             shutil.rmtree(old, ignore_errors=True)
     part = Path(tempfile.mkdtemp(prefix=".part-", dir=place.parent))
     try:
-        sizes = [about.get("size") or 0 for about in files.values()]
-        with stage(f"fetching {blank(url)}", sum(sizes)) as told:
+        sizes = [about.get("size") for about in files.values()]
+        with stage(f"fetching {blank(url)}", sum(filter(None, sizes))) as told:
             for (below, about), size in zip(files.items(), sizes, strict=True):
                 target = part / name / below
                 target.parent.mkdir(parents=True, exist_ok=True)
@@ -104,7 +104,7 @@ def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], place: P
                     while piece := source.read(_PIECE):
                         copy.write(piece)
                         told.advance(len(piece))
-                    if copy.tell() != size:
+                    if size is not None and copy.tell() != size:
                         came = f"{copy.tell()} bytes of {size} came of {about['name']}"
                         raise CellwattError(f"{blank(url)}: {came}: try again")
         part.rename(place)

@@ -60,9 +60,11 @@ class DataSet:
             features = {name: said["features"][name] for name in (STATE, ACTION) if name in said["features"]}
             names = {name: _names(each) for name, each in features.items()}
             fps = float(said["fps"])
+            if not fps > 0:
+                raise ValueError(f"fps is {fps:g}")
         except OSError as error:
             raise RecordingError(f"{path}: cannot be read: {why(error)}") from error
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise RecordingError(f"{path}: no info.json of a LeRobot data set: {error!r}") from error
         if STATE not in names:
             there = ", ".join(sorted(map(str, said["features"])))
@@ -84,6 +86,8 @@ def read(root: Path, place: Path, choice: Sequence[str] = ()) -> Log:
     state, action, time = _episode(root, files, int(numbers[0]) if numbers else None)
     if not len(time):
         time = np.arange(len(state)) / data.fps
+    if not np.all(np.diff(time) > 0):
+        raise RecordingError(f"{root}: the timestamps of the episode do not rise from row to row")
     return _log(root, data, state, action, time - time[0], units[0] if units else "")
 
 

@@ -37,8 +37,6 @@ def read_log(path: Path) -> Log:
 def _is_foreign(path: Path) -> bool:
     try:
         survey(path, chunks=False)
-    except ForeignError:
-        return True
-    except RecordingError:
-        return False
+    except RecordingError as error:
+        return isinstance(error, ForeignError)
     return False

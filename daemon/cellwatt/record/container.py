@@ -115,6 +115,14 @@ class Contents:
         self.chunks.append(chunk)
         self.counts.update(counts)
 
+    def by_topic(self) -> Counter[str]:
+        """Messages by topic."""
+        found = Counter[str]()
+        for number, count in self.counts.items():
+            if number in self.channels:
+                found[self.channels[number].topic] += count
+        return found
+
     def define(self, records: Iterable[Schema | Channel]) -> None:
         """Schemas and channels found in a chunk."""
         for record in records:

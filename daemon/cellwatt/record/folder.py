@@ -58,7 +58,10 @@ def _tried(folder: Path) -> str:
 
 def _space(settings: RecordSettings, there: Path) -> list[str]:
     free = shutil.disk_usage(there).free
-    used = sum(file.stat().st_size for file in settings.folder.rglob("*.mcap*")) if settings.folder.is_dir() else 0
+    used = 0
+    for file in settings.folder.rglob("*.mcap*"):
+        with contextlib.suppress(FileNotFoundError):  # a daemon may close or remove it now
+            used += file.stat().st_size
     packs = settings.evidence.keep if settings.evidence.severity != "none" else 0.0
     if free + used >= settings.keep + packs:
         return []

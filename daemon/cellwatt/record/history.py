@@ -132,7 +132,7 @@ class History:
             ]
 
     def _asked(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
-        repairing = self._recorder.repairing(session)
+        repairing = self._recorder.upkeep.repairing(session)
         with self._lock:
             found = self._settled(lambda: self._find(name, session, first, count))
             end = found[-1][0] + _length(found[-1][1]) if found else first
@@ -189,8 +189,8 @@ class History:
             try:
                 chunks, tracks = self._listed(known)
                 with open_file(known.kept.path) as file:
-                    holding = _Holding(file, chunks.holding(channel), tracks, channel)
-                    for each in takewhile(lambda f: f[0] < stop, holding.since(first)):
+                    since = _since(first, file, chunks.holding(channel), tracks, channel)
+                    for each in takewhile(lambda f: f[0] < stop, since):
                         yield from _part(each, first, stop)
             except (OSError, RecordingError):
                 continue  # renamed, which is noticed and tried again, or removed: what is left is asked for
@@ -210,26 +210,20 @@ class History:
         return self._chunks[path]
 
 
-@dataclass(frozen=True, slots=True)
-class _Holding:
-    """The chunks of a file in which a topic or series has something."""
+def _since(
+    first: int, file: FileIO, chunks: Sequence[Chunk], tracks: Mapping[int, Track], channel: int
+) -> Iterator[Numbered]:
+    """What begins in the chunk, of those that have some of a channel, with the number ``first``, and all behind it."""
 
-    file: FileIO
-    chunks: Sequence[Chunk]
-    tracks: Mapping[int, Track]
-    channel: int
-
-    def since(self, first: int) -> Iterator[Numbered]:
-        """What begins in the chunk that has the number ``first``, and all behind it."""
-        places = range(len(self.chunks))
-        behind = bisect_right(places, first, key=lambda at: next(self._items(at), (sys.maxsize,))[0])
-        return self._items(max(behind - 1, 0))
-
-    def _items(self, at: int) -> Iterator[Numbered]:
+    def items(at: int) -> Iterator[Numbered]:
         """What is in the chunks from ``at`` on; of a damaged chunk nothing."""
-        for place in range(at, len(self.chunks)):  # each made when it is needed: a slice would make them all
+        for place in range(at, len(chunks)):  # each made when it is needed: a slice would make them all
             with suppress(ValueError):
-                yield from numbered_items(self.file, self.chunks[place], self.tracks, {self.channel})
+                yield from numbered_items(file, chunks[place], tracks, {channel})
+
+    places = range(len(chunks))
+    behind = bisect_right(places, first, key=lambda at: next(items(at), (sys.maxsize,))[0])
+    return items(max(behind - 1, 0))
 
 
 def _part(each: Numbered, first: int, stop: int) -> Iterator[Numbered]:

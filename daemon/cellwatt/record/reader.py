@@ -132,9 +132,7 @@ class Recording:
         """Messages by topic (``/raw/<source>/<stream>``, ``/frame``, …), damaged ones included."""
         counts: Counter[str] = Counter()
         for file in self._files:
-            for number, n in file.contents.counts.items():
-                if number in file.contents.channels:
-                    counts[file.contents.channels[number].topic] += n
+            counts.update(file.contents.by_topic())
         return dict(counts)
 
     def entries(self) -> Iterator[Batch | Tick]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import FileIO
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from cellwatt.files import open_file, sync_folder, write_all
 from cellwatt.record.chunks import read_at
-from cellwatt.record.container import Chunk, Contents, closing
+from cellwatt.record.container import Chunk, closing
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.header import DAMAGED, PART, FileName, plain_cell
@@ -96,6 +95,7 @@ def _repair(file: FileIO, part: Path) -> Recovery:
         part.unlink(missing_ok=True)
         return _told(found, None, aside)
     if found.closed and not found.damage:
+        os.fsync(file.fileno())
         part.rename(target)
     elif found.torn:
         aside = _set_aside(file, found, target)
@@ -175,7 +175,7 @@ def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
         temporary.rename(target)
     finally:
         out.discard()
-    found.missing.update(_by_topic(found.contents) - _by_topic(out.contents))
+    found.missing.update(found.contents.by_topic() - out.contents.by_topic())
     found.contents = out.contents
 
 
@@ -187,10 +187,3 @@ def _sound(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track]) -> list[tupl
             numbered_items(file, chunk, tracks, {number})
             sound.add(number)
     return numbered_items(file, chunk, tracks, sound) if sound else []
-
-
-def _by_topic(contents: Contents) -> Counter[str]:
-    found = Counter[str]()
-    for number, count in contents.counts.items():
-        found[contents.channels[number].topic] += count
-    return found

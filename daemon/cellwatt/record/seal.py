@@ -57,10 +57,8 @@ def write(recording: Path, state: State, signer: Signer) -> None:
     Reads the whole file. Raises ``OSError``.
     """
     target = recording.with_name(recording.name.removesuffix(PART))
-    size, digest = _digest(recording)
-    bare = Seal(target.name, size, digest, state)
-    made = Seal(target.name, size, digest, state, signer.sign(*bare.parts).hex())
-    replace_text(seal_of(target), json.dumps(asdict(made)))
+    bare = Seal(target.name, *_digest(recording), state)
+    replace_text(seal_of(target), json.dumps({**asdict(bare), "signature": signer.sign(*bare.parts).hex()}))
 
 
 def read(recording: Path) -> Seal | None:

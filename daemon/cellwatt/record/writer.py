@@ -18,7 +18,6 @@ from cellwatt.record.encoder import Item, topic_of_block
 from cellwatt.record.files import CHUNK, Entry, Files
 from cellwatt.record.header import Header
 from cellwatt.record.messages import TOPICS, Health
-from cellwatt.record.recovery import Recovery
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Event, Result
@@ -45,8 +44,8 @@ class Recorder:
         self.cell, self.session = header.cell, header.session
         self.gathered = 0.0
         """s that what is given has waited already: with it, nothing waits for longer than ``settings.flush``."""
-        self._upkeep = Upkeep(settings, header.cell)
-        self._files = Files(settings, header, self._upkeep)
+        self.upkeep = Upkeep(settings, header.cell)
+        self._files = Files(settings, header, self.upkeep)
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._wake = threading.Condition()
         # Guarded by _wake:
@@ -70,12 +69,8 @@ class Recorder:
         except OSError as error:
             raise RecordingError(f"record.folder {self.settings.folder} cannot be made: {error.strerror}") from error
         self._running = True
-        self._upkeep.start()
+        self.upkeep.start()
         self._thread.start()
-
-    async def recovered(self) -> list[Recovery]:
-        """Return the recoveries of files that an earlier run left open, once all are dealt with."""
-        return await self._upkeep.recovered()
 
     async def close(self) -> None:
         """Write all that waits, close the file, end."""
@@ -87,7 +82,7 @@ class Recorder:
             self._wake.notify_all()
         if running:
             self._thread.join()
-            self._upkeep.close()
+            self.upkeep.close()
 
     def put(self, item: Batch | Frames | Tick | Event | Result, number: int | None = None) -> bool:
         """Record an item, a result or event under its number; ``False`` where it was refused, for the caller to count.
@@ -128,10 +123,6 @@ class Recorder:
         file = self._files.open
         return None if file is None else (file.part, file.contents)
 
-    def repairing(self, session: int) -> bool:
-        """True while a recording of a session, left open by an earlier run, is being repaired."""
-        return self._upkeep.repairing(session)
-
     def stats(self) -> dict[str, Any]:
         """Figures for health messages; ages in s, sizes in bytes."""
         files = self._files
@@ -147,7 +138,7 @@ class Recorder:
             "samples": dict(files.samples),
             "drops": dict(self._drops + files.refused),
             "displaced": files.displaced,
-            **self._upkeep.stats(),
+            **self.upkeep.stats(),
         }
 
     def _put(self, item: Item, size: int, topic: str, n: int = 1, number: int | None = None, soon: bool = True) -> bool:
@@ -175,7 +166,8 @@ class Recorder:
         self._settle()
         self._files.close()
         with self._wake:
-            self._drops.update(_counted(self._held))
+            for entry in self._held:
+                self._drops[entry.topic] += entry.n
             self._wake.notify_all()
 
     def _wait(self) -> bool:
@@ -204,10 +196,3 @@ class Recorder:
             self._settled = self._accepted - len(self._queue) - len(self._held)
             self._bytes = sum(e.size for e in self._queue) + sum(e.size for e in self._held)
             self._wake.notify_all()
-
-
-def _counted(entries: deque[Entry]) -> Counter[str]:
-    counts: Counter[str] = Counter()
-    for entry in entries:
-        counts[entry.topic] += entry.n
-    return counts

@@ -33,13 +33,6 @@ class Mark:
     generation: int
 
 
-@dataclass(frozen=True, slots=True)
-class Skipped:
-    """``size`` bytes were overwritten before a slow reader read them."""
-
-    size: int
-
-
 Item = Batch | Frames | messages.Message | Status | Mark
 
 
@@ -150,7 +143,7 @@ class ItemReader:
         self.ring.listen(self.reader, False)
         self.ring.quiet(self.reader)
 
-    def items(self) -> Iterator[Item | Skipped]:
+    def items(self) -> Iterator[Item]:
         """Read all present items in order; those that come meanwhile are for the next call, so that it has an end."""
         end = self.ring.head
         while self.position < end:
@@ -162,7 +155,6 @@ class ItemReader:
                 yield self._item(record)
             elif missed:
                 self.skipped += missed
-                yield Skipped(missed)
             else:
                 return
 

@@ -54,7 +54,7 @@ class _Slot:
         return [*withdrawn((standing.alarm for standing in before.raised), time, BEGINS_ANEW)]
 
 
-def group_by_needs(stages: Mapping[str, Stage[Any] | type[Stage[Any]]], kinds: Mapping[str, str]) -> list[list[str]]:
+def group_by_needs(stages: Mapping[str, type[Stage[Any]]], kinds: Mapping[str, str]) -> list[list[str]]:
     """Names of stages in groups that share no results, each in an order in which needs come first.
 
     ``kinds`` maps a stage's name to its kind; a stage needs every stage of the kinds in its ``needs``.

@@ -49,7 +49,7 @@ class Consumption:
         self._recent: deque[tuple[int, float]] = deque()
         self._day: date | None = None
         self._joule = 0.0
-        self._time = 0
+        self._time = self._written = 0
         self.task: str | None = None
         """The task that ended last."""
 
@@ -97,8 +97,8 @@ class Consumption:
 
     # over a restart -------------------------------------------------------------------------------
 
-    def read(self, folder: Path) -> None:
-        """Go on with the energy of today as an earlier process has written it."""
+    def read(self, folder: Path, now: int) -> None:
+        """Go on with the energy of today as an earlier process has written it; ``now`` is the cell's time, ns."""
         try:
             kept = _Saved.model_validate_json(read_bytes(folder / FILE))
         except FileNotFoundError:
@@ -107,7 +107,8 @@ class Consumption:
             reason = why(error) if isinstance(error, OSError) else "it is not what a daemon wrote"
             log.warning("%s cannot be read, the energy of today begins anew: %s", folder / FILE, reason)
             return
-        self._day, self._joule, self._time = kept.day, kept.joule, kept.time
+        self._day, self._joule = kept.day, kept.joule
+        self._time = kept.time if kept.time <= now else 0  # the PC's clock has been set back since
 
     async def keep(self, folder: Path) -> None:
         """Write the energy of today again and again, for ``read``."""
@@ -116,11 +117,12 @@ class Consumption:
             await self.write(folder)
 
     async def write(self, folder: Path) -> None:
-        """Write the energy of today, if anything was measured."""
-        if self._day is not None:
-            text = json.dumps({"day": self._day.isoformat(), "joule": self._joule, "time": self._time})
+        """Write the energy of today, if anything was measured since it was written last."""
+        if self._day is not None and (time := self._time) != self._written:
+            text = json.dumps({"day": self._day.isoformat(), "joule": self._joule, "time": time})
             with contextlib.suppress(OSError):  # the recorder tells of a disk that refuses
                 await asyncio.to_thread(replace_text, folder / FILE, text)
+                self._written = time
 
 
 _QUARTER: Final = 900 * 10**9  # ns

@@ -44,13 +44,8 @@ def asked_to_end(error: BaseException) -> bool:
 
 
 def _first(reading: Reading, n: int) -> Reading:
-    times, quality = reading.device_time, reading.quality
-    return replace(
-        reading,
-        values=reading.values[:n],
-        device_time=None if times is None else times[:n],
-        quality=None if quality is None else quality[:n],
-    )
+    arrays = [name for name in ("values", "device_time", "quality") if getattr(reading, name) is not None]
+    return replace(reading, **{name: getattr(reading, name)[:n] for name in arrays})
 
 
 class Source:
@@ -125,10 +120,11 @@ class Source:
             if not allowed:
                 return
             reading, n = _first(reading, allowed), allowed
-        if reading.device_time is not None:
+        device_time = reading.device_time
+        if device_time is not None:
             clock = self.clocks[stream.name]
             resets = clock.resets
-            stamped, bound = clock.stamp(reading.device_time, reading.arrival)
+            stamped, bound = clock.stamp(device_time, reading.arrival)
             if clock.resets != resets:
                 self.event("clock_step", f"{self.name}: the device's clock stepped ({clock.state().reason})")
         else:
@@ -145,17 +141,7 @@ class Source:
         if stream.name in self._blank:
             self._look_for_numbers(stream.name, reading.values)
         self._take(
-            Batch(
-                self.name,
-                stream,
-                sequence,
-                reading.arrival,
-                stamped,
-                bound,
-                reading.values,
-                quality,
-                reading.device_time,
-            )
+            Batch(self.name, stream, sequence, reading.arrival, stamped, bound, reading.values, quality, device_time)
         )
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
@@ -257,7 +243,7 @@ class Source:
 
     def _fail(self, error: BaseException, pause: float) -> None:
         self.account.count("restarts")
-        text = str(error) or type(error).__name__
+        text = one_line(str(error) or type(error).__name__)
         if text != self.last_error or self.state != "retrying":
             self.last_error = text
             self.event("lost", f"{self.name}: {text}; trying again in {pause:.1f} s")

@@ -58,6 +58,7 @@ class Teller:
         self.record_folder = None if config.record is None else config.record.folder
         self._consumption = Consumption()
         self._words = Acknowledgements(self.alarms, session, now, self.take, self._publish)
+        self.acknowledge, self.shelve, self.unshelve = self._words.acknowledge, self._words.shelve, self._words.unshelve
         for _, item in journal.past() if journal is not None else ():
             if isinstance(item, Alarm):
                 self.alarms.take(item)
@@ -79,7 +80,7 @@ class Teller:
             self._history = History(self._config.record.folder, self.recorder)
             folder = self._config.record.folder
             await asyncio.to_thread(self._words.read, folder)
-            await asyncio.to_thread(self._consumption.read, folder)
+            await asyncio.to_thread(self._consumption.read, folder, self._now())
             tasks.spawn("words", self._keep_words(folder))
             tasks.spawn("energy", self._consumption.keep(folder))
             tasks.spawn("recovery", self._report_recovery(self.recorder))
@@ -126,7 +127,7 @@ class Teller:
         return Header(self.site, self.cell, self.session, config.robot, config.text, self._streams)
 
     async def _report_recovery(self, recorder: Recorder) -> None:
-        for recovery in await recorder.recovered():
+        for recovery in await recorder.upkeep.recovered():
             self.take(Event(self._now(), None, "recovered", str(recovery)))
 
     async def _keep_words(self, folder: Path) -> None:
@@ -279,18 +280,6 @@ class Teller:
     def recordings(self) -> Sequence[Mapping[str, Any]]:
         """See ``CellView.recordings``."""
         return self._history.recordings() if self._history is not None else ()
-
-    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
-        """See ``CellView.acknowledge``."""
-        self._words.acknowledge(alarm_id, name, note)
-
-    def shelve(self, alarm_id: str, until: int, name: str, note: str) -> None:
-        """See ``CellView.shelve``."""
-        self._words.shelve(alarm_id, until, name, note)
-
-    def unshelve(self, alarm_id: str, name: str) -> None:
-        """See ``CellView.unshelve``."""
-        self._words.unshelve(alarm_id, name)
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
         """See ``CellView.history``."""

@@ -189,22 +189,21 @@ def _suffers(trouble: Trouble, starved: bool) -> bool:
     return starved and trouble.kind == "stage_slow"
 
 
-def _behind(name: str, process: Mapping[str, Any], before: Mapping[str, Any]) -> list[Trouble]:
+def _behind(name: str, process: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[Trouble]:
     """A process that fell behind by more than the ring holds, so that it never saw some of it."""
     lost = process.get("skipped_bytes", 0) - before.get("skipped_bytes", 0)
-    if lost <= 0:
-        return []
-    what = "are missing in the record" if name == "tell" else "were left out"
-    text = f"Process {name} fell more than 10 s behind: {lost} bytes of samples {what}. This PC is too busy"
-    return [Trouble("process_slow", "error", name, f"{text} with other programs.", {"skipped_bytes": lost})]
+    if lost > 0:
+        what = "are missing in the record" if name == "tell" else "were left out"
+        text = f"Process {name} fell more than 10 s behind: {lost} bytes of samples {what}. This PC is too busy"
+        yield Trouble("process_slow", "error", name, f"{text} with other programs.", {"skipped_bytes": lost})
 
 
-def _silent(name: str, source: Mapping[str, Any]) -> list[Trouble]:
+def _silent(name: str, source: Mapping[str, Any]) -> Iterator[Trouble]:
     """A device that answers and gives no number, or none for some of its channels."""
     since = source["since_s"]
     if source["state"] == "starting" and source["identity"] and since >= SPAN:
         text = f"Source {name} answers, but has given no number since, for {since:.0f} s: cellwatt doctor tells more."
-        return [Trouble("source_silent", "error", name, text, {"silent_s": since})]
+        yield Trouble("source_silent", "error", name, text, {"silent_s": since})
     blank = [
         f"{name}.{channel}"
         for figures in source["streams"].values()
@@ -212,12 +211,11 @@ def _silent(name: str, source: Mapping[str, Any]) -> list[Trouble]:
         for channel in figures.get("blank", ())
         if figures["samples"] or figures["nominal_hz"]  # what is sent on change may never have changed
     ]
-    if not blank:
-        return []
-    more = f" and {len(blank) - MOST_NAMED} more" if len(blank) > MOST_NAMED else ""
-    text = f"Source {name} answers, but gives no number for {', '.join(blank[:MOST_NAMED])}{more}"
-    hint = "has the device such channels, and are their sensors alive?"
-    return [Trouble("source_blank", "warning", name, f"{text}: {hint}", {"channels": blank})]
+    if blank:
+        more = f" and {len(blank) - MOST_NAMED} more" if len(blank) > MOST_NAMED else ""
+        text = f"Source {name} answers, but gives no number for {', '.join(blank[:MOST_NAMED])}{more}"
+        hint = "has the device such channels, and are their sensors alive?"
+        yield Trouble("source_blank", "warning", name, f"{text}: {hint}", {"channels": blank})
 
 
 def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
@@ -271,15 +269,12 @@ def _unsteady(name: str, source: Mapping[str, Any], before: Mapping[str, Any], s
     return []
 
 
-def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
+def _unsure(name: str, source: Mapping[str, Any]) -> Iterator[Trouble]:
     """A device's clock that is not followed well enough for frames."""
-    if source["since_s"] < SPAN:
-        return []
     worst = max((clock["bound_ns"] * 1e-9 for clock in source["clocks"].values()), default=0.0)
-    if worst <= UNSURE:
-        return []
-    text = f"Source {name}: samples may be off by up to {worst:.2g} s, as nothing comes in time to tell its clock."
-    return [Trouble("clock_unsure", "warning", name, text, {"bound_s": round(worst, 3)})]
+    if source["since_s"] >= SPAN and worst > UNSURE:
+        text = f"Source {name}: samples may be off by up to {worst:.2g} s, as nothing comes in time to tell its clock."
+        yield Trouble("clock_unsure", "warning", name, text, {"bound_s": round(worst, 3)})
 
 
 class Monitor:
@@ -294,7 +289,7 @@ class Monitor:
         self._past: deque[tuple[int, Mapping[str, Any]]] = deque()
         self._book = AlarmBook()
         for alarm in active:
-            if alarm.kind in KINDS:
+            if alarm.stage is None and alarm.kind in KINDS:
                 self._book.take(alarm)
 
     def look(self, status: Mapping[str, Any], now: int) -> list[Alarm]:

@@ -5,7 +5,6 @@ pyarrow is imported on first use.
 
 from __future__ import annotations
 
-import csv
 import io
 import logging
 from collections.abc import Mapping, Sequence
@@ -20,7 +19,7 @@ from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
 from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped
 from cellwatt.tables.encoding import text_of
 from cellwatt.tables.names import is_unit
-from cellwatt.tables.rows import Rows, rows_of
+from cellwatt.tables.rows import Rows, cells_in, rows_of
 from cellwatt.tables.table import Table
 from cellwatt.tables.times import CLOCKS, DAY
 
@@ -159,7 +158,7 @@ def _csv(path: Path) -> Table:
 
 def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]:
     """Units in the row below the names, where it holds nothing else, and the rows behind it."""
-    first = next(csv.reader(rows.records[:1], delimiter=rows.separator), [])
+    first = cells_in(rows.records[0], rows.separator) if rows.records else []
     found = {name: cell.strip(" \t[]()") for name, cell in zip(rows.names, first, strict=False) if name}
     written = {name: unit for name, unit in found.items() if unit and unit != "-"}
     if not written or not all(is_unit(unit) for unit in written.values()):

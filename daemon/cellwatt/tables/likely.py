@@ -42,6 +42,8 @@ def likely(table: Table) -> list[Likely]:
     """What columns with unknown names look like: positions with their velocities, and torques that go with them."""
     rows = slice(0, MOST)
     time, unknown = table.time[rows], dict(_families(table))
+    if len(time) < 2 or not np.all(np.diff(time) > 0):
+        return []  # no slopes
     values = {pattern: np.column_stack([table.columns[n][rows] for n in names]) for pattern, names in unknown.items()}
     found: dict[str, str] = {}
     known = table.joints("position")

@@ -86,7 +86,8 @@ def _records(text: str) -> list[str]:
     return out
 
 
-def _cells(record: str, separator: str) -> list[str]:
+def cells_in(record: str, separator: str) -> list[str]:
+    """The cells of a row, without quotes. Raises ``ValueError``."""
     try:
         quoted = '"' in record
         found = (
@@ -109,7 +110,7 @@ def _separator(records: Sequence[str]) -> str:
     best, separator = 0, ALONE
     for each in SEPARATORS:
         first, *below = records[_first_of_names(records, each) :]
-        rows = [_cells(record, each) for record in below]
+        rows = [cells_in(record, each) for record in below]
         names = _names(first, each, max(map(_filled, rows), default=0))
         if len(names) > 1 and (fit := sum(_fits(row, names) for row in rows) or not rows) > best:
             best, separator = fit, each
@@ -126,7 +127,7 @@ def _fits(cells: Sequence[str], names: Sequence[str]) -> bool:
 def _first_of_names(records: Sequence[str], separator: str) -> int:
     """Index of the row of names: the first, or the first that has several names where titles stand above it."""
     for i, record in enumerate(records[:_LOOKED_AT]):
-        filled = [cell for cell in _cells(record, separator) if cell.strip()]
+        filled = [cell for cell in cells_in(record, separator) if cell.strip()]
         if len(filled) > 1:
             return i if not any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in filled) else 0
     return 0
@@ -134,7 +135,7 @@ def _first_of_names(records: Sequence[str], separator: str) -> int:
 
 def _names(record: str, separator: str, width: int) -> list[str]:
     """Names in a row; a separator within brackets is part of a name where the rows below have fewer cells."""
-    cells = _cells(record, separator)
+    cells = cells_in(record, separator)
     if _filled(cells) > width:
         joined: list[str] = []
         for cell in cells:
@@ -164,7 +165,7 @@ def _commented(comments: Sequence[str], records: Sequence[str], separator: str) 
 
 
 def _width(records: Sequence[str], separator: str) -> int:
-    return max((_filled(_cells(record, separator)) for record in records), default=0)
+    return max((_filled(cells_in(record, separator)) for record in records), default=0)
 
 
 def _all_numbers(words: Sequence[str]) -> bool:
@@ -176,10 +177,10 @@ def _fitted(record: str, number: int, names: Sequence[str], separator: str) -> s
     """The row with as many cells as there are names. Raises ``ValueError`` where others than empty ones differ."""
     plain, expected = '"' not in record, len(names)
     if plain and separator == " ":
-        record = separator.join(_cells(record, separator))
+        record = separator.join(cells_in(record, separator))
     if plain and record.count(separator) + 1 == expected:
         return record
-    cells = _cells(record, separator)
+    cells = cells_in(record, separator)
     if not _fits(cells, names):
         hint = ""
         if len(cells) > expected:

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -163,11 +164,27 @@ def test_positions_in_rad_stay_and_shares_of_a_range_are_refused(tmp_path):
     np.testing.assert_allclose(found, POSITION[:, 2] * factor, atol=1e-6)
 
 
-def test_a_data_set_without_states_says_what_it_has(tmp_path):
-    path = lerobot(tmp_path / "set")
-    (path / "meta" / "info.json").write_text(json.dumps({"fps": 30, "features": {"observation.image": {}}}))
-    with pytest.raises(RecordingError, match=r"without observation\.state; it has observation\.image"):
-        read_table(path)
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"features": {"observation.image": {}}}, r"without observation\.state; it has observation\.image"),
+        ({"features": {"observation.state": "x"}}, r"no info\.json of a LeRobot data set"),
+        ({"fps": 0}, r"fps is 0"),
+    ],
+)
+def test_a_data_set_without_states_or_with_nonsense_says_what_it_has(tmp_path, changed, told):
+    about = lerobot(tmp_path / "set") / "meta" / "info.json"
+    about.write_text(json.dumps(json.loads(about.read_text()) | changed))
+    with pytest.raises(RecordingError, match=told):
+        read_table(tmp_path / "set")
+
+
+def test_an_episode_whose_timestamps_stand_still_is_refused(tmp_path):
+    (file,) = lerobot(tmp_path / "set").rglob("*.parquet")
+    table = pq.read_table(file)
+    pq.write_table(table.set_column(2, "timestamp", pa.array(np.zeros(len(table)))), file)
+    with pytest.raises(RecordingError, match="timestamps of the episode do not rise"):
+        read_table(tmp_path / "set")
 
 
 def test_a_bag_whose_metadata_are_torn_is_refused_in_one_line(tmp_path):

@@ -202,7 +202,7 @@ async def test_what_is_being_repaired_is_not_said_to_be_gone(tmp_path, monkeypat
                 await asking
         assert await ask(history, "arm", "rtde", SESSION + 1, 0, 10) == []
         begin.set()
-        await recorder.recovered()
+        await recorder.upkeep.recovered()
         assert numbers(await ask(history, "arm", "rtde", SESSION, 10, 10)) == list(range(10, 20))
         assert numbers(await frames()) == list(range(10))
         assert await ask(history, "arm", "rtde", SESSION, 20, 10) == []

@@ -46,6 +46,11 @@ def test_a_disk_that_is_too_small_for_what_is_to_be_kept(tmp_path: Path) -> None
     assert obstacles(RecordSettings(folder=tmp_path, keep=1e6, evidence=none)) == Obstacles()
 
 
+def test_a_recording_that_is_gone_when_its_size_is_asked_for_is_no_trouble(tmp_path: Path) -> None:
+    (tmp_path / "weld.mcap").symlink_to(tmp_path / "gone")
+    assert obstacles(RecordSettings(folder=tmp_path, keep=1e6)) == Obstacles()
+
+
 def test_a_folder_that_takes_no_byte(tmp_path: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))

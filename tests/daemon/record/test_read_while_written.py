@@ -4,11 +4,8 @@ import itertools
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from cellwatt.commands.export import command as export
 from cellwatt.record import Header, Recording, reader, recover, survey
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import PART
@@ -157,17 +154,6 @@ def test_a_file_that_was_just_begun_is_no_damage(tmp_path):
     recording = Recording.open(tmp_path / "made")
     assert recording.damage == [] and len(recording.batches("arm", "rtde")) == 350
     writer.file.release()
-
-
-@pytest.mark.parametrize("number", (0, 20))
-def test_export_of_a_rotating_folder(tmp_path, monkeypatch, number):
-    writer = Writer(tmp_path / "made")
-    at_step(number, writer.rotate, monkeypatch)
-    done = CliRunner().invoke(export, [str(tmp_path / "made"), "--out", str(tmp_path / "out"), "--format", "csv"])
-    writer.file.release()
-    assert done.exit_code == 0, done.output
-    rows = np.genfromtxt(tmp_path / "out" / "arm.rtde.csv", delimiter=",", names=True)
-    assert rows["sequence"].tolist() == list(range(len(rows))) and len(rows) >= 350
 
 
 def test_a_pages_origin_of_a_folder_that_is_being_written(tmp_path, monkeypatch):

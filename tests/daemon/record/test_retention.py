@@ -20,14 +20,6 @@ def numbers(files):
     return [f.name.number for f in files]
 
 
-def test_the_oldest_go_until_the_budget_holds():
-    files = [kept(n, 100) for n in range(1, 6)]
-    assert numbers(surplus(files, keep=500, age=0, now=1000, reserve=0)) == []
-    assert numbers(surplus(files, keep=499, age=0, now=1000, reserve=0)) == [1]
-    assert numbers(surplus(files, keep=500, age=0, now=1000, reserve=101)) == [1, 2]
-    assert numbers(surplus(files, keep=50, age=0, now=1000, reserve=0)) == [1, 2, 3, 4, 5]
-
-
 def test_old_files_go_whatever_the_budget():
     files = [kept(1, 1, age=500), kept(2, 1, age=99), kept(3, 1, age=101)]
     assert numbers(surplus(files, keep=1e9, age=100, now=1000, reserve=0)) == [1, 3]

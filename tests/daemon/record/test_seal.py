@@ -133,7 +133,7 @@ async def test_a_repaired_file_is_told_as_such(keys: Path) -> None:
     folder.mkdir()
     write_chunks(folder, [[batch_of(0, 5)], [batch_of(5, 5)]], close=False)
     async with started(RecordSettings(folder=folder, sign=keys / "cell.key")) as recorder:
-        await recorder.recovered()
+        await recorder.upkeep.recovered()
     ((_, state, problem),) = verify([folder], keys / "cell.pub")
     assert (state, problem) == ("repaired", "")
 

@@ -67,16 +67,35 @@ async def test_after_a_restart_it_goes_on(tmp_path: Path) -> None:
     columns = layout("board.supply.power")
     first.add(block(columns, [[10.0]] * 50))
     await first.write(tmp_path)
-    await asyncio.to_thread(second.read, tmp_path)
+    await asyncio.to_thread(second.read, tmp_path, NOON + 50 * STEP)
     second.add(block(columns, [[10.0]] * 100))  # the first fifty are those that were counted
     assert second.told()["energy_today_J"] == 20.0
+
+
+async def test_a_clock_that_was_set_back_by_a_year_stops_nothing(tmp_path: Path) -> None:
+    first, second = Consumption(), Consumption()
+    columns = layout("board.supply.power")
+    first.add(block(columns, [[10.0]] * 50, start=NOON + 365 * 86_400 * 10**9))
+    await first.write(tmp_path)
+    await asyncio.to_thread(second.read, tmp_path, NOON)
+    second.add(block(columns, [[30.0]] * 50))
+    assert second.told() == {"power_W": 30.0, "energy_today_J": 30.0}
+
+
+async def test_a_cell_that_rests_writes_nothing(tmp_path: Path) -> None:
+    cell = Consumption()
+    cell.add(block(layout("board.supply.power"), [[10.0]] * 50))
+    await cell.write(tmp_path)
+    (tmp_path / FILE).unlink()
+    await cell.write(tmp_path)
+    assert not (tmp_path / FILE).exists()
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"day": "yesterday"}'])
 async def test_a_damaged_file_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture, text: str) -> None:
     (tmp_path / FILE).write_text(text)
     cell = Consumption()
-    await asyncio.to_thread(cell.read, tmp_path)
+    await asyncio.to_thread(cell.read, tmp_path, NOON)
     assert "energy.json cannot be read" in caplog.text
     await cell.write(tmp_path)
     assert (tmp_path / FILE).read_text() == text, "nothing was measured"

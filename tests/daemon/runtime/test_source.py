@@ -141,10 +141,10 @@ def test_no_pause_is_longer_than_a_fifth_above_the_longest(error):
 
 @at_once
 async def test_a_wrong_device_is_tried_slowly_from_the_start(no_jitter):
-    wrong = WrongDeviceError("192.0.2.1 is a UR5e, the settings say UR10e")
+    wrong = WrongDeviceError("192.0.2.1 is a UR5e\x1b[2J,\nthe settings say UR10e")
     async with running(fail(wrong), fail(wrong)) as cellar:
         assert await tries(3) == pytest.approx([10, 10])
-        assert cellar.source.status()["error"] == str(wrong)
+        assert cellar.source.status()["error"] == "192.0.2.1 is a UR5e [2J, the settings say UR10e", "one line"
 
 
 @at_once

@@ -67,6 +67,11 @@ def test_a_source_that_comes_and_goes_is_one_alarm() -> None:
     assert [a.active for a in said] == [True, False, True, False, True, False]
 
 
+def test_an_alarm_of_a_stage_is_not_the_daemons_to_clear() -> None:
+    theirs = Alarm("soldering", "recorder", "warning", True, 1, 2, "The reflow recorder has stopped.", stage="oven")
+    assert looked_at(Monitor([theirs]), 5, lambda _: {}) == []
+
+
 def test_other_parts() -> None:
     watch = Monitor()
     sick = status() | {

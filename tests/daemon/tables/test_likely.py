@@ -37,6 +37,11 @@ def test_what_is_known_already_is_not_offered() -> None:
     assert likely(table("qpos", "qvel", "tau_")) == []
 
 
+@pytest.mark.parametrize("rows", [0, 1])
+def test_a_table_of_one_row_looks_like_nothing(rows: int) -> None:
+    assert likely(table("Angle", "Rate", "Moment").at(np.arange(len(TIME)) < rows)) == []
+
+
 def test_names_of_a_user_are_read_within_the_block() -> None:
     log = table("Angle", "Rate", "Moment")
     stems = {usual(each.quantity): each.pattern for each in likely(log)}

@@ -126,8 +126,8 @@ class Keeper:
 
     async def _write(self) -> None:
         """Bring to disk which packs are due."""
-        names, self._unwritten = self._unwritten, set()
-        for due in [due for due in self._waiting if due.name in names]:
+        while (due := next((due for due in self._waiting if due.name in self._unwritten), None)) is not None:
+            self._unwritten.discard(due.name)
             try:
                 await asyncio.to_thread(packs.write_due, self.folder, due)
             except OSError as error:

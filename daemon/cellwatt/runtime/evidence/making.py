@@ -123,18 +123,13 @@ def _pictures(pack: Recording, alarm: Alarm) -> list[Block]:
     since, units = (alarm.time, "the alarm"), recorded_section(pack.header.settings, "units", Units)
     figure = channels_over_time(pack, frames, 0, len(frames), wanted, units, since=since, most=MOST_POINTS)
     rows = list(figure.rows)[:MOST_PANELS]
-    first = max((alarm.since - alarm.time) * 1e-9, _begin(frames, alarm))
+    first = float(max(alarm.since, frames.time[0]) - alarm.time) * 1e-9
     marked = [[replace(panel, marks=[stretch(first, 0.0, FOUND, 0.3), *panel.marks])] for (panel,) in rows]
     blocks: list[Block] = [Drawn(replace(figure, rows=marked, heights=list(figure.heights)[: len(rows)]))]
     models = sorted({p.model for p in pack.results(Prediction)})
     if models:
         blocks.append(f"Outputs of {', '.join(models)} are in the pack, under /prediction.")
     return blocks
-
-
-def _begin(frames: Frames, alarm: Alarm) -> float:
-    """Time of the first frame, s since the alarm."""
-    return float(frames.time[0] - alarm.time) * 1e-9
 
 
 def _channels(frames: Frames, alarm: Alarm) -> list[str]:

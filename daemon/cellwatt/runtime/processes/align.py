@@ -9,7 +9,7 @@ from typing import Final
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
-from cellwatt.ring import ItemReader, ItemWriter, Mark, Skipped, Status
+from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
@@ -40,7 +40,6 @@ class _Aligning:
         self._fitting: dict[int, bool] = {}
         """True for the identity of a stream that is in force."""
         self._read: deque[tuple[float, int]] = deque()
-        self._skipped = 0
         self._said = 0.0
 
     def run(self) -> None:
@@ -65,8 +64,6 @@ class _Aligning:
                 self._give(self._framer.take(item))
             case Mark() if item.generation > self._generation:
                 self._change(item.generation)
-            case Skipped():
-                self._skipped += item.size
             case _:
                 pass
 
@@ -101,5 +98,5 @@ class _Aligning:
             self._say()
 
     def _say(self) -> None:
-        said = figures("align", self._assignment, skipped_bytes=self._skipped, frames=self._framer.status())
+        said = figures("align", self._assignment, skipped_bytes=self._in.skipped, frames=self._framer.status())
         self._out.put(Status(said))

@@ -12,7 +12,7 @@ from cellwatt.ring import ItemWriter, Mark, Status
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.processes.rights import claim, settle_memory
-from cellwatt.runtime.processes.shared import TELL, Apply, Assignment, Looks, Ready, Stop, figures
+from cellwatt.runtime.processes.shared import TELL, Apply, Assignment, Ready, Stop, figures
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.ticker import Ticker
 
@@ -68,7 +68,7 @@ class _Collecting:
     def _hear(self) -> None:
         try:
             message = self._assignment.control.recv()
-        except EOFError:  # the supervisor is gone
+        except (EOFError, OSError):  # the supervisor is gone
             message = Stop()
         if isinstance(message, Apply):
             self._applying.put_nowait(message)
@@ -96,12 +96,13 @@ class _Collecting:
                 log.exception("an item cannot be passed on")
 
     async def _heart(self) -> None:
-        collected, looks = time.monotonic(), Looks()
+        collected, given = time.monotonic(), -1
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = tick.lateness
-                if not looks.due(self._given):
-                    continue
+                if given == self._given:
+                    ticker.skip()  # nothing comes: each other second will do
+                given = self._given
                 self._collector.keep_time()
                 self._say()
                 if time.monotonic() - collected > COLLECT:

@@ -51,7 +51,7 @@ class Part:
         return self.pid > 0
 
     def start(self, others: Iterable[Part]) -> None:
-        """Fork the process; what belongs to ``others`` is closed in it."""
+        """Fork the process; what belongs to ``others`` is closed in it. Raises ``OSError`` where there is no room."""
         ours, theirs = Pipe()
         assignment = self.make(theirs, self.restarts)
         self._began, self.ready = time.monotonic(), False
@@ -62,7 +62,13 @@ class Part:
                 other.let_go()
             _serve(self.name, self.main, assignment)
         theirs.close()
-        self.pid, self.control, self.exit = pid, ours, os.pidfd_open(pid)
+        try:
+            self.exit = os.pidfd_open(pid)
+        except OSError:
+            os.kill(pid, signal.SIGKILL)  # nobody would learn of its end
+            os.waitpid(pid, 0)
+            raise
+        self.pid, self.control = pid, ours
 
     def let_go(self) -> None:
         """Close what the supervisor holds of this process."""

@@ -46,7 +46,7 @@ class Resume:
         """
         if recorder is None or not restarts:
             return cls()
-        await recorder.recovered()
+        await recorder.upkeep.recovered()
         return await asyncio.to_thread(cls._read, recorder.settings.folder, recorder.cell, recorder.session, series)
 
     @classmethod

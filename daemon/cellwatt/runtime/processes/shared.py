@@ -134,20 +134,6 @@ class Stop:
     """Come to an end."""
 
 
-class Looks:
-    """Looks of a process at itself: each second, or each other one while nothing comes."""
-
-    def __init__(self) -> None:
-        self._count = 0
-        self._rested = False
-
-    def due(self, count: int) -> bool:
-        """True if a look is due at the second that begins; ``count`` is of all that came so far."""
-        self._rested = count == self._count and not self._rested
-        self._count = count
-        return not self._rested
-
-
 def figures(part: str, assignment: Assignment, **more: Any) -> dict[str, Any]:
     """Figures that a process gives of itself about once a second."""
     return {

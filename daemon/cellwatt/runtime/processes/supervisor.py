@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -53,6 +54,8 @@ SWITCH_INTERVAL: Final = 0.0005
 """Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
 LOOK: Final = 1.0
 """Longest time, s, without a look at the clock."""
+AGAIN: Final = 5.0
+"""s until a process is tried again that the PC had no memory, processes or files left for."""
 END: Final = 12.0
 """Longest time, s, that one process may take to come to its end."""
 
@@ -180,24 +183,25 @@ class Supervisor:
         generation = self._generation + held
         made: dict[int, Part] = {}
         for slot, names in zip(free, chain_names(config, CHAINS), strict=False):
-            made[slot] = Part(
-                f"judge {'+'.join(names)}", judge, self._assign_judge(config, generation, names, slot, held)
-            )
+            assign = partial(self._assign_judge, config, generation, tuple(names), slot, held)
+            made[slot] = Part(f"judge {'+'.join(names)}", judge, assign)
         return made
 
     def _assign_judge(
-        self, config: CellConfig, generation: int, names: list[str], slot: int, held: bool
-    ) -> Callable[[Connection, int], Assignment]:
-        def make(control: Connection, restarts: int) -> Assignment:
-            waits = held and self._generation < generation
-            if not restarts:
-                self._shared.frames.settle(OTHERS + slot, self._shared.frames.head)
-            self._shared.results[slot].begin()
-            return Assignment(
-                self._shared, config, generation, control, restarts, stages=tuple(names), slot=slot, held=waits
-            )
-
-        return make
+        self,
+        config: CellConfig,
+        generation: int,
+        names: tuple[str, ...],
+        slot: int,
+        held: bool,
+        control: Connection,
+        restarts: int,
+    ) -> Assignment:
+        waits = held and self._generation < generation
+        if not restarts:
+            self._shared.frames.settle(OTHERS + slot, self._shared.frames.head)
+        self._shared.results[slot].begin()
+        return Assignment(self._shared, config, generation, control, restarts, stages=names, slot=slot, held=waits)
 
     def _start(self, part: Part) -> None:
         part.start([p for p in self._parts if p is not part])
@@ -215,7 +219,11 @@ class Supervisor:
         self._shared.clock.discipline()
         for part in serving:
             if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
-                self._start(part)
+                try:
+                    self._start(part)
+                except OSError as error:  # the others go on, and one that takes too much may end
+                    part.again_at = time.monotonic() + AGAIN
+                    log.warning("the process %s cannot be begun: %s; again in %.0f s", part.name, error.strerror, AGAIN)
 
     def _wait(self, seconds: float) -> None:
         """Deal with news, which may take ``seconds`` to come."""

@@ -16,7 +16,7 @@ from cellwatt.frames import Frames
 from cellwatt.gather import next_moment
 from cellwatt.processor import starved
 from cellwatt.results import Event, series_of
-from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
+from cellwatt.ring import ItemReader, Mark, RingJournal, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.chain import BEGINS_ANEW
 from cellwatt.runtime.change import Change
@@ -30,7 +30,6 @@ from cellwatt.runtime.processes.shared import (
     Apply,
     Assignment,
     InForce,
-    Looks,
     Ready,
     figures,
 )
@@ -90,8 +89,8 @@ class _Telling:
         self._lag = 0.0
         self._alive = 0.0, ""
         """When the supervisor heard of the cell's health last, monotonic s, and what."""
-        self._skipped = self._told_skipped = 0
-        """Bytes that were written over before they were read here, and of how many an event was told."""
+        self._told_skipped = 0
+        """Bytes of which an event told that they were written over before they were read here."""
 
     async def run(self) -> None:
         control, loop = self._assignment.control, asyncio.get_running_loop()
@@ -180,8 +179,6 @@ class _Telling:
                 self._note_figures(way, item.figures)
             case Mark():
                 self._come_to(way, item.generation)
-            case Skipped():
-                self._skipped += item.size
             case Batch() | Frames():
                 fresh = self._resume.fresh(item)
                 if fresh is not None:
@@ -235,7 +232,7 @@ class _Telling:
     def _hear(self) -> None:
         try:
             message = self._assignment.control.recv()
-        except EOFError:  # the supervisor is gone: the others end by themselves
+        except (EOFError, OSError):  # the supervisor is gone: the others end by themselves
             loop = asyncio.get_running_loop()
             loop.remove_reader(self._assignment.control.fileno())
             loop.call_later(ALONE, self._over.set)
@@ -261,7 +258,8 @@ class _Telling:
             await self._change(message, change)
             self._raw.held = self._frames.held = False
             self._turn()
-            self._assignment.control.send(InForce(message.generation))
+            with contextlib.suppress(OSError):  # the supervisor is gone: what is in the rings is still to be told
+                self._assignment.control.send(InForce(message.generation))
 
     async def _change(self, message: Apply, change: Change) -> None:
         await self._teller.stop(self._tasks, change.outlets)
@@ -284,12 +282,13 @@ class _Telling:
                 self._alive = now, line
 
     async def _heart(self) -> None:
-        looks = Looks()
+        count = -1
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = tick.lateness
-                if not looks.due(sum(way.reader.count for way in self._ways)):
-                    continue
+                before, count = count, sum(way.reader.count for way in self._ways)
+                if count == before:
+                    ticker.skip()  # nothing comes: each other second will do
                 self._assignment.shared.clock.discipline()
                 self._turn()
                 self._settle()
@@ -298,6 +297,11 @@ class _Telling:
                 except Exception:
                     # Health is worth a lot, but never the data: it is looked at again in a second.
                     log.exception("the look at the cell's health failed")
+
+    @property
+    def _skipped(self) -> int:
+        """Bytes that were written over before they were read here."""
+        return sum(way.reader.skipped for way in self._ways)
 
     def _tell_skipped(self) -> None:
         lost, self._told_skipped = self._skipped - self._told_skipped, self._skipped

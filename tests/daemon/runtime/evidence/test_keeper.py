@@ -134,6 +134,26 @@ async def test_a_daemon_that_stops_early_makes_the_pack_with_what_there_is(cell:
     assert not cell.due and keeper.stats()["made"] == 1
 
 
+async def test_a_stop_amid_the_first_note_leaves_a_note_of_each_pack(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entered, written = asyncio.Event(), packs.write_due
+
+    def slow(folder: Path, due: packs.Due) -> None:
+        loop.call_soon_threadsafe(entered.set)
+        written(folder, due)
+
+    loop = asyncio.get_running_loop()
+    monkeypatch.setattr(packs, "write_due", slow)
+    async with cell.keeper() as keeper:
+        keeper.alarm(alarm(at=5.0))
+        keeper.alarm(alarm("other", at=60.0))
+        await entered.wait()
+    monkeypatch.setattr(keeping, "CLOSE", 0.0)
+    await keeper.close()
+    assert len(cell.due) == 2
+
+
 async def test_what_is_gone_from_the_record_is_given_up_and_said(cell: Cell) -> None:
     async with cell.keeper() as keeper:
         keeper.alarm(alarm(at=50.0))
