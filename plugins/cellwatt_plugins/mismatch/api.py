@@ -8,7 +8,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from cellwatt.errors import ConfigError
+from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.files import Place, Places, paths_of
 from cellwatt.tables import read_table
 from cellwatt_plugins.mismatch.explain import Explained
@@ -45,6 +45,8 @@ def explain(
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
     recorded, simulated, metered = paths_of(recordings), paths_of(simulation), paths_of(meter)
+    if not recorded:
+        raise RecordingError("no recording given")
     simulator = simulator_file(simulated)
     arm = robot if isinstance(robot, Arm) else arm_of(robot, simulator, recorded)
     with threadpool_limits(1):

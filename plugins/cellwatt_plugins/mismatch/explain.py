@@ -30,7 +30,7 @@ from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.cascade import Falling, cascade, falling
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
-from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Retuned, Verdict
+from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, RetunedNumber, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.mounting import as_mounted, errors
 from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of
@@ -178,13 +178,14 @@ def _findings(
 ) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
     found, left, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
-    falls, moved = list[Falling](), list[Retuned]()
+    falls, moved = list[Falling](), list[RetunedNumber]()
     curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
     size = torque.problem.states[0].robot.tolerances.unexplained
     limits = EXCESS if planned else WITHOUT_PLAN, size
     for solution in sides:
-        held, best = LeaveOut(solution.problem, solution.factor), solution.best
+        best = solution.best
+        held = LeaveOut(best.problem, best.factor)
         nominal = solution.problem.chi2(solution.problem.fit([]).residual)
         own = lack_of_fit(nominal, solution, *limits)
         # What retuning within tolerance would take up, though data left out do not confirm it, is not unknown.
@@ -194,12 +195,12 @@ def _findings(
         falls.append(falling(solution))
         found += findings_of(solution, falls[-1], own, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
-            found += unknown_findings(solution, [u for u in own if _looked_at(solution, u)], held)
+            found += unknown_findings(solution, [u for u in own if _looked_at(solution, u)])
         left += [unexplained_channel(u, *solution.problem.channel(u.channel), _looked_at(solution, u)) for u in own]
-        curves += curves_of(best, LeaveOut(best.problem, best.factor))
+        curves += curves_of(best, held)
         moved += retuned_of(solution, falls[-1])
         started = upright if mounted is not None and solution is torque else falls[-1].simulation
-        fit += _fit(best, LeaveOut(best.problem, best.factor), started)
+        fit += _fit(best, held, started)
         tried += solution.tried
     found += rattling_findings(torque)
     named = any(f.effect != "unknown" for f in found)

@@ -18,7 +18,7 @@ from cellwatt.files import Place
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Alarm, Interval, Prediction, Result
 from cellwatt.stage import CellInfo, Stage
-from cellwatt_plugins.mismatch.live.alarms import Told, left_out
+from cellwatt_plugins.mismatch.live.alarms import Occasion, left_out
 from cellwatt_plugins.mismatch.live.band import Band
 from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import intake, streamed
@@ -110,7 +110,7 @@ class MismatchStage(Stage[MismatchSettings]):
 
     def _say_once(self, now: int) -> list[Result]:
         names, self._unsaid = self._unsaid, ()
-        return [left_out(Told(self.name, self._intake.source, now, now), names)] if names else []
+        return [left_out(Occasion(self.name, self._intake.source, now, now), names)] if names else []
 
     def _compare(self, stretch: Stretch) -> Prediction:
         """Simulate a stretch; what is new in it goes into the history beside what was measured."""

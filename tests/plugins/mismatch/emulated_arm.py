@@ -140,10 +140,13 @@ START = 1_795_000_000 * 10**9
 
 def frames(arm: Recorded, lay: Layout) -> Frames:
     """The recording as one block of frames."""
-    values = np.column_stack([arm.position, arm.velocity, arm.torque, arm.power])
-    time = START + lay.step * np.arange(len(values))
-    quality = np.zeros(values.shape, np.uint8)
-    return Frames(lay, 0, time, values, quality, np.zeros(values.shape, np.int64))
+    return framed(lay, np.column_stack([arm.position, arm.velocity, arm.torque, arm.power]))
+
+
+def framed(lay: Layout, values: np.ndarray) -> Frames:
+    """Values (n, channels) as one block of frames."""
+    time, bound = START + lay.step * np.arange(len(values)), np.zeros(values.shape, np.int64)
+    return Frames(lay, 0, time, values, bound.astype(np.uint8), bound)
 
 
 def cut(whole: Frames, first: int, last: int) -> Frames:

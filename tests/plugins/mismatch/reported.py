@@ -15,7 +15,7 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     Finding,
     Findings,
     Improvement,
-    Retuned,
+    RetunedNumber,
     Span,
     Step,
     UnexplainedChannel,
@@ -145,7 +145,7 @@ INERTIA = Finding(
     improvement=Improvement("tau_1", "N*m", 0.66, 0.61, 0.6, True),
     was=0.15,
 )
-HEAVIER = Retuned("mass", 3, 2.1, 2.34, 0.03, "kg", 0.1, True, "The mass of link 3 is 2.34 ± 0.03 kg.")
+HEAVIER = RetunedNumber("mass", 3, 2.1, 2.34, 0.03, "kg", 0.1, True, "The mass of link 3 is 2.34 ± 0.03 kg.")
 TRIED = (
     Trial("stribeck_friction", 2, 1840.2, True, "raises the evidence and helps in every block left out"),
     Trial("standby_power", None, 9211.0, True, "raises the evidence and helps in every block left out"),

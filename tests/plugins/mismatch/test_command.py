@@ -7,6 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.commands import EXIT_ERROR, EXIT_USAGE
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.model import load_model
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.calling import call
@@ -141,6 +143,11 @@ def test_a_bad_recording_is_one_line_and_an_error(cell, tmp_path):
     assert "deg" in errors
     assert "run_01" in errors
     assert not (tmp_path / "out").exists()
+
+
+def test_a_list_without_recordings_is_refused(cell):
+    with pytest.raises(RecordingError, match="no recording given"):
+        api.explain([], robot=cell)
 
 
 def test_an_option_without_its_file_is_no_comparison_with_the_robot(cell, tmp_path):

@@ -24,12 +24,12 @@ SAID = 3
 """Findings in an alarm's own words; all are in its evidence."""
 AGREED = "Within noise and tolerances the recording agrees with a simulation whose numbers are retuned."
 
-Place = tuple[str, int | None]
-"""An effect's name and its 1-based joint."""
+Known = Collection[tuple[str, int | None]]
+"""Effects of the model that runs, each by its name and its 1-based joint."""
 
 
 @dataclass(frozen=True)
-class Told:
+class Occasion:
     """Common to all alarms of an explanation: ns of the first evidence and of the alarm, s of the recording."""
 
     prefix: str
@@ -48,8 +48,8 @@ class Told:
         return Alarm(name, kind, severity, True, since, time, statement, source, joint, evidence=evidence)
 
 
-def found(told: Told, outcome: Outcome, known: Collection[Place]) -> Alarm:
-    """The alarm for an outcome with findings; ``known`` effects are in the model that runs already."""
+def found(told: Occasion, outcome: Outcome, known: Known) -> Alarm:
+    """The alarm for an outcome with findings."""
     said = outcome.findings or {}
     findings: Sequence[Mapping[str, Any]] = said["findings"]
     new = [f for f in findings if (f["effect"], f["joint"]) not in known]
@@ -67,13 +67,13 @@ def found(told: Told, outcome: Outcome, known: Collection[Place]) -> Alarm:
     return told.alarm(MISMATCH, severity, _statement(new, said, bool(findings)), evidence, joint)
 
 
-def failed(told: Told, reason: str, times: int) -> Alarm:
+def failed(told: Occasion, reason: str, times: int) -> Alarm:
     """The alarm for an explanation that failed, for the ``times``-th time in a row."""
     statement = f"Recording and simulation differ, but explaining it failed: {reason}"
     return told.alarm(FAILED, "warning", statement, {"failures": times, "recording_s": told.seconds})
 
 
-def left_out(told: Told, names: Sequence[str]) -> Alarm:
+def left_out(told: Occasion, names: Sequence[str]) -> Alarm:
     """Effects of the model that cannot be followed live."""
     statement = (
         f"The live simulation leaves out {', '.join(names)} of the model: that depends on what was before "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import RecordingError
 from cellwatt.results import Alarm
-from cellwatt_plugins.mismatch.live.alarms import Place, Told, failed, found
+from cellwatt_plugins.mismatch.live.alarms import Known, Occasion, failed, found
 from cellwatt_plugins.mismatch.live.explanation import RECORDING, ROBOT, SIMULATION, Explanation, Outcome, new_folder
 from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import Intake
@@ -22,7 +21,7 @@ from cellwatt_plugins.robot import RobotDescription
 
 @dataclass
 class Explainer:
-    """Explains one arm, one explanation at a time. ``known`` are the effects that the running model has.
+    """Explains one arm, one explanation at a time.
 
     ``streamed``: the simulation is a source of the cell, and its torques are explained against. ``servos``: the MJCF
     whose servos' law stands for torque.
@@ -36,11 +35,11 @@ class Explainer:
     settings: ExplainSettings
     intake: Intake
     robot: RobotDescription
-    known: Collection[Place]
+    known: Known
     streamed: bool = False
     servos: Path | None = None
     _running: Explanation | None = None
-    _told: Told | None = None
+    _occasion: Occasion | None = None
     _started: int | None = None
     _failures: int = 0
     _book: AlarmBook = field(default_factory=AlarmBook)
@@ -73,7 +72,7 @@ class Explainer:
         if not len(time):  # nothing was compared for so long: it stays due
             return []
         self._started = now
-        self._told = Told(self.prefix, self.intake.source, since, now, (int(time[-1]) - int(time[0])) * 1e-9)
+        self._occasion = Occasion(self.prefix, self.intake.source, since, now, (int(time[-1]) - int(time[0])) * 1e-9)
         try:
             folder = new_folder(self.settings.folder or Path(), self._name(now), self.settings.keep)
             write_recording(folder / RECORDING, self.intake, time, rows)
@@ -83,7 +82,7 @@ class Explainer:
                 simulation = folder / SIMULATION
                 write_simulation(simulation, self.intake, time, rows)
             self._running = Explanation(folder, simulation, self.settings.limit, self.settings.memory)
-            self._told = replace(self._told, gives_way=self._running.gives_way)
+            self._occasion = replace(self._occasion, gives_way=self._running.gives_way)
         except RecordingError as error:
             return self._failed(now, str(error))
         return []
@@ -107,6 +106,6 @@ class Explainer:
         self._failures += 1
         return self._book.raise_(failed(self._at(now), reason, self._failures))
 
-    def _at(self, now: int) -> Told:
-        assert self._told is not None
-        return replace(self._told, time=now)
+    def _at(self, now: int) -> Occasion:
+        assert self._occasion is not None
+        return replace(self._occasion, time=now)

@@ -106,13 +106,13 @@ class Explanation:
 
 
 def new_folder(parent: Path, name: str, keep: int) -> Path:
-    """A new folder of that name; of those made here for the same stage, the ``keep`` newest stay.
+    """The folder of that name, which a replay has made before; of those of the same stage the ``keep`` newest stay.
 
     ``name`` ends in a time after its last ``-``. Raises ``RecordingError`` where it cannot be made.
     """
     folder = parent / name
     try:
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
         stem = name.rpartition("-")[0]
         ours = [p for p in parent.glob(f"{stem}-*Z") if p.name.rpartition("-")[0] == stem]
         # The new one is the newest, also where the clock went back, or where older frames are replayed.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cellwatt.report import Bars, Section, Table
 from cellwatt.report.numbers import capital, decimals_for, fixed, measured, number, unit
 from cellwatt_plugins.mismatch.report import wording
-from cellwatt_plugins.mismatch.verdict.findings import Finding, Findings, Retuned, Step
+from cellwatt_plugins.mismatch.verdict.findings import Finding, Findings, RetunedNumber, Step
 
 LEAD = (
     "Error of a typical channel after each step (geometric mean over all channels), on data not used for fitting. "
@@ -72,7 +72,7 @@ def _found(finding: Finding) -> Iterator[NumberRow]:
         yield NumberRow(f"{name}: centre of mass", "not in it", f"({place}) ± {number(std, 1)} m", remark)
 
 
-def _retuned(moved: Retuned) -> NumberRow:
+def _retuned(moved: RetunedNumber) -> NumberRow:
     place = (
         ""
         if moved.joint is None

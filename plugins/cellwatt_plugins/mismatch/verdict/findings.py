@@ -135,7 +135,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Retuned:
+class RetunedNumber:
     """A number that the simulation has, as the recordings tell it: no finding, but what explains much of a joint."""
 
     parameter: str
@@ -195,7 +195,7 @@ class Findings:
     """Recordings beyond those that were looked at closely."""
     curves: tuple[FoundCurve, ...] = ()
     """What is left goes with."""
-    retuned: tuple[Retuned, ...] = ()
+    retuned: tuple[RetunedNumber, ...] = ()
     """Numbers of the simulation that are off beyond their tolerance, or by which a joint's error falls most."""
     cascade: tuple[Step, ...] = ()
     """From the user's simulation to the model, each finding added in turn, largest first."""

@@ -58,7 +58,8 @@ def _finding(found: Mount, base: Baseline, before: Float, after: Float) -> Findi
         f'{_vector(was)}. In an MJCF that is <option gravity="{_vector(now)[1:-1].replace(",", "")}"/> where the base '
         "is not turned."
     )
-    error = Improvement(f"tau_{best + 1}", "N*m", float(before[best]), float(after[best]), 0.0, False)
+    unit = base.arm.description.unit(best, "N*m")
+    error = Improvement(f"tau_{best + 1}", unit, float(before[best]), float(after[best]), 0.0, False)
     return Finding("gravity_tilt", None, "missing", 0.99, statement, parameters, Where(felt), error)
 
 

@@ -11,7 +11,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.nuisance import Nominal
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.cascade import Falling
-from cellwatt_plugins.mismatch.verdict.findings import Retuned
+from cellwatt_plugins.mismatch.verdict.findings import RetunedNumber
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import INHERITED
@@ -60,9 +60,9 @@ class _Moved:
         return abs(self.off) > BEYOND * max(self.tolerance, self.std)
 
 
-def retuned_of(solution: Solution, fall: Falling) -> list[Retuned]:
+def retuned_of(solution: Solution, fall: Falling) -> list[RetunedNumber]:
     """The numbers of one side that are worth telling."""
-    best, out = solution.best, list[Retuned]()
+    best, out = solution.best, list[RetunedNumber]()
     answers, covariance = _answers(fall), best.fit.covariance
     for i, (number, place) in enumerate(zip(best.problem.nuisance, best.problem.design.slices, strict=True)):
         moved = _moved(best.problem.states[0].arm, number, best.fit.coefficients[place], covariance[place, place])
@@ -132,7 +132,7 @@ def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -
     return out
 
 
-def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> Retuned:
+def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNumber:
     unit = moved.unit.replace("N*m", "Nm").replace("*", " ").replace("^2", "²")
     allowed = "beyond" if moved.beyond else "within"
     more, less = ("heavier", "lighter") if moved.parameter == "mass" else ("more", "less")
@@ -150,7 +150,7 @@ def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> Retuned:
     statement += f", and with it retuning explains most of {' and '.join(falls)}." if falls else "."
     joint = None if moved.joint is None else moved.joint + 1
     was, off, std, tolerance = (float(x) for x in (moved.was, moved.off, moved.std, moved.tolerance))
-    return Retuned(moved.parameter, joint, was, was + off, std, moved.unit, tolerance, moved.beyond, statement)
+    return RetunedNumber(moved.parameter, joint, was, was + off, std, moved.unit, tolerance, moved.beyond, statement)
 
 
 def _what(moved: _Moved) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.rows import Filtered
@@ -36,16 +37,15 @@ RATTLES = 0.05
 """Share of the time from which it is told that a joint rattles."""
 
 
-def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveOut) -> list[Finding]:
+def unknown_findings(solution: Solution, left: Sequence[LackOfFit]) -> list[Finding]:
     """Findings of channels where something real is left that no known effect follows."""
     supply = solution.problem.side == "supply"
-    return [_unknown(solution, u, held, None if supply else u.channel) for u in left]
+    error, after = (s.problem.rms(LeaveOut(s.problem, s.factor).residual(s.terms)) for s in (solution, solution.best))
+    return [_unknown(solution, u, error, after, None if supply else u.channel) for u in left]
 
 
-def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
-    best, (name, unit) = solution.best, solution.problem.channel(left.channel)
-    error = solution.problem.rms(held.residual(solution.terms))
-    after = best.problem.rms(LeaveOut(best.problem, best.factor).residual(best.terms))
+def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, joint: int | None) -> Finding:
+    name, unit = solution.problem.channel(left.channel)
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = between(left, unit)
     if not where and left.times and left.times[0].start > AT_ONCE:

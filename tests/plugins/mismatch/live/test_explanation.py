@@ -17,7 +17,7 @@ import pytest
 
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.mismatch.live import explanation
-from cellwatt_plugins.mismatch.live.alarms import Told, found
+from cellwatt_plugins.mismatch.live.alarms import Occasion, found
 from cellwatt_plugins.mismatch.live.explanation import Outcome
 from cellwatt_plugins.mismatch.live.settings import ExplainSettings, MismatchSettings
 from cellwatt_plugins.mismatch.stage import MismatchStage
@@ -166,8 +166,8 @@ def test_it_gives_way_and_ends_by_itself(watch):
 
 
 def test_the_newest_stay_and_the_new_one_whatever_the_clock_says(tmp_path):
-    for name in ("weld-3-20260104T000000Z", "weld-3-20260105T000000Z", "weld-3-20260101T000000Z"):
-        explanation.new_folder(tmp_path, name, keep=2)
+    for day in (4, 5, 1, 1):  # the last is the replay of the one before
+        explanation.new_folder(tmp_path, f"weld-3-2026010{day}T000000Z", keep=2)
     assert explanations(tmp_path) == ["weld-3-20260101T000000Z", "weld-3-20260105T000000Z"]
 
 
@@ -200,7 +200,7 @@ def finding(effect, joint, kind="missing"):
     ],
 )
 def test_an_outcome_in_words(tmp_path, findings, severity, joint, statement):
-    told = Told("mismatch", "arm", 5, 9, 60.0)
+    told = Occasion("mismatch", "arm", 5, 9, 60.0)
     alarm = found(told, Outcome(tmp_path, findings), {("spring_load", 4)})
     assert (alarm.severity, alarm.joint, alarm.since, alarm.time) == (severity, joint, 5, 9)
     assert statement in alarm.statement

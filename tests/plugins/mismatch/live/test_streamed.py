@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.frames import FrameChannel, Layout
 from cellwatt.results import Alarm, Prediction
-from tests.plugins.mismatch.emulated_arm import JOINTS, START, frames, layout, recorded
+from tests.plugins.mismatch.emulated_arm import JOINTS, framed, frames, layout, recorded
 from tests.plugins.mismatch.recorded_arm import write_robot
 from tests.plugins.mismatch.test_stage import made, run
 
@@ -25,9 +25,8 @@ def beside(arm, twin, without=()):
     channels.append(FrameChannel("twin.supply.power", "W", "continuous", "average"))
     kept = [i for i, channel in enumerate(channels) if channel.name not in without]
     whole = Layout((*lay.channels, *(channels[i] for i in kept)), lay.rate)
-    values = np.column_stack([frames(arm, lay).values, np.column_stack([twin.torque, twin.power])[:, kept]])
-    time = START + whole.step * np.arange(len(values))
-    return Frames(whole, 0, time, values, np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.int64))
+    said = np.column_stack([twin.torque, twin.power])[:, kept]
+    return framed(whole, np.column_stack([frames(arm, lay).values, said]))
 
 
 def told(robot, block, **settings):
