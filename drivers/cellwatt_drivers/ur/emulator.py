@@ -25,7 +25,6 @@ AHEAD = 0.05
 """Seconds of packages made at once; a disturbance of the world makes them anew."""
 UNREAD = 10.0
 """Seconds of packages a client may leave unread before the controller closes, as a real one does."""
-AT_END = ("pause", "hold")
 LOOKS = 500.0
 """Hz at which it is looked, beside the times of a recording's rows, which faults strike and end."""
 
@@ -60,11 +59,10 @@ class UrEmulator(Emulator):
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
         self.version = _version(options.text("polyscope", "5.12.0"))
-        self._at_end = options.choice("at_end", "pause", AT_END)
+        hold = options.choice("at_end", "pause", ("pause", "hold")) == "hold"
         self._start = options.choice("start", "client", ("client", "epoch"))
         self._place = host_and_port(self.address)
-        held = self._at_end == "hold"
-        self._rows = Rows(self.signals, held) if isinstance(self.signals, RecordedSignals) else None
+        self._rows = Rows(self.signals, hold) if isinstance(self.signals, RecordedSignals) else None
         self.clients: set[EmulatedClient] = set()
         self._places: list[Place] = []
         self._samples: Samples | None = None
