@@ -16,7 +16,7 @@ from cellwatt.emulation import Emulator, Injector, Options, RecordedSignals
 from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
-from cellwatt_drivers.ur.emulated_client import EmulatedClient, Place
+from cellwatt_drivers.ur.emulated_client import EmulatedClient, Listener
 from cellwatt_drivers.ur.emulated_samples import Cycles, Encoder, Rows, Samples
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
 from cellwatt_drivers.ur.wire import ControllerVersion
@@ -64,7 +64,7 @@ class UrEmulator(Emulator):
         self._place = host_and_port(self.address)
         self._rows = Rows(self.signals, hold) if isinstance(self.signals, RecordedSignals) else None
         self.clients: set[EmulatedClient] = set()
-        self._places: list[Place] = []
+        self._places: list[Listener] = []
         self._samples: Samples | None = None
         self._began = 0.0  # monotonic time of the samples' start
         self._shift = 0.0  # of the timestamps, s
@@ -135,7 +135,7 @@ class UrEmulator(Emulator):
         stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
         place = None if client.compares else next((p for p in self._places if p.lost), None)
         if place is None:
-            place = Place(0, stride, client)
+            place = Listener(0, stride, client)
             self._places.append(place)
         if place.client is not None:
             place.client.place = None
@@ -214,7 +214,7 @@ class UrEmulator(Emulator):
         if fault := self.injector.once("disconnect"):
             self._leave_all(fault.seconds)
 
-    def _serve(self, place: Place, due: int, now: float) -> None:
+    def _serve(self, place: Listener, due: int, now: float) -> None:
         """Make and send what is due in one place, all in one write; nothing strikes a client that compares clocks."""
         ready: list[bytes] = []
         client = place.client
@@ -255,7 +255,7 @@ class UrEmulator(Emulator):
             self.tally["unread"] += 1
             client.abort()
 
-    def _package(self, place: Place, number: int, encoder: Encoder) -> bytes:
+    def _package(self, place: Listener, number: int, encoder: Encoder) -> bytes:
         """One package, from those made ahead."""
         assert self._samples is not None
         at = (number - place.first) // place.stride * encoder.size
