@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Final
 
-from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of
+from cellwatt.outlets.historian.client import outcome_of
+from cellwatt.outlets.remote import LONGEST_WAIT
 from fuzz.target import Target
 
 STATUS: Final = (200, 204, 400, 401, 404, 413, 422, 429, 500, 503)

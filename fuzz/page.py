@@ -17,11 +17,11 @@ from multidict import CIMultiDict, CIMultiDictProxy
 from yarl import URL
 
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.access import Gate
 from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk, P, T
 from cellwatt.outlets.page.cells import Cell, OneCell
 from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.gate import Gate
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.sessions import Sessions
 from cellwatt.outlets.page.streams import Browsers, Hub

@@ -10,11 +10,11 @@ from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView
-from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES
+from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import ARROW, decode
-from cellwatt.outlets.zenoh.keys import QUESTIONS, CellKeys
+from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.questions import parameters
 from cellwatt.results import Alarm, Event, Result
@@ -64,7 +64,9 @@ def _answers() -> Answers:
     backlog.add(Alarm("a1", "joint_fault", "error", False, 1, 2, "over"))
     backlog.add_frames(frames(0, 4))
     backlog.add_frames(frames(4, 2))
-    return Answers(view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: (Mark(SESSION, 0, 1, 5), b"{}"))
+    return Answers(
+        view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: Answer(b"{}", mark=Mark(SESSION, 0, 1, 5))
+    )
 
 
 ANSWERS = _answers()
@@ -97,8 +99,7 @@ def run(data: bytes) -> None:
 
 def seeds() -> Iterable[bytes]:
     """Each question."""
-    for name in QUESTIONS:
-        yield name.encode()
+    yield from (b"status", b"config", b"schema", b"recordings", b"history", b"results")
     session = f"session={SESSION}"
     yield f"history?source=arm;stream=rtde;{session};first=2;count=4".encode()
     yield f"history?stream=frame;{session};first=1;count=3".encode()

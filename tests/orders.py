@@ -18,5 +18,6 @@ async def orders() -> AsyncIterator[dict[str, Any]]:
 
 
 def say(what: Any) -> None:
-    """Write one line."""
-    print(json.dumps(what), flush=True)
+    """Write one line, whole: threads may, each for itself."""
+    sys.stdout.write(f"{json.dumps(what)}\n")
+    sys.stdout.flush()

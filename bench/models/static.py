@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from cellwatt.arrays import rows_of
 from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import Poses, read_poses
@@ -128,7 +129,7 @@ def few_poses(seed: int, folder: Path) -> dict[int, Scores]:
     arm = HeldArm.of(described, poses.q)
     out = {}
     for size in SIZES:
-        some = poses.rows(np.arange(size))
+        some = rows_of(poses, np.arange(size))
         with threadpool_limits(1):
             model = identify(arm.basis(some), some.torque, arm.effects(some))
         out[size] = Scores.of(np.abs(torque).sum(axis=1), model.total(arm.basis(new)))

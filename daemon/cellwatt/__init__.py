@@ -41,7 +41,8 @@ from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt.version import __version__
 
 if TYPE_CHECKING:
-    from cellwatt.outlets.forward import ForwardOutlet, ForwardSettings, NotNowError
+    from cellwatt.outlets.forward import ForwardOutlet, ForwardSettings
+    from cellwatt.outlets.remote import NotNowError
     from cellwatt.outlets.selection import Row
     from cellwatt.record import Recording
     from cellwatt.subscriber import LinkSettings, Subscriber
@@ -50,7 +51,7 @@ _LATER = {
     "ForwardOutlet": "cellwatt.outlets.forward",
     "ForwardSettings": "cellwatt.outlets.forward",
     "LinkSettings": "cellwatt.subscriber",
-    "NotNowError": "cellwatt.outlets.forward",
+    "NotNowError": "cellwatt.outlets.remote",
     "Recording": "cellwatt.record",
     "Row": "cellwatt.outlets.selection",
     "Subscriber": "cellwatt.subscriber",

@@ -101,6 +101,14 @@ def unreadable(named: Mapping[str, Path | None]) -> Iterator[str]:
                 yield f"{option}: {path} cannot be read: {error.strerror}"
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder that a command was asked to write into. Raises ``CellwattError`` with a plain reason."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
+
+
 def write_file(path: Path, content: str | bytes) -> None:
     """Write what a command was asked for, in a folder that is made. Raises ``CellwattError`` with a plain reason."""
     try:

@@ -17,10 +17,14 @@ from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
 
 
-class OutletSettings(BaseModel):
-    """Settings of one outlet; every outlet derives its own. Unknown keys are refused."""
+class Section(BaseModel):
+    """A section of settings: unknown keys are refused, and no error repeats what was written, which may be a secret."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+
+
+class OutletSettings(Section):
+    """Settings of one outlet; every outlet derives its own."""
 
     def warnings(self) -> tuple[str, ...]:
         """Warnings about valid settings, one line each, shown by ``check``, ``doctor``, health and the log."""

@@ -97,21 +97,26 @@ class Ticker:
         if time.monotonic_ns() >= self._deadline(self._next):
             await asyncio.sleep(0)  # a body that always overruns must not starve the loop
         else:
-            await self._sleep(self._clock)
+            await self._sleep(self._clock, self._deadline(self._next))
         return self._take()
 
     def skip(self) -> None:
         """Leave out the next deadline: it wakes nobody and counts as served."""
         self._next += 1
 
+    async def until(self, moment: int) -> None:
+        """Wait for a moment that is no deadline, ns of CLOCK_MONOTONIC."""
+        assert self._clock is not None
+        await self._sleep(self._clock, moment)
+
     def _wake(self) -> None:
         if self._waiting is not None and not self._waiting.done():
             self._waiting.set_result(None)
 
-    async def _sleep(self, clock: _LoopClock) -> None:
+    async def _sleep(self, clock: _LoopClock, moment: int) -> None:
         self._waiting = clock.loop.create_future()
         try:
-            clock.schedule(self._deadline(self._next), self)
+            clock.schedule(moment, self)
             await self._waiting
         finally:
             self._waiting = None

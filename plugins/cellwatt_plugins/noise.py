@@ -8,13 +8,26 @@ import numpy as np
 
 from cellwatt.arrays import Float
 
+LEVELS = 0.2
+"""Different values of a channel, as a share of all, up to which it comes in steps."""
+
 
 def white_noise(values: Float, order: int = 3) -> Float:
     """Return the standard deviation (c,) of white noise in evenly sampled ``values`` (N, c) or (N,).
 
-    From the median of their differences of this ``order``, in which motion cancels; NaN where all are NaN.
+    From the median of their differences of this ``order``, in which motion cancels; NaN where there are none.
     """
-    size = np.abs(np.diff(values, order, axis=0)).reshape(len(values) - order, -1)
+    size = np.abs(np.diff(values if values.ndim > 1 else values[:, None], order, axis=0))
     known = (column[np.isfinite(column)] for column in size.T)
     middle = np.array([np.median(column) if len(column) else np.nan for column in known])
     return np.asarray(middle / 0.6745 / np.sqrt(comb(2 * order, order)))
+
+
+def step_noise(measured: Float) -> Float:
+    """Return the noise (c,) of channels (N, c) that come in steps; 0 where no steps are seen."""
+    out = np.zeros(measured.shape[1])
+    for channel, values in enumerate(measured.T):
+        levels = np.unique(values)
+        if 1 < len(levels) < LEVELS * len(values):
+            out[channel] = float(np.min(np.diff(levels))) / np.sqrt(12.0)
+    return out

@@ -7,18 +7,25 @@ import socket
 import struct
 from dataclasses import replace
 
+import numpy as np
+
 from cellwatt.testing import DriverConformance, Rig
 from cellwatt_drivers.abb import AbbDriver
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Stamp
+from cellwatt_drivers.abb.wire import decode
 from cellwatt_drivers.can_sensor import CanSensorDriver
 from cellwatt_drivers.franka import FrankaDriver
 from cellwatt_drivers.kinova import KinovaDriver
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.opc_ua import OpcUaDriver
 from cellwatt_drivers.power_board import PowerBoardDriver
+from cellwatt_drivers.power_board.emulator import PowerBoardEmulator
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.yaskawa import YaskawaDriver
 from tests.patience import PATIENCE
+
+from .running import Steady
 
 RTDE = re.compile(
     rb"(?:\x00\x05V\x00\x02|\x00\x03v|..O.{8}[a-zA-Z0-9_,]+|\x00\x03S|\x00\x03P)*",
@@ -103,3 +110,10 @@ class TestConformance(DriverConformance):
             Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
         )
     )
+
+
+def test_devices_of_a_recording_that_lacks_what_they_give_say_0():
+    robot = EmulatedRobot(Steady({}), 7, 6, 0.004)
+    assert list(decode(robot.packet(3, Stamp(1, 0.0, False))).message.feedBack.joints.joints) == [0.0] * 6
+    board = PowerBoardEmulator(Steady({"supply.voltage": 0.0}), "pty")
+    assert not board._phase_values(np.zeros(2)).any()

@@ -17,3 +17,8 @@ def test_white_noise_is_found_in_motion_and_beside_gaps(order):
     found = white_noise(np.column_stack([values, silent]), order)
     assert found[0] == pytest.approx(1e-3, rel=0.1)
     assert np.isnan(found[1])
+
+
+@pytest.mark.parametrize("rows", [0, 3])
+def test_too_few_values_tell_no_noise(rows):
+    assert np.isnan(white_noise(np.zeros((rows, 2)), 3)).all()

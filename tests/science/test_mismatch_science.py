@@ -1,9 +1,7 @@
 """The explainer's equations against their sources, and its stated uncertainties against how far it is really off."""
 
-import re
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
@@ -11,33 +9,22 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cellwatt_plugins.mismatch.fit.coordinate_search import climb
-from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.drive import nominal_power
-from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
+from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.friction.presliding_hysteresis import dahl_state
 from cellwatt_plugins.robot.regression import Prior
 from tests.plugins.mismatch import plant
-
-CONTRACT = Path(__file__).resolve().parents[2] / ".." / "shared" / "concealed" / "explain-contract.md"
 
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
-
-
-def test_the_effects_are_those_of_the_contract():
-    if not CONTRACT.exists():
-        pytest.skip("the contract of explain is not beside the checkout")
-    table = CONTRACT.read_text().partition("## Effects")[2]
-    rows = re.findall(r"^\| (\w+)( \*)? \|", table, flags=re.MULTILINE)
-    listed = {name: bool(star) for name, star in rows if name not in ("id", "unknown", "drive_gain", "drive_dead_band")}
-    # The last two show in motion alone, which is not explained yet.
-    assert {e.name: e.place != "joint" for e in EFFECTS} == listed
 
 
 def test_the_law_is_the_one_that_is_stated(arm):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellwatt.arrays import rows_of
 from cellwatt_plugins.models.static import paper
 from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import read_poses
@@ -143,7 +144,7 @@ def test_the_best_model_on_poses_never_collected(collected, count, least):
     described, poses, (q, came, torque) = collected
     new = {"q": q, "approach": q - came, "payload": np.full(len(q), np.nan)}
     total = np.abs(torque).sum(axis=1)
-    assert r2(described, poses.rows(np.arange(count)), new, total) > least
+    assert r2(described, rows_of(poses, np.arange(count)), new, total) > least
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the recordings are not beside this checkout")
@@ -152,4 +153,4 @@ def test_on_the_shared_recording_poses_left_out_are_predicted():
     poses = read_poses([SHARED / "samples.parquet"], described.description)
     rows, test = paper.split(len(poses), 0)
     new = {"q": poses.q[test], "approach": poses.approach[test], "payload": poses.payload[test]}
-    assert r2(described, poses.rows(rows), new, poses.total[test]) > 0.998
+    assert r2(described, rows_of(poses, rows), new, poses.total[test]) > 0.998

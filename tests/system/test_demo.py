@@ -100,7 +100,6 @@ def alarm(joint: int, at: float) -> dict[str, object]:
     [
         (2, 10.4, {}, 0, "names joint 2"),
         (3, 9.0, {}, 0, "before the fault"),
-        (3, 11.5, {}, 0, "the interval lasted"),
         (3, 10.4, {"missed": {"gap": 1}, "received": 99}, 0, "1 samples lost"),
         (3, 10.4, {"residue": 4}, 0, "4 not accounted"),
         (3, 10.4, {}, 1, "exit code 1"),

@@ -45,8 +45,10 @@ class Where:
 
     @property
     def whole_site(self) -> tuple[str, LinkSettings] | None:
-        """The site and its link where all of its cells are asked for."""
+        """The site and its link where all of its cells are asked for. Raises ``click.UsageError`` with ``verify``."""
         if self.file is None and self.connect and self.site and not self.cell:
+            if self.verify is not None:
+                raise click.UsageError("--verify is the key of one cell: give --cell, too")
             return self.site, _client(self.connect, self.tls)
         return None
 
@@ -87,4 +89,4 @@ def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
     """The link to an endpoint. Raises ``click.UsageError`` where it needs certificates and has none."""
     if connect.startswith(("tls/", "quic/")) and tls is None:
         raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")
-    return client_of(connect, tls)
+    return client_of((connect,), tls)

@@ -66,8 +66,7 @@ def warn(file: Path, config: CellConfig) -> Problem | None:
 
 
 def _plain(problem: Problem) -> dict[str, str | int | None]:
-    file, line, column = position(problem)
-    return {"file": file, "line": line, "column": column, "path": problem.path, "message": problem.message}
+    return {**position(problem)._asdict(), "path": problem.path, "message": problem.message}
 
 
 def _describe(config: CellConfig, prepared: Prepared) -> None:

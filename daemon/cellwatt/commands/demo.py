@@ -18,7 +18,7 @@ import click
 from cellwatt.commands import EXIT_FAILED, Commands
 from cellwatt.commands.doctor import rates
 from cellwatt.demo.demonstration import Demonstration
-from cellwatt.errors import CellwattError, why
+from cellwatt.files import make_folder
 from cellwatt.live.bulletin import Bulletin
 from cellwatt.progress.terminal import show_table
 
@@ -65,10 +65,7 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
         raise click.BadParameter("at least 1 s is needed to see rates")
     with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as place:
         folder = Path(place).resolve()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
+        make_folder(folder)
         show = _quiet if as_json else _lines
         run = show(folder, seconds)
         if cell != "small":  # that one begins with the address of its page

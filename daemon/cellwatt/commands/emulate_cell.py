@@ -7,6 +7,7 @@ import json
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,7 @@ async def _run(
         ends = {name: asyncio.create_task(emulator.ended()) for name, emulator in emulators.items()}
         waiting: list[asyncio.Future[Any]] = [asked, *ends.values()]
         if control:
-            waiting.append(asyncio.create_task(answers(_Control(devices, emulators).answer)))
+            waiting.append(asyncio.create_task(answers(partial(_answer, devices, emulators))))
         await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
         for name, end in ends.items():
             if end.done() and not asked.done():
@@ -138,31 +139,25 @@ def _show(file: Path, devices: Sequence[Device], emulators: Mapping[str, Emulato
     click.echo(f"next, in another terminal: cellwatt run {file} (Ctrl-C ends the devices)")
 
 
-class _Control:
-    """Hands commands for a cell to its devices."""
+async def _answer(
+    devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess], message: dict[str, Any]
+) -> Mapping[str, Any]:
+    """Answer one command; ``source`` names the device, without it the command is for all of them.
 
-    def __init__(self, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:
-        self._by_source = {source.name: emulators[device.name] for device in devices for source in device.sources}
-        self._devices, self._emulators = devices, emulators
-
-    async def answer(self, message: dict[str, Any]) -> Mapping[str, Any]:
-        """Answer one command; ``source`` names the device, without it the command is for all of them.
-
-        A fault or change that one of them would refuse strikes none.
-        """
-        source = message.pop("source", None)
-        if source is not None and source not in self._by_source:
-            raise ValueError(f"found the source {source!r}, expected one of {', '.join(self._by_source)}")
-        chosen = self._emulators if source is None else {source: self._by_source[source]}
-        if isinstance(text := message.get("fault"), str):
-            struck = faults_by_device([text if source is None else f"{source}/{text}"], self._devices)
-            chosen = {name: self._emulators[name] for name, words in struck.items() if words}
-            message = {"fault": addressed(text)[1]}
-        elif len(chosen) > 1 and "counts" not in message and not _SHARED.issuperset(message.get("disturb", message)):
-            raise ValueError(f"expected its source, one of {', '.join(self._by_source)}")
-        told = {name: await emulator.ask(message) for name, emulator in chosen.items()}
-        return (
-            {"counts": {name: answer["counts"] for name, answer in told.items()}}
-            if "counts" in message
-            else {"ok": True}
-        )
+    A fault or change that one of them would refuse strikes none.
+    """
+    by_source = {source.name: emulators[device.name] for device in devices for source in device.sources}
+    source = message.pop("source", None)
+    if source is not None and source not in by_source:
+        raise ValueError(f"found the source {source!r}, expected one of {', '.join(by_source)}")
+    chosen = emulators if source is None else {source: by_source[source]}
+    if isinstance(text := message.get("fault"), str):
+        struck = faults_by_device([text if source is None else f"{source}/{text}"], devices)
+        chosen = {name: emulators[name] for name, words in struck.items() if words}
+        message = {"fault": addressed(text)[1]}
+    elif len(chosen) > 1 and "counts" not in message and not _SHARED.issuperset(message.get("disturb", message)):
+        raise ValueError(f"expected its source, one of {', '.join(by_source)}")
+    told = {name: await emulator.ask(message) for name, emulator in chosen.items()}
+    if "counts" in message:
+        return {"counts": {name: answer["counts"] for name, answer in told.items()}}
+    return {"ok": True}

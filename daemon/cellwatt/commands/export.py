@@ -14,6 +14,7 @@ import click
 from cellwatt.batch import Batch
 from cellwatt.commands.options import INPUT, with_progress, with_scheduler, with_units
 from cellwatt.errors import RecordingError
+from cellwatt.files import make_folder
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
 from cellwatt.record.header import recorded_section
@@ -52,10 +53,7 @@ def command(
     events are in SI units always.
     """
     recording = open_recording(recordings)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
+    make_folder(out)
     export = Export(out, form, force, recorded_section(recording.header.settings, "units", Units).but(units))
     parts = spread(export.write, [only] if only else ["raw", "frames", "lines"], "tables", shared=recording)
     written = [file for files, _ in parts for file in files]

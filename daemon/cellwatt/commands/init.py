@@ -9,7 +9,7 @@ import click
 
 from cellwatt.commands import check, completion, doctor
 from cellwatt.config.wording import did_you_mean
-from cellwatt.first_cell import RECORD, CellPlan, SourcePlan, parse_source, write_cell
+from cellwatt.first_cell import RECORD, SourcePlan, parse_source, write_cell
 
 
 @click.command(short_help="Write a commented settings file for a cell.")
@@ -60,7 +60,7 @@ def command(
     given = _with_values([parse_source(text) for text in sources], values)
     if not given:
         raise click.UsageError("name each device: --source NAME=DRIVER:ADDRESS, like --source arm=ur:192.0.2.10")
-    write_cell(file, CellPlan(site, cell, tuple(given), robot, record))
+    write_cell(file, site, cell, given, robot, record)
     click.echo(f"{file} is written.\n")
     ctx.invoke(check.command, files=(file,))
     try:

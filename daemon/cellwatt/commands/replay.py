@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import Counter
-from collections.abc import Iterable
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -44,18 +44,20 @@ def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as
         raise opened.lacks_frames()
     _check_sources(opened)
     frames = replay_frames(opened.entries(), opened.header.streams, _grid(opened, config))
-    made, counts = _show(run_stages(frames, _chains(opened, config)), as_json)
-    summary: dict[str, Any] = {"frames": sum(map(len, made)), "results": counts}
-    if verify:
-        summary["verified"] = asdict(held := compare(opened.frames(), made))
-        summary["identical"] = held.identical
+    counts = Counter[str]()
+    made = _shown(run_stages(frames, _chains(opened, config)), counts, as_json)
+    held = compare(opened.frames(), made) if verify else None
+    deque(made, maxlen=0)
+    summary: dict[str, Any] = {"frames": counts.pop("frames", 0), "results": dict(counts)}
+    if held is not None:
+        summary |= {"verified": asdict(held), "identical": held.identical}
         if not as_json:
             click.echo(_verdict(held))
     if as_json:
         click.echo(json.dumps(summary))
     else:
         click.echo(f"{summary['frames']} frames, results: {summary['results'] or 'none'}")
-    if verify and not summary["identical"]:
+    if held is not None and not held.identical:
         sys.exit(EXIT_FAILED)
 
 
@@ -82,12 +84,12 @@ def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
     return make_chains(config, layout_of(recording.header.streams, config.frames))
 
 
-def _show(items: Iterable[Frames | Result], as_json: bool) -> tuple[list[Frames], dict[str, int]]:
-    """Print results; gives the frames, and how many results of each kind."""
-    made, counts = list[Frames](), Counter[str]()
+def _shown(items: Iterable[Frames | Result], counts: Counter[str], as_json: bool) -> Iterator[Frames]:
+    """Frames as they come, results printed; counts frames and results of each kind."""
     for item in items:
         if isinstance(item, Frames):
-            made.append(item)
+            counts["frames"] += len(item)
+            yield item
             continue
         kind = type(item).__name__.lower()
         counts[kind] += 1
@@ -97,7 +99,6 @@ def _show(items: Iterable[Frames | Result], as_json: bool) -> tuple[list[Frames]
         elif isinstance(item, Alarm):
             with aside():
                 click.echo(f"{item.severity if item.active else 'cleared'}: {item.statement}")
-    return made, dict(counts)
 
 
 def _verdict(held: Comparison) -> str:

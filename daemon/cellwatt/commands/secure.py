@@ -30,7 +30,6 @@ _folder = click.option(
     type=click.Path(file_okay=False, path_type=Path),
     help="The folder that init made (default: here).",
 )
-_host = click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
 
 
 @click.group(short_help="Make certificates and access rules.")
@@ -38,7 +37,7 @@ def command() -> None:
     """Make certificates for cells and viewers, and rules who may publish, ask and see.
 
     DIR holds the private key of your authority: keep it on a PC or stick of its own. Each member gets the folder of
-    its name. docs/zenoh.md goes through it.
+    its name. docs/outlets/zenoh.md goes through it.
     """
 
 
@@ -65,7 +64,7 @@ def router(name: str, hosts: tuple[str, ...], path: Path) -> None:
 
 @command.command()
 @click.argument("name")
-@_host
+@click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
 @_folder
 def cell(name: str, hosts: tuple[str, ...], path: Path) -> None:
     """Add a cell: it alone may publish and answer under its name.

@@ -76,15 +76,18 @@ def command(
             raise click.UsageError("--foxglove shows one cell: give --cell, too")
         site, link = plant
         _run(settings, link, site, None, None, seconds)
-        return
-    if not (foxglove or where.file or where.connect or where.site or where.cell):
+    elif not (foxglove or where.file or where.connect or where.site or where.cell):
         _run(settings, None, "", None, None, seconds)
-        return
-    site, cell, link = where.target(config)
-    if foxglove:
-        _foxglove(link, site, cell, settings, seconds, where.verify, elsewhere=listen is not None)
     else:
-        _run(settings, link, site, cell, where.verify, seconds)
+        site, cell, link = where.target(config)
+        if not foxglove:
+            _run(settings, link, site, cell, where.verify, seconds)
+            return
+        from cellwatt.outlets.foxglove import serve
+
+        at: dict[str, Any] = {} if listen is None else {"host": settings.host, "port": settings.port}
+        with contextlib.suppress(KeyboardInterrupt):
+            serve(link, site, cell, seconds=seconds, verify=where.verify, tell=click.echo, **at)
 
 
 def _write_layout(out: Path, config: CellConfig | None) -> None:
@@ -148,20 +151,3 @@ def _run(
 
     with contextlib.suppress(KeyboardInterrupt, asyncio.CancelledError):
         asyncio.run(until_told())
-
-
-def _foxglove(
-    link: LinkSettings,
-    site: str,
-    cell: str,
-    settings: PageSettings,
-    seconds: float | None,
-    verify: Path | None,
-    *,
-    elsewhere: bool,
-) -> None:
-    from cellwatt.outlets.foxglove import serve
-
-    where: dict[str, Any] = {"host": settings.host, "port": settings.port} if elsewhere else {}
-    with contextlib.suppress(KeyboardInterrupt):
-        serve(link, site, cell, seconds=seconds, verify=verify, tell=click.echo, **where)

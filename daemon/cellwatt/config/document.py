@@ -6,6 +6,7 @@ look like. Anchors, aliases and merge keys (``<<``) work; duplicate keys and unk
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping
@@ -36,8 +37,9 @@ from cellwatt.host import HIDDEN, blank, secrets_of, without
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
 """Anchor and tag in front of a value."""
+_COMMENT = re.compile(r"(?<!\S)#.*")
 _CERTAIN_SECRET = 8
-"""Characters from which on a secret is looked for in the whole file, comments for instance."""
+"""Characters from which on a secret is looked for in comments and other values."""
 
 
 class WrittenFloat(float):
@@ -86,17 +88,25 @@ class Document:
 
     @property
     def public_text(self) -> str:
-        """The file as it may be shown; it stays YAML that says the same but for secrets."""
-        text, hidden = self.text, [path for path, shown in self.environment.items() if shown == HIDDEN]
-        for start, end in sorted({self.places[path].span for path in hidden}, reverse=True):
-            written = text[start:end]
-            value = _PROPERTIES.sub("", written, count=1).rstrip()
-            before, after = written[: written.index(value)], written[len(written.rstrip()) :]
-            text = f'{text[:start]}{before}"{HIDDEN}"{after}{text[end:]}'
-        for path in hidden:
-            if len(written := self.places[path].written) >= _CERTAIN_SECRET:
-                text = text.replace(written, HIDDEN)
-        return blank(text)
+        """The file as it may be shown; it stays YAML that says the same but for secrets.
+
+        A secret is hidden in other values and in comments, too; keys and anchors of the same name stay.
+        """
+        hidden = [self.places[path] for path, shown in self.environment.items() if shown == HIDDEN]
+        certain = {place.written for place in hidden if len(place.written) >= _CERTAIN_SECRET}
+        secret = re.compile("|".join(map(re.escape, sorted(certain, key=len, reverse=True))) or "(?!)")
+        shown = {place.span: secret.sub(HIDDEN, place.written) for place in self.places.values() if place.written}
+        shown |= {place.span: HIDDEN for place in hidden}
+
+        def between(start: int, end: int) -> str:
+            return _COMMENT.sub(lambda found: secret.sub(HIDDEN, found[0]), self.text[start:end])
+
+        pieces, at = list[str](), 0
+        for (start, end), value in sorted(shown.items()):
+            written = self.text[start:end]
+            pieces += [between(at, start), _with_value(written, value) if HIDDEN in value else written]
+            at = end
+        return blank("".join([*pieces, between(at, len(self.text))]))
 
     def place(self, path: KeyPath) -> str:
         """``file:line:column`` of a key, or of the nearest above that is there."""
@@ -116,24 +126,18 @@ class Document:
 
 
 def read(
-    file: Path, environ: Mapping[str, str], *, bounds: Bounds = SETTINGS_FILE, expected: str = "site, cell and sources"
-) -> Document:
-    """Read a settings file; ``expected`` names the keys that it should have.
-
-    Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top.
-    """
-    return parse(file, text_of(file, bounds), environ, bounds=bounds, expected=expected)
-
-
-def parse(
     file: Path,
-    text: str,
     environ: Mapping[str, str],
     *,
+    text: str | None = None,
     bounds: Bounds = SETTINGS_FILE,
     expected: str = "site, cell and sources",
 ) -> Document:
-    """A text as the settings file ``file``. Raises ``ConfigError`` as ``read`` does."""
+    """Read a settings file, or ``text`` as if it were in it; ``expected`` names the keys that it should have.
+
+    Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top.
+    """
+    text = text_of(file, bounds) if text is None else text
     node = compose(file, text, bounds, expected)
     if not isinstance(node, yaml.MappingNode):
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
@@ -255,6 +259,13 @@ class _Builder:
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:
         self.mistakes.setdefault(path, []).append(problem(self.file, mark, message, path))
+
+
+def _with_value(written: str, value: str) -> str:
+    """A scalar as it stands in a file, with anchor and tag, with another value."""
+    before = _PROPERTIES.sub("", written, count=1).rstrip()
+    after = written[len(written.rstrip()) :]
+    return f"{written[: written.index(before)]}{json.dumps(value, ensure_ascii=False)}{after}"
 
 
 def _short(tag: str) -> str:

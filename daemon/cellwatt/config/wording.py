@@ -30,7 +30,6 @@ _SETTINGS, _LIST = _COLLECTIONS = "settings (key: value)", "a list"
 
 _EXPECTED = {
     "int_parsing_size": "a smaller whole number",
-    "finite_number": "a finite number",
     "none_required": "nothing",
     "path_not_file": "a file that exists (relative paths start at the folder of the settings file)",
     "path_not_directory": "a folder that exists (relative paths start at the folder of the settings file)",
@@ -43,8 +42,6 @@ _EXPECTED = {
     "too_short": "at least {min_length} entries",
     "too_long": "at most {max_length} entries",
     "string_pattern_mismatch": "text that matches {pattern}",
-    "literal_error": "{expected}",
-    "enum": "{expected}",
 }
 _KINDS = {"int": "a whole number", "float": "a number", "bool": "true or false", "string": "text", "path": "a path"}
 _KINDS |= dict.fromkeys(("list", "tuple", "set", "frozen"), _LIST)

@@ -28,7 +28,7 @@ SPEEDS = {"positioner": 0.8, "mains": 0.8}
 def every_driver() -> dict[str, dict[str, Any]]:
     """Settings of one source per driver, named like the driver, at their usual rates, for emulated devices."""
     sources: dict[str, dict[str, Any]] = yaml.safe_load(packaged("all-drivers.yaml").read_text())["sources"]
-    sources["abb"]["egm_port"] = _free_udp_port()
+    sources["abb"]["egm_port"] = _free_port(socket.SOCK_DGRAM)
     return sources | {"franka": {"driver": "franka", "host": "127.0.0.1"}}
 
 
@@ -91,13 +91,11 @@ def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPat
 
 def free_endpoint() -> str:
     """A free TCP address of this host."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{probe.getsockname()[1]}"
+    return f"127.0.0.1:{_free_port(socket.SOCK_STREAM)}"
 
 
-def _free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+def _free_port(kind: socket.SocketKind) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
     return port

@@ -14,6 +14,8 @@ from cellwatt.runtime.processes.rights import keep_up
 START = 60.0
 """Longest time, s, until everything runs."""
 _PATIENCE = 5.0  # s
+LONGEST = 16_000_000
+"""Bytes of a line of the subscriber: health of a cell of many devices may be longer than asyncio takes by itself."""
 TOPICS = ("raw", "frame", "interval", "task", "prediction", "alarm", "health")
 
 
@@ -38,7 +40,7 @@ async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]
     command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
     command += ["--patience", f"{START:.0f}", "--site", "demo", "--cell", "demo", *topics]
     process = await asyncio.create_subprocess_exec(
-        *command, stdout=asyncio.subprocess.PIPE, preexec_fn=ends_with_parent()
+        *command, stdout=asyncio.subprocess.PIPE, limit=LONGEST, preexec_fn=ends_with_parent()
     )
     keep_up(process.pid)  # it shares the cores with all that it is to count
     async with _ended(process):

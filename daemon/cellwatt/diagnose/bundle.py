@@ -58,6 +58,7 @@ class Bundle:
                 os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file,
                 zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
             ):
+                os.fchmod(file.fileno(), 0o600)  # it may have been there, for all to read
                 archive.writestr("README.txt", _README + self.listing())
                 for name, (_, text) in self.texts.items():
                     archive.writestr(name, self._blanked(text))

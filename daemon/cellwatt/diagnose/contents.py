@@ -6,9 +6,6 @@ import os
 import platform
 import subprocess
 import sys
-import threading
-from collections.abc import Callable
-from concurrent.futures import Future
 from datetime import UTC, datetime
 from importlib.metadata import distributions
 from pathlib import Path
@@ -35,8 +32,6 @@ _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 _CHECK: Final = "what cellwatt check says"
 LINES: Final = 2000
 """Last lines of the log."""
-PATIENCE: Final = 10.0
-"""s for an answer of the running daemon."""
 _MOST_LOG: Final = 100_000_000
 _EXAMINED: Final = 100
 """Recordings, the newest ones, that are opened for a verdict."""
@@ -97,13 +92,12 @@ def _suspected(file: Path) -> dict[str, str]:
 
 
 def _cell(bundle: Bundle, config: CellConfig) -> None:
-    bundle.add("status.json", "health and counts of the running daemon", lambda: _asked(config, "status"))
+    bundle.add("status.json", "health and counts of the running daemon", lambda: ask_cell(config, "status"))
     if "status.json" in bundle.texts:
-        bundle.add("schema.json", "its channels", lambda: _asked(config, "schema"))
-    if config.record is None:
-        return
-    kept = listing(config.record.folder, config.cell)
-    bundle.add("recordings.json", "recordings with sizes and verdicts", lambda: _recordings(kept))
+        bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"))
+    if (record := config.record) is not None:
+        kept = "recordings with sizes and verdicts"
+        bundle.add("recordings.json", kept, lambda: _recordings(listing(record.folder, config.cell)))
 
 
 def _versions() -> dict[str, Any]:
@@ -156,24 +150,3 @@ def _verdict(kept: RecordFile) -> str:
         return str(error)
     damage = "; ".join(map(str, found.damage))
     return damage or ("whole" if found.closed else "open")
-
-
-def _asked(config: CellConfig, question: str) -> dict[str, Any]:
-    return _within(PATIENCE, lambda: ask_cell(config, question))
-
-
-def _within(seconds: float, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What ``make`` gives in time; a thread that goes on beyond it ends with the command."""
-    done: Future[dict[str, Any]] = Future()
-
-    def work() -> None:
-        try:
-            done.set_result(make())
-        except BaseException as error:  # it is for who waits
-            done.set_exception(error)
-
-    threading.Thread(target=work, daemon=True).start()
-    try:
-        return done.result(seconds)
-    except TimeoutError:
-        raise CellwattError(f"there was no answer within {seconds:.0f} s") from None

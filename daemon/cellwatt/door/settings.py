@@ -7,23 +7,20 @@ import ssl
 from pathlib import Path
 from typing import ClassVar, Final
 
-from pydantic import ConfigDict, field_validator
+from pydantic import field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.door import validity
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
-from cellwatt.host import check_host, stays_here
+from cellwatt.host import LAST_PORT, check_host, stays_here
 from cellwatt.outlet import OutletSettings, both_or_neither, refusal
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
-_LAST_PORT: Final = 65535
 
 
 class Listening(OutletSettings):
     """Settings of an outlet that listens: on this PC alone, or with certificate and login, unless they are ``open``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
     secured: ClassVar[str] = "TLS"
     """What a certificate gives, in words; …"""
@@ -43,7 +40,7 @@ class Listening(OutletSettings):
     @classmethod
     def _address(cls, listen: str) -> str:
         found = _LISTEN.fullmatch(listen)
-        if found is None or int(found[2]) > _LAST_PORT:
+        if found is None or int(found[2]) > LAST_PORT:
             expected = cls.model_fields["listen"].default
             raise ValueError(f"{listen!r} is not an address; expected host:port, like {expected}")
         check_host(found[1].strip("[]"))

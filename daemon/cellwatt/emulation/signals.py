@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -49,10 +50,18 @@ class RecordedSignals:
         return float(self.time[-1] - self.time[0])
 
     def at(self, t: Float) -> Mapping[str, Float]:
-        """See ``Signals.at``; before the start and after the end the first and last row hold."""
+        """See ``Signals.at``; before the start and after the end the first and last row hold.
+
+        Cells without a finite number are bridged; a column that has none is left out.
+        """
         inside = np.mod(t, self.length) if self.loop and self.length > 0 else t
         when = self.time[0] + inside
-        return {name: np.interp(when, self.time, values) for name, values in self.columns.items()}
+        return {name: np.interp(when, time, values) for name, (time, values) in self._known.items()}
+
+    @cached_property
+    def _known(self) -> Mapping[str, tuple[Float, Float]]:
+        finite = {name: np.isfinite(values) for name, values in self.columns.items()}
+        return {name: (self.time[rows], self.columns[name][rows]) for name, rows in finite.items() if rows.any()}
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
         """A recording cannot be changed."""

@@ -7,7 +7,7 @@ import os
 import pty
 import tty
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import AsyncExitStack, contextmanager
+from contextlib import AsyncExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -99,12 +99,18 @@ class PtyPort(Port):
 
     async def _serve(self, reader: asyncio.StreamReader, writer: Writer) -> None:
         while True:
-            talking = asyncio.ensure_future(self._talk(reader, writer))
+            talking = asyncio.ensure_future(self._converse(reader, writer))
             try:
                 seconds = await self._outages.get()
             finally:
                 await _ended(talking)
             await _lose_bytes(reader, seconds)
+
+    async def _converse(self, reader: asyncio.StreamReader, writer: Writer) -> None:
+        """Talk, and begin anew after a client that does not read, or says what is no message: the line stays."""
+        while not reader.at_eof():
+            with suppress(OSError, ValueError):
+                await self._talk(reader, writer)
 
 
 def port_of(emulator: Emulator, talk: Callable[[asyncio.StreamReader, Writer], Awaitable[None]]) -> Port:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from cellwatt.channel import Stream
 from cellwatt.config import FrameSettings
 from cellwatt.config.cell import CellName
-from cellwatt.config.document import parse
+from cellwatt.config.document import read
 from cellwatt.config.installed import Part, installed
 from cellwatt.config.loading import NAME, load_document
 from cellwatt.config.reference import Field, reference
@@ -48,22 +48,6 @@ class SourcePlan:
     driver: str
     settings: Mapping[str, str]
 
-    @property
-    def model(self) -> type[SourceSettings]:
-        """Settings class of the driver."""
-        return find_driver(self.driver).Settings
-
-
-@dataclass(frozen=True, slots=True)
-class CellPlan:
-    """A cell to be written. Without a ``record`` nothing is recorded."""
-
-    site: str
-    cell: str
-    sources: tuple[SourcePlan, ...]
-    robot: str | None = None
-    record: str | None = RECORD
-
 
 def parse_source(text: str) -> SourcePlan:
     """Read ``NAME=DRIVER:ADDRESS``. Raises ``ConfigError`` with the nearest driver where it is unknown."""
@@ -95,14 +79,25 @@ def in_yaml(value: str) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def write_cell(path: Path, plan: CellPlan) -> None:
-    """Write the settings file of a plan, once it is known to be right, whole or not at all.
+def write_cell(
+    path: Path,
+    site: str,
+    cell: str,
+    sources: Sequence[SourcePlan],
+    robot: str | None = None,
+    record: str | None = RECORD,
+) -> None:
+    """Write the settings file of a cell, once it is known to be right, whole or not at all.
 
-    Raises ``ConfigError`` where the answers do not fit together, ``CellwattError`` where it cannot be written.
+    Without a ``record`` nothing is recorded. Raises ``ConfigError`` where the answers do not fit together,
+    ``CellwattError`` where it cannot be written.
     """
+    named = {"version": str(CellName.model_fields["version"].default), "site": in_yaml(site), "cell": in_yaml(cell)}
+    named |= {"robot": in_yaml(robot)} if robot else {}
+    recorded = {} if record is None else {"folder": in_yaml(record)}
     try:
-        arms = arms_of(_checked(path, cell_text(plan, ())).streams)
-        text = cell_text(plan, arms)
+        arms = arms_of(_checked(path, cell_text(named, sources, recorded, ())).streams)
+        text = cell_text(named, sources, recorded, arms)
         _checked(path, text)
     except ConfigError as error:  # there is no file whose lines its user knows
         texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
@@ -114,7 +109,7 @@ def write_cell(path: Path, plan: CellPlan) -> None:
 
 
 def _checked(path: Path, text: str) -> Prepared:
-    return prepare(load_document(parse(path, text, os.environ)))
+    return prepare(load_document(read(path, os.environ, text=text)))
 
 
 def arms_of(streams: Mapping[str, tuple[Stream, ...]]) -> tuple[str, ...]:
@@ -122,20 +117,17 @@ def arms_of(streams: Mapping[str, tuple[Stream, ...]]) -> tuple[str, ...]:
     return tuple(n for n, found in streams.items() if any("joint_1.position" in stream.names for stream in found))
 
 
-def cell_text(plan: CellPlan, arms: tuple[str, ...]) -> str:
+def cell_text(
+    named: Mapping[str, str], sources: Sequence[SourcePlan], record: Mapping[str, str], arms: tuple[str, ...]
+) -> str:
     """The settings file; ``arms`` are the sources whose motion is cut into tasks."""
-    newest = str(CellName.model_fields["version"].default)
-    named = {"version": newest, "site": in_yaml(plan.site), "cell": in_yaml(plan.cell)}
-    if plan.robot:
-        named["robot"] = in_yaml(plan.robot)
-    record = {} if plan.record is None else {"folder": in_yaml(plan.record)}
     lines = [
         "# Settings of a cell. A key behind '# ' is off and shows its default: take the '# ' away to change it.",
         "# All keys: docs/settings.md, or cellwatt drivers NAME. After a change: cellwatt check FILE",
         *_keys(CellName, named),
         "",
         "sources:",
-        *(line for source in plan.sources for line in _source(source)),
+        *(line for source in sources for line in _source(source)),
         "",
         *_section("frames", FrameSettings, {}, "The time grid onto which all channels are brought"),
         "",
@@ -153,7 +145,7 @@ def _source(source: SourcePlan) -> Iterator[str]:
     part = next(p for p in installed("driver") if p.name == source.driver)
     yield f"  {source.name}:"
     yield from _line("    ", f"driver: {source.driver}", part.title)
-    yield from _keys(source.model, source.settings, "    ")
+    yield from _keys(find_driver(source.driver).Settings, source.settings, "    ")
 
 
 def _section(name: str, model: type[BaseModel], values: Mapping[str, str], about: str) -> Iterator[str]:

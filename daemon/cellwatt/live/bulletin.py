@@ -106,13 +106,14 @@ class Bulletin:
 
 
 def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[str]:
-    known = before.get("sources", {})
-    for name, source in status["sources"].items():
+    """Lines about the changes between two healths; empty is one that none was heard, or of another version."""
+    known, sources = before.get("sources", {}), status.get("sources", {})
+    for name, source in sources.items():
         was, state = known.get(name, {}).get("state"), source["state"]
         if was != state:
             why = f": {source['error']}" if source["error"] else ""
             yield _line(f"source {name}: {f'{was}, now ' if was else ''}{state}{why}", status["time"])
-    for name in known.keys() - status["sources"].keys():
+    for name in known.keys() - sources.keys():
         yield _line(f"source {name}: gone from the settings", status["time"])
     for warning in status.get("warnings", ()):
         if warning not in before.get("warnings", ()):

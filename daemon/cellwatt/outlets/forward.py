@@ -16,11 +16,12 @@ from typing import Any, Final, Generic, TypeVar
 from pydantic import Field, PositiveInt
 
 from cellwatt.account import Account
-from cellwatt.errors import CellwattError, OutletError
+from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.past import Archived, read
+from cellwatt.outlets.remote import NotNowError
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.outlets.together import until_one_ends
 from cellwatt.quantity import Seconds
@@ -45,14 +46,6 @@ LAST: Final = 2.0
 """Longest time, s, of the last attempt when the outlet ends."""
 
 M = TypeVar("M")
-
-
-class NotNowError(OutletError):
-    """The peer takes nothing now; ``wait`` is the time, s, after which to try again, where the peer says so."""
-
-    def __init__(self, reason: str, wait: float | None = None) -> None:
-        super().__init__(reason)
-        self.wait = wait
 
 
 class Peer(ABC, Generic[M]):
@@ -119,10 +112,15 @@ class Forwarder(Generic[M]):
 
     def offer(self, item: Item) -> None:
         """Queue an item; beyond the room for them the oldest is filled in from the record later."""
-        if isinstance(item, Frames) or (self._flow.results and isinstance(item, Alarm | Task | Energy)):
+        if (isinstance(item, Frames) and len(item)) or (self._flow.results and isinstance(item, Alarm | Task | Energy)):
             self._items.append(item)
             if len(self._items) > BLOCKS:
                 self._forgo_item(self._items.popleft())
+
+    def succeed(self, before: Forwarder[M]) -> None:
+        """Go on where the one before ended, with what it was offered since."""
+        self.cursor.succeed(before.cursor)
+        self._items.extendleft(reversed(before._items))
 
     async def run(self) -> None:
         """Send until cancelled, then once more, and keep what is left to be filled in."""
@@ -160,22 +158,26 @@ class Forwarder(Generic[M]):
                 await asyncio.sleep(0)
 
     def _take_frames(self, frames: Frames) -> None:
-        if not len(frames):
-            return
         self._newest = int(frames.time[-1])
         picker = self._picker
-        if picker is None or (picker.layout is not frames.layout and picker.layout != frames.layout):
+        if picker is None or picker.layout != frames.layout:
+            for row in () if picker is None else picker.rest():
+                self._take_row(row)
             picker = self._picker = Picker(self._flow, frames.layout)
             self.unmatched = picker.unmatched
             if picker.unmatched:
                 self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
                 log.warning("%s: no channel fits %s", self._name, ", ".join(picker.unmatched))
         for row in picker.rows(frames):
-            if self._record is not None and not self._begun:
-                self._begin(row.time, picker.span)
-            else:
-                self._wait(row.time, self._peer.row(row, picker.units), True)
-            self._begun = True
+            self._take_row(row)
+
+    def _take_row(self, row: Row) -> None:
+        assert self._picker is not None
+        if self._record is not None and not self._begun:
+            self._begin(row.time, self._picker.span)
+        else:
+            self._wait(row.time, self._peer.row(row, self._picker.units), True)
+        self._begun = True
 
     def _wait(self, at: int, message: M | None, is_row: bool) -> None:
         if message is not None:
@@ -318,10 +320,8 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
 
     def __init__(self, name: str, settings: F, view: CellView) -> None:
         super().__init__(name, settings, view)
-        record = framed_record(view)
-        path = None if record is None else record / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
-        self._cursor = Cursor(path, self.account, self.place)
-        self._forwarder: Forwarder[M] = Forwarder(name, self, settings, view.cell, record, self._cursor, self.account)
+        parts = framed_record(view), cursor_of(view, name, self.account, self.place), self.account
+        self._forwarder: Forwarder[M] = Forwarder(name, self, settings, view.cell, *parts)
 
     @property
     def place(self) -> str:
@@ -343,7 +343,7 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
     def succeed(self, before: Outlet[Any]) -> None:
         """Go on where the outlet before ended."""
         if isinstance(before, ForwardOutlet):
-            self._cursor.succeed(before._cursor)
+            self._forwarder.succeed(before._forwarder)
 
     def trouble(self) -> str | None:
         """Reason why the peer takes nothing, or nothing can be filled in."""
@@ -359,3 +359,10 @@ def framed_record(view: CellView) -> Path | None:
     """Folder of the cell's record, if it holds frames."""
     folder = view.record_folder
     return None if folder is None or not view.config()["record"]["frames"] else folder
+
+
+def cursor_of(view: CellView, name: str, account: Account, place: str = "") -> Cursor:
+    """The cursor of the outlet of that name, in a file beside the record; in memory alone where that has no frames."""
+    record = framed_record(view)
+    path = None if record is None else record / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
+    return Cursor(path, account, place)

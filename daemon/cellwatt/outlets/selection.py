@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import pairwise
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cellwatt.channel import Quality
 from cellwatt.frames import Frames, Layout
+from cellwatt.outlet import Section
 from cellwatt.quantity import Hertz
 from cellwatt.units import Units
 
@@ -21,10 +22,8 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class Selection(BaseModel):
+class Selection(Section):
     """Channels that an outlet sends, rows a second and units."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     channels: Annotated[tuple[str, ...], Field(min_length=1)] = ("*",)
     """Channels of the frames, by name or pattern: ``arm.*.current``."""
@@ -50,6 +49,11 @@ class Row:
     values: Mapping[str, float]
     quality: Mapping[str, int]
 
+    @property
+    def worst(self) -> int:
+        """Worst quality of the values that are there; ``MISSING`` where none is."""
+        return max((q for name, q in self.quality.items() if name in self.values), default=int(Quality.MISSING))
+
 
 class Picker:
     """Makes rows of frames of one layout; the same frames give the same rows, in whatever blocks they come.
@@ -61,7 +65,7 @@ class Picker:
     def __init__(self, selection: Selection, layout: Layout) -> None:
         self.layout = layout
         self.span = max(layout.step, round(1e9 / selection.rate))
-        chosen = [i for i, name in enumerate(layout.names) if _fits(name, selection.channels)]
+        chosen = [i for i, name in enumerate(layout.names) if fits(name, selection.channels)]
         self.unmatched = tuple(p for p in selection.channels if not any(fnmatchcase(n, p) for n in layout.names))
         shown = [selection.units.of(layout.channels[i].unit) for i in chosen]
         self._names = tuple(layout.names[i] for i in chosen)
@@ -157,7 +161,7 @@ class _Span:
         self._frames = 0
         self._worst = np.zeros(channels, np.uint8)
 
-    def add(self, values: Floats, quality: NDArray[np.uint8]) -> Self:
+    def add(self, values: Floats, quality: NDArray[np.uint8]) -> None:
         """Add frames (n, channels)."""
         there = np.isfinite(values)
         known = np.where(there, values, 0.0)
@@ -167,7 +171,6 @@ class _Span:
         self._worst = np.maximum(self._worst, np.where(there, quality, 0).max(axis=0))
         newest = np.where(there, np.arange(len(values))[:, None], -1).max(axis=0)
         self.last = np.where(newest >= 0, values[newest, np.arange(values.shape[1])], self.last)
-        return self
 
     @property
     def mean(self) -> Floats:
@@ -184,7 +187,8 @@ class _Span:
         return np.where(self._count, found, np.uint8(Quality.MISSING))
 
 
-def _fits(name: str, patterns: tuple[str, ...]) -> bool:
+def fits(name: str, patterns: Iterable[str]) -> bool:
+    """True if a name is among the patterns, or fits one."""
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 

@@ -38,7 +38,7 @@ class LogLines(logging.StreamHandler):  # type: ignore[type-arg]
         began, count = self._kinds.get(kind, (now, 0))
         if now - began > SPAN:
             if count > MOST:
-                self._write(f"{record.levelname} {record.name}: {count - MOST} more lines like the next were left out")
+                self._tell(record, f"{count - MOST} more lines like the next were left out")
             began, count = now, 0
         self._kinds[kind] = began, count + 1
         while len(self._kinds) > KINDS:
@@ -48,10 +48,10 @@ class LogLines(logging.StreamHandler):  # type: ignore[type-arg]
                 record = logging.makeLogRecord({**record.__dict__, "exc_info": None, "exc_text": None})
             super().emit(record)
         elif count == MOST:
-            self._write(f"{record.levelname} {record.name}: further lines like the last are left out for a minute")
+            self._tell(record, "further lines like the last are left out for a minute")
 
-    def _write(self, line: str) -> None:
-        self.stream.write(line + self.terminator)
+    def _tell(self, record: logging.LogRecord, text: str) -> None:
+        super().emit(logging.LogRecord(record.name, record.levelno, "", 0, text, (), None))
 
     def format(self, record: logging.LogRecord) -> str:
         """See ``logging.Handler.format``."""

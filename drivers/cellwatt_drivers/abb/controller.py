@@ -152,10 +152,8 @@ class Controller:
         deliver(self._inlet, stream, self._row(found, joints), asked, arrival, quality)
 
     def _row(self, found: Energy, joints: int) -> Float:
-        energies = (
-            np.array([found.accumulated, found.interval_energy, *found.joints[:joints]]) * self._settings.energy_unit
-        )
-        return np.array([energies[0], energies[1], found.interval, *energies[2:]])
+        given = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]])
+        return np.insert(given * self._settings.energy_unit, 2, found.interval)
 
     def _tell(self, words: dict[str, str]) -> None:
         """Report states that are others than before."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from cellwatt.emulation import Signals
 from cellwatt.emulation.blocks import Blocks
+from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.abb.messages import MESSAGES
 from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import DATA
@@ -17,6 +18,8 @@ from cellwatt_drivers.abb.wire import DATA
 _BLOCK = 50
 """Packets computed at once; a disturbance of the world shows after them."""
 _DEGREES = math.degrees(1.0)
+_PLACE = ("tool.x", "tool.y", "tool.z")
+_WRENCH = tuple(f"tool.{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,27 +32,30 @@ class Stamp:
 
 
 class EmulatedRobot:
-    """Makes the packets of a robot with ``axes`` joints, ``period`` s apart."""
+    """Makes the packets of a robot with ``axes`` joints, ``period`` s apart; what the signals lack is 0."""
 
     def __init__(self, signals: Signals, robotware: RobotWare, axes: int, period: float) -> None:
         self.motors_on = True
         self.running = True
         self._robotware = robotware
         self._axes = axes
-        self._blocks = Blocks(signals.at, period, _BLOCK)
+        names = [*(f"joint_{i}.position" for i in range(1, axes + 1)), *_PLACE, *_WRENCH]
+        scales = np.array([_DEGREES] * axes + [1e3] * len(_PLACE) + [1.0] * len(_WRENCH))
+        self._blocks = Blocks(lambda t: table_of(signals.at(t), names, len(t)) * scales, period, _BLOCK)
 
     def packet(self, index: int, stamp: Stamp) -> bytes:
         """The packet of ``index`` periods after the epoch."""
-        values, row = self._blocks.at(index)
+        table, row = self._blocks.at(index)
+        values: list[float] = table[row].tolist()
+        joints, place, wrench = values[: self._axes], values[self._axes : -len(_WRENCH)], values[-len(_WRENCH) :]
         message = MESSAGES.classes["EgmRobot"]()
         message.header.seqno = stamp.number & 0xFFFFFFFF
         message.header.tm = round(stamp.time * 1e3) & 0xFFFFFFFF
         message.header.mtype = DATA
-        joints = [float(values[f"joint_{i}.position"][row]) * _DEGREES for i in range(1, self._axes + 1)]
         message.feedBack.joints.joints.extend(joints)
         message.planned.joints.joints.extend(joints)
-        for name, key in (("x", "tool.x"), ("y", "tool.y"), ("z", "tool.z")):
-            setattr(message.feedBack.cartesian.pos, name, float(values[key][row]) * 1e3 if key in values else 0.0)
+        at = message.feedBack.cartesian.pos
+        at.x, at.y, at.z = place
         orient = message.feedBack.cartesian.orient
         orient.u0, orient.u1, orient.u2, orient.u3 = 0.0, 0.0, 1.0, 0.0
         if stamp.clocked:
@@ -60,16 +66,12 @@ class EmulatedRobot:
         message.mciConvergenceMet = False
         message.rapidExecState.state = 2 if self.running else 1
         message.utilizationRate = 0.0
-        wrench = [float(values[k][row]) if k in values else 0.0 for k in _WRENCH]
         if self._robotware == 7:
             message.moveIndex = index // 250 & 0xFFFFFFFF
             message.measuredForce.fcActive = any(wrench)
             message.measuredForce.force.extend(wrench)
             return bytes(message.SerializeToString())
         return bytes(message.SerializeToString()) + _force6(wrench)
-
-
-_WRENCH = tuple(f"tool.{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")
 
 
 def _force6(wrench: list[float]) -> bytes:

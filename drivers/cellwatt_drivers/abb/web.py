@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.files import WRITTEN, check_file
 from cellwatt_drivers.abb.rws import LARGEST, LOGOUT
 from cellwatt_drivers.abb.settings import AbbSettings
@@ -38,8 +38,11 @@ class Web:
         url = self._settings.url + path
         try:
             async with self._session.get(url, ssl=self._tls, allow_redirects=False) as answer:
-                page = await answer.content.read(LARGEST)
-                status = answer.status
+                status, page = answer.status, b""
+                async for part in answer.content.iter_any():
+                    page += part
+                    if len(page) > LARGEST:
+                        raise ProtocolError(f"{url}: a page of more than {LARGEST} bytes")
         except TimeoutError as error:
             raise ConnectError(f"{url}: no answer within {self._settings.timeout:g} s") from error
         except (aiohttp.ClientConnectionError, OSError) as error:
@@ -87,9 +90,8 @@ async def session(settings: AbbSettings) -> AsyncIterator[Web]:
             yield web
         finally:
             if len(jar):
-                with suppress(ConnectError, DeviceError, WrongDeviceError, ProtocolError):
-                    async with asyncio.timeout(settings.timeout):
-                        await web.get(LOGOUT)
+                with suppress(SourceError):
+                    await web.get(LOGOUT)
 
 
 async def _tls(settings: AbbSettings) -> ssl.SSLContext | bool:

@@ -198,12 +198,9 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         arrival = self.inlet.now() - round(since * 1e9)
         for intake in self._intakes:
             intake.flush(arrival)
-        if listening.dropped > self._dropped:
-            self.inlet.account.anomaly("frames dropped", listening.dropped - self._dropped)
-            self._dropped = listening.dropped
-        if listening.malformed > self._malformed:
-            self.inlet.account.anomaly("malformed", listening.malformed - self._malformed)
-            self._malformed = listening.malformed
+        self.inlet.account.anomaly("frames dropped", listening.dropped - self._dropped)
+        self.inlet.account.anomaly("malformed", listening.malformed - self._malformed)
+        self._dropped, self._malformed = listening.dropped, listening.malformed
 
     def _verdict(self, place: BusPlace) -> SourceError:
         """Return the error that says why nothing of the sensor was heard."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,6 @@ from cellwatt_drivers.shared.rows import Row, Rows
 
 if TYPE_CHECKING:
     from can import Message
-from collections import deque
 
 DUPLICATE = -1
 _WINDOW = 16
@@ -87,7 +87,7 @@ class Cycle:
 
 _QUALITY = {"clipped": Quality.CLIPPED, "missing": Quality.MISSING, "told": Quality.GOOD}
 _BACK = 0.5
-"""s that time stamps may step back before the PC's clock counts as set."""
+"""s that time stamps may step back, or the PC's clock run on ahead of the cell's, before that counts as set."""
 _BRACKET_EVERY = 1_000_000_000
 """ns between two comparisons of the PC's clock with the cell's."""
 
@@ -102,9 +102,12 @@ class Intake:
         self._name = name
         self._decoding = decoding
         self._inlet = inlet
+        self._period = period
         self._cycle = Cycle(period, decoding.counts_to)
         self._losses = Losses(inlet.account, "disconnected")
         self._bracketed = 0
+        self._ahead: int | None = None
+        """ns by which the PC's clock is ahead of the cell's time."""
         self._flags: frozenset[str] = frozenset()
         self._rows = Rows()
 
@@ -165,12 +168,16 @@ class Intake:
     def flush(self, arrival: int) -> None:
         """Hand over the samples since the last time, all read by the cell's time ``arrival``, ns."""
         if self._rows:
-            self._bracket()
+            self._compare()
         self._rows.hand_over(self._inlet, self.stream, arrival)
 
-    def _bracket(self) -> None:
+    def _compare(self) -> None:
         """Frames are stamped by this PC's own clock: what it says now is made no earlier than now."""
-        not_before = self._inlet.now()
+        not_before, stamp = self._inlet.now(), time.time_ns()
+        before, self._ahead = self._ahead, stamp - not_before
+        if before is not None and self._ahead - before > _BACK * 1e9:
+            self._cycle = Cycle(self._period, self._decoding.counts_to)  # or all that comes would seem to be behind
+            self._inlet.clock_reset(self.stream, f"the PC's clock was set on by {(self._ahead - before) / 1e9:.3f} s")
         if not_before - self._bracketed >= _BRACKET_EVERY:
             self._bracketed = not_before
-            self._inlet.bracket(self.stream, time.time_ns(), not_before)
+            self._inlet.bracket(self.stream, stamp, not_before)

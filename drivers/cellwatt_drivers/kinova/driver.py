@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 
 from pydantic import Field, field_validator
 
@@ -87,8 +87,18 @@ class KinovaDriver(Driver[KinovaSettings]):
         """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
         await keep_conversing(self, self._converse)
 
-    def _open(self) -> AbstractAsyncContextManager[Modbus]:
-        return open_modbus(self.settings.host, self.settings.port, self.settings.timeout)
+    @asynccontextmanager
+    async def _open(self) -> AsyncIterator[Modbus]:
+        """Open a connection. Raises ``ConnectError`` that says what to check."""
+        s, numbering = self.settings, Numbering()
+        client = tcp_client(s.host, s.port, s.timeout, numbering)
+        place = f"TCP {s.host}:{s.port}"
+        advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
+        await connect(client, s.timeout, lambda: f"nobody answers at {place}; {advice}")
+        try:
+            yield Modbus(client, place, numbering)
+        finally:
+            client.close()
 
     async def _greet(self, modbus: Modbus) -> Identity:
         for read in self._reads:
@@ -142,17 +152,3 @@ class KinovaDriver(Driver[KinovaSettings]):
             if before != flags:
                 text = f"{self.name}: {kind} flags 0x{before:08x} → 0x{flags:08x}"
                 self.inlet.event(kind, text, before=before, after=flags)
-
-
-@asynccontextmanager
-async def open_modbus(host: str, port: int, timeout: float) -> AsyncIterator[Modbus]:
-    """Open a connection. Raises ``ConnectError`` that says what to check."""
-    numbering = Numbering()
-    client = tcp_client(host, port, timeout, numbering)
-    place = f"TCP {host}:{port}"
-    advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
-    await connect(client, timeout, lambda: f"nobody answers at {place}; {advice}")
-    try:
-        yield Modbus(client, place, numbering)
-    finally:
-        client.close()

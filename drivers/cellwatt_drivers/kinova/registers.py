@@ -95,7 +95,9 @@ def motion_values(registers: Sequence[int], axes: int) -> Float:
 
 
 def _floats(registers: Sequence[int]) -> Float:
-    return np.array(registers, dtype="<u2").view("<f4").astype(np.float64)
+    found = np.array(registers, dtype="<u2").view("<f4").astype(np.float64)
+    found[np.isinf(found)] = np.nan
+    return found
 
 
 def encode(values: Sequence[float] | Float) -> list[int]:
@@ -115,5 +117,5 @@ class Turns:
         before = np.zeros_like(angles) if self._last is None else self._last
         step = angles - before
         found: Float = before + step - np.round(step / (2 * math.pi)) * 2 * math.pi
-        self._last = found
+        self._last = np.where(np.isnan(found), before, found)  # or one that is no number would end a joint's for good
         return found

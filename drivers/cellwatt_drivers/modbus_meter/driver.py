@@ -27,7 +27,7 @@ from cellwatt_drivers.modbus_meter.bus import (
     open_bus,
 )
 from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
-from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
+from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, chosen_map
 from cellwatt_drivers.modbus_meter.reader import Reader
 from cellwatt_drivers.shared.choice import Chosen, SerialPath
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, OtherNumberError, RefusedError
@@ -118,7 +118,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     def __init__(self, name: str, settings: ModbusMeterSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
         require(name, "driver modbus_meter", {"pymodbus": "the package pymodbus"}, "pip install 'cellwatt[modbus]'")
-        self._map = _map(settings)
+        self._map = chosen_map(settings.meter, settings.map)
         self._names = _chosen(self._map, settings.read)
         values = [self._map.values[n] for n in self._names]
         self._reader = Reader(self._map, self._names, settings.unit, settings.retries, self._count, self._left_out)
@@ -272,13 +272,6 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             told = ", ".join(sorted(new))
             self.inlet.event("overload", f"{self.name}: {told} beyond what the meter can measure", channels=told)
         self._overloaded = names
-
-
-def _map(settings: ModbusMeterSettings) -> MeterMap:
-    if settings.map is not None:
-        return load_map(settings.map)
-    assert settings.meter is not None
-    return packaged_map(settings.meter)
 
 
 def _chosen(meter: MeterMap, read: tuple[str, ...] | None) -> tuple[str, ...]:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cellwatt.emulation import Options, PortEmulator
-from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
-from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, load_map, packaged_map
+from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterName, chosen_map
 from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
 from cellwatt_drivers.shared.modbus_server import modbus_port, refusal
 
@@ -46,7 +45,9 @@ class ModbusMeterEmulator(PortEmulator):
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
-        self._map = _map(options)
+        name: MeterName = options.choice("meter", "eastron_sdm630", METERS)
+        file = options.text("map")
+        self._map = chosen_map(name, Path(file) if file else None)
         energy = options.number("energy", 0.0) * 3.6e6
         units = options.numbers("unit", (1.0,))
         self.meters = {int(number): EmulatedMeter(self.signals, self._map, energy) for number in units}
@@ -76,13 +77,3 @@ class ModbusMeterEmulator(PortEmulator):
             return ILLEGAL_VALUE
         cut = self._strict and meter.cuts(address, count)
         return ILLEGAL_ADDRESS if cut or not meter.has(address, count) else 0
-
-
-def _map(options: Options) -> MeterMap:
-    name: MeterName = options.choice("meter", "eastron_sdm630", METERS)
-    if not (file := options.text("map")):
-        return packaged_map(name)
-    try:
-        return load_map(Path(file))
-    except ConfigError as error:
-        raise ValueError(str(error)) from error

@@ -7,12 +7,11 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 
-from cellwatt.errors import WrongDeviceError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.modbus_meter.bus import Bus
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
-from cellwatt_drivers.shared.polling import NoAnswerError
 
 _LOOKS = 3
 """Readings in a row that must contradict themselves."""
@@ -98,11 +97,13 @@ async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
             continue
         try:
             found = await _numbers(bus, unit, meter, meter.checked)
-        except NoAnswerError:
+            fits = len(found) == len(meter.checked) and not doubt(meter, found, may_be_off=False)
+            if fits and not contradiction(meter, await _numbers(bus, unit, meter, meter.related)):
+                fitting.append(f"{meter.maker} {meter.model} (meter: {name})")
+        except ConnectError:
             break
-        fits = len(found) == len(meter.checked) and not doubt(meter, found, may_be_off=False)
-        if fits and not contradiction(meter, await _numbers(bus, unit, meter, meter.related)):
-            fitting.append(f"{meter.maker} {meter.model} (meter: {name})")
+        except (DeviceError, ProtocolError):  # of a meter that is another one anyway: no reason to say something else
+            continue
     return fitting
 
 

@@ -161,6 +161,14 @@ def load_map(path: Path) -> MeterMap:
     return read_settings(path, MeterMap)
 
 
+def chosen_map(name: MeterName | None, path: Path | None) -> MeterMap:
+    """Read a map of one's own, or else a packaged one."""
+    if path is not None:
+        return load_map(path)
+    assert name is not None
+    return packaged_map(name)
+
+
 def packaged_map(name: MeterName) -> MeterMap:
     """Read one of ``METERS``."""
     with as_file(files(__package__) / "meters" / f"{name}.yaml") as path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -35,7 +36,10 @@ class TagPlace:
 
     def si(self, value: Any) -> float:
         """Return a value of the node in SI units. Raises ``ValueError`` or ``TypeError`` where it is no number."""
-        return float(reduce(getitem, self.index, value)) * self.factor - self.zero
+        found = float(reduce(getitem, self.index, value)) * self.factor - self.zero
+        if math.isinf(found):
+            raise ValueError("an infinite value")
+        return found
 
 
 class Search:

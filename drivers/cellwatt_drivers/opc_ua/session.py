@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from cellwatt.errors import ConnectError, DeviceError
+from cellwatt.errors import DeviceError, SourceError
 from cellwatt_drivers.opc_ua.browse_path import Child
 from cellwatt_drivers.opc_ua.certificates import application_uri, certificate_of, key_of
 from cellwatt_drivers.opc_ua.complaints import Complaints
@@ -130,7 +130,7 @@ class Session:
                 with self.complaints.about("renewing the secure channel"):
                     await self._client.open_secure_channel(renew=True)
                     self._client.uaclient.revolve_security_token()
-            except (ConnectError, DeviceError) as error:
+            except SourceError as error:
                 self.feed.fail(error)
                 return
 

@@ -250,9 +250,10 @@ class PowerBoardEmulator(Emulator):
     def _phase_values(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, phases, 3) V, A, W t (n,) s after the first sample: an even share of the supply for each phase."""
         signals = self.signals.at(self._woke - self.epoch + t)
-        power = signals["supply.power"]
+        power = signals.get("supply.power", np.zeros_like(t))
         voltage = signals.get("supply.voltage", np.full_like(t, 230.0))
-        current = signals.get("supply.current", power / voltage)
+        drawn = np.divide(power, voltage, out=np.zeros_like(t), where=voltage != 0)
+        current = signals.get("supply.current", drawn)
         share = np.stack([voltage, current / self._phases, power / self._phases], axis=1)
         return np.repeat(share[:, None, :], self._phases, axis=1)
 

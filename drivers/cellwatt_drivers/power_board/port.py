@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+import termios
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
@@ -97,11 +98,11 @@ def listening_port(path: str, baud: int) -> AbstractAsyncContextManager[Listenin
 def _open(path: str, baud: int) -> ListeningPort:
     try:
         return ListeningPort(serial.Serial(path, baud, timeout=0, exclusive=True))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, termios.error) as error:
         raise ConnectError(f"{path}: {_why(error, baud)}") from error
 
 
-def _why(error: OSError | ValueError, baud: int) -> str:
+def _why(error: Exception, baud: int) -> str:
     # pyserial keeps the number only for a failed open; a failed lock or set-up has it in the text.
     number = getattr(error, "errno", None)
     text = str(error)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
 
 
 class FrameScanner:
@@ -46,3 +49,31 @@ class FrameScanner:
     def _pass_over(self, count: int) -> None:
         if count:
             self._counts["garbage bytes"] += count
+
+
+class Decoder(Generic[T]):
+    """Gives what ``parse`` made of payloads, ``None`` for what is none, in the frames of a mode, which ``scan`` finds.
+
+    Bytes come in pieces of any size. ``counts`` is what was seen besides good payloads; whoever reads it clears it.
+    """
+
+    scan: Callable[[bytes], None]
+
+    def __init__(self, parse: Callable[[bytes], T | None]) -> None:
+        self.counts: Counter[str] = Counter()
+        self._parse = parse
+        self._found: list[T] = []
+
+    def feed(self, data: bytes) -> list[T]:
+        """All payloads completed by these bytes, in order."""
+        self._found = []
+        self.scan(data)
+        return self._found
+
+    def _take(self, payload: bytes, otherwise: str) -> bool:
+        """Keep what is made of a payload; where it is none, count that as ``otherwise``."""
+        if (result := self._parse(payload)) is None:
+            self.counts[otherwise] += 1
+            return False
+        self._found.append(result)
+        return True

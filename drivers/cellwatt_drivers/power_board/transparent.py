@@ -8,14 +8,12 @@ length is sent twice (a false start is seen at once and holds nothing up) and th
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import TypeVar
 
-from cellwatt_drivers.power_board.scanner import FrameScanner
+from cellwatt_drivers.power_board.scanner import Decoder, FrameScanner
 
 T = TypeVar("T")
-
 SYNC = b"\xa5\x5a"
 
 
@@ -26,27 +24,12 @@ def frame(payload: bytes) -> bytes:
     return SYNC + bytes([len(payload), len(payload) ^ 0xFF]) + payload
 
 
-class TransparentDecoder(Generic[T]):
-    """Gives what ``parse`` made of the payloads in bytes that come in pieces of any size; ``counts`` as in ``xbee``."""
+class TransparentDecoder(Decoder[T]):
+    """Payloads in bytes of the transparent mode."""
 
     def __init__(self, parse: Callable[[bytes], T | None]) -> None:
-        self.counts: Counter[str] = Counter()
-        self._parse = parse
-        self._found: list[T] = []
-        self._frames = FrameScanner(SYNC, _length, self._take, self.counts)
-
-    def feed(self, data: bytes) -> list[T]:
-        """All payloads completed by these bytes, in order."""
-        self._found = []
-        self._frames.scan(data)
-        return self._found
-
-    def _take(self, frame: bytes) -> bool:
-        if (result := self._parse(frame[4:])) is None:
-            self.counts["checksum"] += 1
-            return False
-        self._found.append(result)
-        return True
+        super().__init__(parse)
+        self.scan = FrameScanner(SYNC, _length, lambda frame: self._take(frame[4:], "checksum"), self.counts).scan
 
 
 def _length(head: bytes) -> int:

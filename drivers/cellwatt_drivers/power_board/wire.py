@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from typing import Literal, Protocol, get_args
+from typing import Literal, get_args
 
 from cellwatt_drivers.power_board import transparent, xbee
 from cellwatt_drivers.power_board.payload import Packet, parse
+from cellwatt_drivers.power_board.scanner import Decoder
 
 Mode = Literal["api", "api_escaped", "transparent"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -18,17 +18,7 @@ _SEEN = {
 }
 
 
-class Decoder(Protocol):
-    """Takes bytes in pieces of any size; ``counts`` is what was seen besides good packets."""
-
-    counts: Counter[str]
-
-    def feed(self, data: bytes) -> list[Packet]:
-        """All packets completed by these bytes, in order."""
-        ...
-
-
-def decoder(mode: Mode) -> Decoder:
+def decoder(mode: Mode) -> Decoder[Packet]:
     """A fresh decoder for the receiver's mode."""
     if mode == "transparent":
         return transparent.TransparentDecoder(parse)

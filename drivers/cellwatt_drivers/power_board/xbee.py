@@ -11,9 +11,9 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import TypeVar
 
-from cellwatt_drivers.power_board.scanner import FrameScanner
+from cellwatt_drivers.power_board.scanner import Decoder, FrameScanner
 
 T = TypeVar("T")
 
@@ -133,34 +133,18 @@ def _well_escaped(piece: bytes, body: bytes) -> bool:
     return piece.count(ESCAPE, 0, len(body) + special) == special
 
 
-class ApiDecoder(Generic[T]):
-    """Gives what ``parse`` made of the payloads of receive frames, and counts all other frames by type.
-
-    ``parse`` gives ``None`` for what is not a payload. Whoever reads ``counts`` clears it.
-    """
+class ApiDecoder(Decoder[T]):
+    """Payloads of receive frames; all other frames are counted by type."""
 
     def __init__(self, parse: Callable[[bytes], T | None], *, escaped: bool) -> None:
-        self.counts: Counter[str] = Counter()
-        self._parse = parse
-        self._found: list[T] = []
-        self._frames = (EscapedApiFrames if escaped else api_frames)(self._open, self.counts)
-
-    def feed(self, data: bytes) -> list[T]:
-        """All payloads completed by these bytes, in order."""
-        self._found = []
-        self._frames.scan(data)
-        return self._found
+        super().__init__(parse)
+        self.scan = (EscapedApiFrames if escaped else api_frames)(self._open, self.counts).scan
 
     def _open(self, data: bytes) -> bool:
         """False where frame data may yet be a chance hit: its payload does not parse, or its type is unknown."""
         payload_at = _PAYLOAD_AT.get(data[0])
         if payload_at is not None:
-            result = self._parse(data[payload_at:])
-            if result is None:
-                self.counts["foreign payloads"] += 1
-                return False
-            self._found.append(result)
-            return True
+            return self._take(data[payload_at:], "foreign payloads")
         name, shortest, longest = _OTHERS.get(data[0], ("", 1, 0))
         known = shortest <= len(data) <= longest
         self.counts[f"frames: {name}" if known else "frames: unknown type"] += 1

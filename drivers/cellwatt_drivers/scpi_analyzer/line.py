@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import termios
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -136,7 +137,7 @@ async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIter
         try:
             device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
             device.reset_input_buffer()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, termios.error) as error:
             raise ConnectError(f"serial port {path} cannot be opened: {error}") from error
         return device
 

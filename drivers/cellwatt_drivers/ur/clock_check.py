@@ -17,7 +17,7 @@ from cellwatt.account import Account
 from cellwatt.arrays import Float
 from cellwatt.errors import SourceError
 from cellwatt_drivers.ur import session as rtde
-from cellwatt_drivers.ur.intake import Intake
+from cellwatt_drivers.ur.intake import Intake, refuse_strange
 from cellwatt_drivers.ur.recipe import Selection
 
 FIRST, USUAL = 1.0, 10.0
@@ -49,6 +49,7 @@ async def _first_package(host: str, port: int, rate: float, timeout: float, now:
     newest: asyncio.Future[tuple[int, int]] = asyncio.get_running_loop().create_future()
 
     def take(time: Float, values: Float, not_before: int | None, arrival: int) -> None:
+        refuse_strange(time)
         if not_before is not None and not newest.done():
             newest.set_result((round(float(time[0]) * 1e9), not_before))
 

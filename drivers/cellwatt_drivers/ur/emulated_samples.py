@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -108,6 +109,11 @@ class Rows:
             beyond = 0 if self.end is not None else int((elapsed - self._offsets[-1]) / self._step)
             return self._rows + beyond
         return int(self._offsets.searchsorted(elapsed, side="right"))
+
+    def next(self, elapsed: float) -> float:
+        """Return when the first row that is not due yet after ``elapsed`` s will be, s since the start; inf: none."""
+        due = self.due(elapsed)
+        return math.inf if due == self.end else float(self.stamps(np.array([due]))[0] - self._time[0])
 
     def stamps(self, numbers: Numbers) -> Float:
         """See ``Cycles``."""

@@ -27,7 +27,7 @@ UNREAD = 10.0
 """Seconds of packages a client may leave unread before the controller closes, as a real one does."""
 AT_END = ("pause", "hold")
 LOOKS = 500.0
-"""Hz at which it is looked which rows of a recording are due."""
+"""Hz at which it is looked, beside the times of a recording's rows, which faults strike and end."""
 
 
 class UrEmulator(Emulator):
@@ -108,12 +108,19 @@ class UrEmulator(Emulator):
                 elif self._start == "epoch":
                     self._begin(self.elapsed)
                 ready(f"{host}:{port}")
-                async for _ in ticker:
+                while True:
+                    await (anext(ticker) if self._rows is None else ticker.until(self._next_look(self._rows)))
                     self.advance()
         finally:
             server.close()
             for client in list(self.clients):
                 client.abort()
+
+    def _next_look(self, rows: Rows) -> int:
+        """The next row's own time, or that of a look before it, ns of the monotonic clock."""
+        now = time.monotonic()
+        row = math.inf if self._samples is None else self._began + rows.next(now - self._began)
+        return round(min(row, now + 1 / LOOKS) * 1e9)
 
     def _begin(self, elapsed: float) -> None:
         """Start the recording, elapsed s ago."""
@@ -139,6 +146,7 @@ class UrEmulator(Emulator):
         start = 0 if begins else max(self._samples.due(now - self._began), place.next)
         place.next = -(-start // stride) * stride
         client.place = place
+        self.advance(now)
 
     def stop(self, client: EmulatedClient) -> None:
         """A client wants no more packages."""

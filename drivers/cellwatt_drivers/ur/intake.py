@@ -32,6 +32,12 @@ _STATES = {
 _LEVELS = ("exception", "error", "warning", "info")
 
 
+def refuse_strange(time: Float) -> None:
+    """Raise ``ProtocolError`` where one of the controller times (n,) s cannot be one."""
+    if not (time.min() >= 0 and time.max() < LATEST):
+        raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is no time since its start")
+
+
 class Intake:
     """Takes the packages of one robot in order, over all connections to it, and keeps its account.
 
@@ -78,8 +84,7 @@ class Intake:
         arrival = self._inlet.now() if arrival is None else arrival
         if len(time) == 1 and not_before is None and self._next(time.item(), values, arrival):
             return
-        if not (time.min() >= 0 and time.max() < LATEST):
-            raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is no time since its start")
+        refuse_strange(time)
         device = np.rint(time * 1e9).astype(np.int64)
         self._speak()
         if not_before is not None:

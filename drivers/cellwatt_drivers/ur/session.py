@@ -109,7 +109,7 @@ class Session:
         except ProtocolError as error:
             self._account.anomaly("protocol error")
             self._fail(ProtocolError(f"{self.where}: {error}"))
-            self.abort()
+            self.close()
             return False
         rest = self._filled - used
         if rest and used:
@@ -165,18 +165,13 @@ class Session:
                 waiting.exception()  # seen: somebody may have given up waiting
         self._answer = None
 
-    def abort(self) -> None:
-        """Drop the connection at once."""
-        if self._transport is not None:
-            self._transport.abort()
-
     def leave(self) -> None:
         """Ask the controller to stop sending."""
         if self._transport is not None and not self.closed.done():
             self._transport.write(wire.PAUSE)
 
     def close(self) -> None:
-        """Close the connection."""
+        """Drop the connection at once."""
         if self._transport is not None:
             self._transport.close()
 

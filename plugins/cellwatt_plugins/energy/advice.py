@@ -26,27 +26,28 @@ SURE = 2.0
 
 @dataclass(frozen=True)
 class Advice:
-    """One change, and what it saves each cycle."""
+    """One change (``kind`` slower, faster or brakes), and what it saves, J a cycle, with one standard deviation.
+
+    ``setting`` are those to be made, with units in the names.
+    """
 
     kind: str
-    """slower, faster or brakes."""
     statement: str
     saving: float
-    """J a cycle."""
     uncertainty: float
-    """J, one standard deviation."""
     setting: Mapping[str, float] = field(default_factory=dict)
-    """Settings to be made, with units in the names."""
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """A task as it recurs: its motion, how long the arm then waits, s, and the frames while it does."""
+    """A task as it recurs: its motion, how long the arm then waits, s, and the frames while it does.
+
+    Without these the arm is taken to wait as at the motion's end.
+    """
 
     motion: Stretch
     waiting: float
     rest: Stretch | None = None
-    """Without it the arm is taken to wait as at the motion's end."""
 
     @property
     def holding(self) -> Float:

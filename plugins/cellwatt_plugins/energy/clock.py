@@ -22,11 +22,10 @@ STEPS = 6
 
 @dataclass(frozen=True)
 class Offset:
-    """Analyzer's time less the robot's time."""
+    """Analyzer's time less the robot's time, s, with one standard deviation."""
 
     seconds: float
     uncertainty: float
-    """s, one standard deviation."""
 
 
 def windows(reading: Reading, offset: float) -> tuple[Float, Float]:

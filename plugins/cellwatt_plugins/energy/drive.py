@@ -27,22 +27,21 @@ STILL = 5e-3
 
 @dataclass(frozen=True)
 class Drive:
-    """Parameters of an arm's supply; (n,) each where a joint has its own."""
+    """Parameters of an arm's supply; (n,) each where a joint has its own.
+
+    ``fixed`` W is the power at rest with brakes released and no torque: electronics and brakes. ``torque`` is a factor
+    on the robot's torque, ``copper`` the winding resistance as a multiple of the described one, at the described torque
+    constant and given torque; ``switching`` W/A, ``eddy`` W s²/rad² (currents) and ``hysteresis`` W s/rad at the joint
+    side. ``returned`` is the share of the braking power on the bus that the electronics use, 0 … 1.
+    """
 
     fixed: float
-    """Power at rest with brakes released and no torque: electronics and brakes, W."""
     torque: Float
-    """Factor on the robot's torque."""
     copper: Float
-    """Winding resistance as a multiple of the described one, at the described torque constant and given torque."""
     switching: Float
-    """W/A."""
     eddy: Float
-    """W s²/rad² at the joint side: eddy currents."""
     hysteresis: Float
-    """W s/rad at the joint side."""
     returned: float
-    """Share of the braking power on the bus that the electronics use, 0 … 1."""
 
     def weights(self) -> Float:
         """Weights (5 n,) of the features in the power on the bus."""

@@ -17,14 +17,15 @@ FOLLOW = 0.2
 
 @dataclass(frozen=True)
 class Level:
-    """The electronics' present power against that of the campaign."""
+    """The electronics' present power: ``drift`` W beyond the campaign's value.
+
+    ``scatter`` W rms is how far the last rests were from what was followed until then: so well it is known, beside what
+    it changes with the campaign's parameters, ``slope`` (3 + 5 n,) in the order of ``Known.covariance``.
+    """
 
     drift: float
-    """W beyond the campaign's value."""
     scatter: float
-    """W, rms: how far the last rests were from what was followed until then. So well the level is known beside …"""
     slope: Float
-    """(3 + 5 n,) … what it changes with the campaign's parameters, in the order of ``Known.covariance``."""
 
 
 def at_campaign(known: Known) -> Level:

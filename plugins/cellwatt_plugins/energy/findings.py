@@ -9,7 +9,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Fixed:
-    """Table II: power that is drawn whatever the robot does, W, with one standard deviation each."""
+    """Table II: power that is drawn whatever the robot does, W, with one standard deviation each.
+
+    ``hold`` is what the motors drew in the third state, to hold the arm where G(q) was not quite zero.
+    """
 
     controller: float
     robot_electronics: float
@@ -18,7 +21,6 @@ class Fixed:
     robot_electronics_uncertainty: float
     brakes_uncertainty: float
     hold: float
-    """Power that the motors drew in the third state, to hold the arm where G(q) was not quite zero."""
     notes: tuple[str, ...] = ()
 
     @property
@@ -29,42 +31,44 @@ class Fixed:
 
 @dataclass(frozen=True)
 class JointFriction:
-    """Friction of one joint by eq. (7), at the joint side."""
+    """Friction of one joint by eq. (7), at the joint side.
+
+    ``viscous`` Nm s/rad, ``coulomb`` and ``offset`` Nm, ``windage`` Nm s²/rad², and in ``further`` the coefficient of
+    each other law of friction that was fitted.
+    """
 
     joint: str
     viscous: float
-    """Nm s/rad."""
     coulomb: float
-    """Nm."""
     offset: float
-    """Nm."""
     windage: float
-    """Nm s²/rad²."""
     further: Mapping[str, float] = field(default_factory=dict)
-    """Coefficient of each other law of friction that was fitted."""
 
 
 @dataclass(frozen=True)
 class JointDrive:
-    """Identified parameters of one joint's drive."""
+    """Identified parameters of one joint's drive.
+
+    Torque as given by the robot is the true torque times ``torque_gain``. ``winding_resistance`` Ω is at the described
+    torque constant; ``switching`` W/A, ``iron`` W s²/rad² (eddy currents), ``hysteresis`` W s/rad.
+    """
 
     joint: str
     torque_gain: float
-    """Torque as given by the robot is the true torque times this."""
     torque_gain_uncertainty: float
     winding_resistance: float
-    """Ω, at the described torque constant."""
     switching: float
-    """W/A."""
     iron: float
-    """W s²/rad²: eddy currents."""
     hysteresis: float
-    """W s/rad."""
 
 
 @dataclass(frozen=True)
 class RunEnergy:
-    """Table III: one run, mean of its repetitions, J."""
+    """Table III: one run, mean of its repetitions, J, with one standard deviation of each.
+
+    ``regeneration_upper_bound`` is the negative mechanical energy (eq. 11), ``path_speed_mm_s`` the mean speed of the
+    flange along the path, by the encoders.
+    """
 
     run: str
     speed_mm_s: float
@@ -79,14 +83,11 @@ class RunEnergy:
     electrical_losses: float | None
     regeneration: float | None
     regeneration_upper_bound: float
-    """Negative mechanical energy (eq. 11)."""
     positive_mechanical: float
     motion_efficiency_percent: float
     analyzer_offset_s: float
     path_speed_mm_s: float
-    """Mean speed of the flange along the path, by the encoders."""
     uncertainty: Mapping[str, float | None] = field(default_factory=dict)
-    """One standard deviation of each of the above."""
     notes: tuple[str, ...] = ()
 
 

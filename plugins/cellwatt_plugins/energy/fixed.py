@@ -18,16 +18,15 @@ SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class Steady:
-    """Mean power of one state at rest."""
+    """Mean power of one state at rest, W, with one standard deviation of the mean.
+
+    ``drift`` W is that from the beginning to the end of the reading, by a straight line, ``noise`` W that of one value.
+    """
 
     power: float
-    """W."""
     uncertainty: float
-    """W, one standard deviation of the mean."""
     drift: float
-    """W from the beginning to the end of the reading, by a straight line."""
     noise: float
-    """W, of one value."""
     steady: bool
 
 

@@ -50,25 +50,24 @@ NEIGHBOURS = 10.0
 
 @dataclass(frozen=True)
 class Belief:
-    """Belief before the analyzer's power in motion is looked at: mean and one standard deviation each."""
+    """Belief before the analyzer's power in motion is looked at: mean and one standard deviation each.
+
+    ``fixed`` W is from the readings at rest, ``torque`` (n,) what the robot's torque is to be multiplied by, ``noise``
+    W that of one value of the analyzer.
+    """
 
     fixed: tuple[float, float]
-    """W, from the readings at rest."""
     torque: Float
-    """(n,) what the robot's torque is to be multiplied by …"""
     torque_uncertainty: Float
-    """(n,) … and how well that is known."""
     noise: float
-    """W, of one value of the analyzer."""
 
 
 @dataclass(frozen=True)
 class Observed:
-    """One run with its features, on the analyzer's clock; its complete ``repetitions``, and ``notes`` on the others."""
+    """One run with its ``features`` (N, 5 n); its complete ``repetitions``, and ``notes`` on the others."""
 
     run: Recorded
     feature: Float
-    """(N, 5 n), see ``features``."""
     offset: Offset
     repetitions: tuple[Repetition, ...]
     notes: tuple[str, ...] = ()
@@ -109,14 +108,15 @@ class Observed:
 
 @dataclass(frozen=True)
 class Identified:
-    """An arm's drive with its uncertainty, and what the fit left of each run."""
+    """An arm's drive with the ``covariance`` (2 + 5 n, 2 + 5 n) of fixed, weights and returned.
+
+    ``scatter`` W is what a measured value of each run counted for in the fit.
+    """
 
     drive: Drive
     covariance: Float
-    """(2 + 5 n, 2 + 5 n) of fixed, weights and returned."""
     observed: tuple[Observed, ...]
     scatter: tuple[float, ...]
-    """W, what a measured value of each run counted for in the fit."""
 
     def drawn(self, generator: np.random.Generator, count: int) -> list[Drive]:
         """Parameters as they may be, within their uncertainty."""

@@ -23,7 +23,12 @@ LATEST = 0.5
 
 @dataclass(frozen=True)
 class Known:
-    """An arm's drive and fixed powers, W, as ``disaggregate`` found them."""
+    """An arm's drive and fixed powers, W, as ``disaggregate`` found them.
+
+    ``model_error`` is the share of a task's energy by which the model may miss it, one standard deviation, ``viscous``
+    (n,) Nm s/rad, ``late`` s by which power comes later than the joints, ``covariance`` (3 + 5 n, 3 + 5 n) that of the
+    electronics' power, and of fixed power, weights and ``returned`` of the drive.
+    """
 
     robot: str
     drive: Drive
@@ -31,13 +36,9 @@ class Known:
     brakes: float
     brakes_uncertainty: float
     model_error: float
-    """Share of a task's energy by which the model may miss it, one standard deviation."""
     viscous: tuple[float, ...]
-    """Nm s/rad of each joint."""
     late: float
-    """s by which power comes later than the joints."""
     covariance: Float
-    """(3 + 5 n, 3 + 5 n) of the electronics' power, and of fixed power, weights and ``returned`` of the drive."""
 
 
 def load_known(path: Path, arm: Arm) -> Known:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,14 +25,15 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Reading:
-    """Power as the analyzer measured it; each value is the mean over the time to its neighbours."""
+    """Power as the analyzer measured it; each value is the mean over the time to its neighbours.
+
+    ``place`` is its name in messages, ``time`` (N,) s the middle of each value's time, on the analyzer's clock,
+    ``power`` (N,) W.
+    """
 
     place: str
-    """Name in messages."""
     time: Float
-    """(N,) s, middle of each value's time, on the analyzer's clock."""
     power: Float
-    """(N,) W."""
 
     @cached_property
     def step(self) -> float:
@@ -41,17 +43,16 @@ class Reading:
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion and torque as the robot gave them, evenly spaced on its own clock."""
+    """Motion and torque as the robot gave them, evenly spaced on its own clock.
+
+    ``place`` is its name in messages, ``time`` (N,) s; ``position`` rad, ``velocity`` rad/s and ``torque`` Nm (N, n).
+    """
 
     place: str
     time: Float
-    """(N,) s."""
     position: Float
-    """(N, n) rad."""
     velocity: Float
-    """(N, n) rad/s."""
     torque: Float
-    """(N, n) Nm, as the robot gives it."""
 
     @cached_property
     def step(self) -> float:
@@ -61,14 +62,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Recorded:
-    """One run of a campaign: repetitions of one path at one speed with one payload."""
+    """One run of a campaign: repetitions of one path at one ``speed`` (mm/s) with one ``payload`` (kg).
+
+    Its ``name`` says both: ``SPEED_PAYLOADkg``, e.g. ``100_5kg``.
+    """
 
     name: str
-    """``SPEED_PAYLOADkg``, e.g. ``100_5kg``."""
     speed: float
-    """mm/s, as the name says."""
     payload: float
-    """kg."""
     motion: Motion
     reading: Reading
 
@@ -105,6 +106,9 @@ def read_runs(folder: Path, joints: int) -> list[Recorded]:
     pairs = [_pair(p) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
     if not pairs:
         raise RecordingError(f"{folder}: no runs there; expected files like 100_5kg.robot.parquet")
+    for (name, *_, one, _), (other, *_, two, _) in pairwise(pairs):
+        if name == other:
+            raise RecordingError(f"{two}: the same run as {one.name} beside it: keep one of them")
     runs = spread(_read, pairs, "reading runs", shared=joints)
     return sorted(runs, key=lambda run: (run.payload, run.speed))
 

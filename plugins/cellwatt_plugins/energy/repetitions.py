@@ -36,14 +36,11 @@ SAME_LENGTH = 0.02
 
 @dataclass(frozen=True)
 class Repetition:
-    """One way round the path, robot's clock."""
+    """One way round the path, s of the robot's clock; ``uncertainty`` is that of its length."""
 
     start: float
-    """s."""
     end: float
-    """s."""
     uncertainty: float
-    """s, of its length."""
 
     @property
     def seconds(self) -> float:
@@ -76,6 +73,9 @@ def find_repetitions(motion: Motion) -> tuple[list[Repetition], list[str]]:
     if stays[0][0] > 1 or stays[-1][1] < len(motion.time) - 1:
         notes.append("the recording begins or ends in motion; what is not from rest to rest is left out")
     kept = [r for r in found if abs(r.seconds - usual) <= SAME_LENGTH * usual + 2 * r.uncertainty]
+    if not kept:
+        lengths = ", ".join(f"{r.seconds:.2f}" for r in found)
+        raise RecordingError(f"{motion.place}: repetitions took {lengths} s: which was interrupted? Record it again")
     notes += [
         f"the repetition at t = {r.start:.1f} s took {r.seconds:.2f} s instead of {usual:.2f} s: left out"
         for r in found

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
@@ -52,13 +53,15 @@ OFFSET = "offset"
 
 @dataclass(frozen=True)
 class RigidFit:
-    """Factors and friction of each joint."""
+    """Factors and friction of each joint, (n,) each.
+
+    The given torque is to be multiplied by ``torque``, h; ``friction`` has the coefficient of each of ``LAWS``, and
+    ``OFFSET`` Nm.
+    """
 
     torque: Float
-    """h: what the given torque is to be multiplied by."""
     uncertainty: Float
     friction: Mapping[str, Float]
-    """Coefficient of each of ``LAWS``, and ``OFFSET`` Nm, (n,) each."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,10 @@ class _Samples:
 
 
 def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: Float) -> RigidFit:
-    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are what is believed of the factors before."""
+    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are what is believed of the factors before.
+
+    Raises ``RecordingError`` where none moves for long enough.
+    """
     samples = _gather(runs)
     value = samples.torque.reshape(-1)
     n, given = arm.joints, 1.0 / expected
@@ -107,6 +113,8 @@ def _gather(runs: Sequence[Recorded]) -> _Samples:
         q, tau = (smooth(s, motion.step, bandwidth)[chosen] for s in (motion.position, motion.torque))
         qd, qdd, _ = (s[chosen] for s in rates(motion.velocity, motion.step, bandwidth))
         parts.append((q, qd, qdd, tau, np.full(len(chosen), run.payload)))
+    if not parts:
+        raise RecordingError(f"{runs[0].motion.place}: no run has {SAMPLES} samples in motion: record longer or faster")
     return _Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

@@ -5,6 +5,7 @@ Pinocchio is imported where a stage is made, not where its settings are read.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from cellwatt.alarms import AlarmBook, Patience
+from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction, Seconds
@@ -85,8 +87,8 @@ class EnergyStage(Stage[EnergySettings]):
             raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {robot}")
         self._columns = self._find(layout)
         self._source = layout.channels[self._columns[0]].source
-        self._time = np.empty(0, np.int64)
-        self._values = np.empty((0, len(self._columns)))
+        self._blocks: deque[tuple[Nanoseconds, Float]] = deque()
+        self._newest = 0
         self._level = at_campaign(self._known)
         self._late = round(self._known.late * 1e9)
         self._waiting: list[Task] = []
@@ -113,10 +115,10 @@ class EnergyStage(Stage[EnergySettings]):
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """The split of tasks that ended, and alarms that changed."""
         if len(frames):
-            self._time = np.concatenate([self._time, frames.time])
-            self._values = np.concatenate([self._values, frames.values[:, self._columns]])
-            keep = self._time > self._time[-1] - LONGEST
-            self._time, self._values = self._time[keep], self._values[keep]
+            self._blocks.append((frames.time, frames.values[:, self._columns]))
+            self._newest = int(frames.time[-1])
+            while self._blocks[0][0][-1] <= self._newest - LONGEST:
+                self._blocks.popleft()
         out = self._due()
         for result in upstream:
             if isinstance(result, Interval) and result.source == self._source:
@@ -133,11 +135,15 @@ class EnergyStage(Stage[EnergySettings]):
     def _due(self, *, all_of_them: bool = False) -> list[Result]:
         """The split of tasks whose power has come."""
         out: list[Result] = []
-        newest = int(self._time[-1]) if len(self._time) else 0
         wanted = self._late + EARLY_OR_LATE
-        while self._waiting and (all_of_them or newest >= self._waiting[0].end + wanted):
+        while self._waiting and (all_of_them or self._newest >= self._waiting[0].end + wanted):
             out += self._split(self._waiting.pop(0))
         return out
+
+    def _kept(self) -> tuple[Nanoseconds, Float]:
+        """Times (N,) ns of the frames that are kept, and their values."""
+        time, values = zip(*self._blocks, strict=True)
+        return np.concatenate(time), np.concatenate(values)
 
     def _stretch(self, start: int, end: int, late: int = 0) -> Stretch | None:
         """Frames of some time (ns), or nothing where too many are missing or the meter shows no power.
@@ -146,14 +152,15 @@ class EnergyStage(Stage[EnergySettings]):
         """
         from cellwatt_plugins.energy.task_energy import Stretch
 
-        first, last = np.searchsorted(self._time, [start, end + late])
-        values = self._values[first:last]
+        time, values = self._kept()
+        part = slice(*np.searchsorted(time, [start, end + late]))
+        time, values = time[part], values[part]
         expected = (end + late - start) // self.layout.step
         whole = np.isfinite(values).all(axis=1)
         if expected < 3 or whole.sum() < (1 - MISSING) * expected or values[whole, -1].sum() <= 0:
             return None
         grid = np.arange(start, end, self.layout.step)
-        times = self._time[first:last][whole]
+        times = time[whole]
         *joints, power = values[whole].T
         filled = np.stack([np.interp(grid, times, column) for column in joints], axis=1)
         n = self._arm.joints
@@ -176,8 +183,9 @@ class EnergyStage(Stage[EnergySettings]):
     def _split(self, task: Task) -> list[Result]:
         from cellwatt_plugins.energy.task_energy import task_energy
 
-        before = self._last.get(task.name)
-        self._last[task.name] = task
+        before = self._last.pop(task.name, None)
+        if task.repetition < TOLD_AT:
+            self._last[task.name] = task
         stretch = self._stretch(task.start, task.end, self._late)
         if stretch is None:
             return []
@@ -193,8 +201,9 @@ class EnergyStage(Stage[EnergySettings]):
         """J by which a task's total changes where power comes earlier or later than usual."""
         shifts = (self._late - EARLY_OR_LATE, self._late + EARLY_OR_LATE)
         grid = np.arange(task.start, task.end, self.layout.step)
-        there = np.isfinite(self._values[:, -1])
-        time, power = self._time[there], self._values[there, -1]
+        time, values = self._kept()
+        there = np.isfinite(values[:, -1])
+        time, power = time[there], values[there, -1]
         early, late = (float(np.interp(grid + shift, time, power).sum()) for shift in shifts)
         return abs(late - early) / 2 * self.layout.step * 1e-9
 

@@ -34,10 +34,9 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Stretch:
-    """Frames of one task, evenly spaced: (N, n) rad, rad/s, Nm as given; (N,) W."""
+    """Frames of one task, ``step`` s apart: (N, n) rad, rad/s, Nm as given; (N,) W."""
 
     step: float
-    """s."""
     position: Float
     velocity: Float
     torque: Float
@@ -46,15 +45,16 @@ class Stretch:
 
 @dataclass(frozen=True)
 class TaskEnergy:
-    """Energy of one task, J."""
+    """Energy of one task, J: ``groups`` are those of ``GROUPS``, which add up to ``total``.
+
+    Errors of the groups go together: ``covariance`` (7, 7) J².
+    """
 
     total: float
     groups: Mapping[str, float]
-    """Those of ``GROUPS``, which add up to ``total``."""
     positive_mechanical: float
     motion_efficiency_percent: float
     covariance: Float
-    """(7, 7) J² of ``GROUPS``: errors of the groups go together."""
 
     def group_uncertainty(self) -> dict[str, float]:
         """One standard deviation of each group, J."""

@@ -11,11 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
-
-Codes = NDArray[np.int8]
+from cellwatt_plugins.faults.criteria import Codes
 
 SHAPE_WEIGHT = 0.2
 """Weight of the likeness of residual and motion beside the agreement, which is 1 at most."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.channel import Quality
@@ -15,12 +16,17 @@ from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record.reader import Recording
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
-from cellwatt_plugins.robot.meter import onto, power_beside, with_meters
+from cellwatt_plugins.robot.meter.file import power_beside, with_meters
+from cellwatt_plugins.robot.meter.held import onto
 
 SOURCE = "table"
 """Source name of a table's channels."""
 APART = 10 * 10**9
 """Time between one table and the next, ns: nothing goes on from one to the other."""
+LONGEST = 10.0
+"""s of a hole in a table that is filled with frames in which all is missing; a longer one has no frames."""
+SLOWEST = 1.0
+"""s from row to row at most: a move of an arm takes little more."""
 
 
 def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Iterator[Frames]:
@@ -47,6 +53,10 @@ def _read(files: tuple[Path, Path | None]) -> Frames:
     path, meter = files
     table = read_table(path)
     time = table.rising_time()
+    if (step := float(np.median(np.diff(time)))) > SLOWEST:
+        raise RecordingError(
+            f"{path}: rows are {step:g} s apart, expected {SLOWEST:g} s or less: is column {table.clock} in seconds?"
+        )
     position, power = table.joints("position"), table.whole("supply.power")
     if position is None:
         raise table.lacks("q_1")
@@ -70,7 +80,8 @@ def frames_of_table(time: Float, position: Float, power: Float) -> Frames:
     """
     steps = np.diff(time)
     rate = float(round(1 / np.median(steps), 1))
-    grid = time[0] + np.arange(int((time[-1] - time[0]) * rate + 1e-6) + 1) / rate
+    number = _numbers(time, rate)
+    grid = time[0] + number / rate
     values = np.column_stack([*(np.interp(grid, time, column) for column in position.T), onto(grid, time, power)])
     row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(steps) - 1)
     values[(steps[row] > 2.5 / rate) & (grid > time[row])] = np.nan
@@ -79,11 +90,19 @@ def frames_of_table(time: Float, position: Float, power: Float) -> Frames:
     return Frames(
         layout=layout,
         sequence=0,
-        time=(first + np.arange(len(grid))) * layout.step,
+        time=(first + number) * layout.step,
         values=values,
         quality=np.where(np.isnan(values), Quality.MISSING, Quality.INTERPOLATED).astype(np.uint8),
         bound=np.zeros(values.shape, np.int64),
     )
+
+
+def _numbers(time: Float, rate: float) -> NDArray[np.int64]:
+    """Numbers of the grid's points from the first to the last of some times (N,) s, but for those in long holes."""
+    ends = np.flatnonzero(np.diff(time) > LONGEST)
+    since = (time - time[0]) * rate
+    first, last = np.ceil(since[[0, *ends + 1]] - 1e-6), np.floor(since[[*ends, -1]] + 1e-6)
+    return np.concatenate([np.arange(a, b + 1, dtype=np.int64) for a, b in zip(first, last, strict=True)])
 
 
 def _channels(joints: int) -> tuple[FrameChannel, ...]:

@@ -51,7 +51,7 @@ from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
 from cellwatt_plugins.faults.cycles.pattern import Pattern as CyclePattern
-from cellwatt_plugins.faults.cycles.stored import StoredModel
+from cellwatt_plugins.robot.meter.model import Meter
 
 VERSION = 1
 LEAD = 0.2
@@ -139,6 +139,33 @@ class TaskReference:
     name: str
     signature: str
     variants: tuple[Variant, ...]
+
+
+@dataclass(frozen=True)
+class StoredJoint:
+    """A joint as its healthy power has it; joint side, units as in ``robot.yaml``, ``copper_loss`` in W/(Nm)²."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    name: str
+    rotor_inertia: float
+    coulomb_friction: float
+    viscous_friction: float
+    copper_loss: float
+    link: Annotated[tuple[float, ...], Field(min_length=10, max_length=10)]
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """The fitted arm: ``standby`` W, gains of the supply while drives take and give power."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    standby: float
+    drive: float
+    regenerate: float
+    joints: tuple[StoredJoint, ...]
+    meter: Meter | None = None
 
 
 @dataclass(frozen=True)

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.commands.options import INPUT, with_progress, with_scheduler
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.files import write_file
 from cellwatt.scheduler import spread
-from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.criteria import Codes, Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
 from cellwatt_plugins.faults.paper.course import Key, courses_of
 from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import load
-
-Codes = NDArray[np.int8]
 
 
 @click.command("train")
@@ -75,10 +71,13 @@ def train(
 
         fitted = known_of(reference, file, robot).arm
     sources = Sources(told, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
+    names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
         if content is not None:
-            about["file"] = str(out / f"{about['task']}-{about['speed']:.2f}-codes.onnx")
+            name = f"{about['task']}-{about['speed']:.2f}"
+            name = name if names[name] == 1 else f"{about['task']}-{about['speed']:.3f}"
+            about["file"] = str(out / f"{name}-codes.onnx")
             write_file(Path(about["file"]), content)
         report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
@@ -89,7 +88,7 @@ def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
     out: defaultdict[int, list[Path]] = defaultdict(list)
     for given in faulty:
         joint, _, name = given.partition("=")
-        if not joint.isdigit() or not 1 <= int(joint) <= joints or not name:
+        if not joint.isdecimal() or not 1 <= int(joint) <= joints or not name:
             raise ConfigError(f"--fault {given}: expected JOINT=RECORDING with a joint from 1 to {joints}")
         if not Path(name).exists():
             raise ConfigError(f"--fault {given}: there is no {name}")

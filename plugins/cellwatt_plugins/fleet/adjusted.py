@@ -27,12 +27,11 @@ SURE: Final = 3.0
 
 @dataclass(frozen=True)
 class Course:
-    """A quantity by week: W weeks, rising."""
+    """A quantity by week: W weeks, rising, with the ``covariance`` (W, W) of the errors of ``values``."""
 
     weeks: Index
     values: Float
     covariance: Float
-    """(W, W) of the errors of ``values``."""
 
     def part(self, chosen: NDArray[np.bool_] | Index) -> Course:
         """Return some of the weeks."""
@@ -50,15 +49,16 @@ class Course:
 
 @dataclass(frozen=True)
 class Told:
-    """Values that K repetitions of one cell give of one quantity."""
+    """Values that K repetitions of one cell give of one quantity, with ``warmth`` °C.
+
+    ``recording`` is the number of each one's recording, equal only within a recording.
+    """
 
     values: Float
     week: Index
     recording: Index
-    """Number of each one's recording; equal only within a recording."""
     program: Index
     warmth: Float | None = None
-    """°C."""
 
     def by_recording(self) -> Told:
         """Return means of repetitions of one program in one recording; what is NaN is left out."""

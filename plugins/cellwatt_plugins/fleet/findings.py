@@ -21,34 +21,36 @@ Cause = Literal["wears", "rises", "falls", "stepped_up", "stepped_down"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that changed in one arm and in no other of its kind."""
+    """Something that changed in one arm and in no other of its kind.
+
+    ``joint`` is from 1, None for the whole arm; ``quantity`` friction, or energy (of a repetition). ``percent`` is the
+    change from ``first`` to ``last`` (Mondays of their weeks), or at a step, with the ends ``low`` and ``high`` of its
+    95 % interval; ``percent_a_week`` is None for a step. ``chance`` is the probability of a change as clear by
+    accident, in one course.
+    """
 
     cell: str
     kind: str
     joint: int | None
-    """From 1; None for the whole arm."""
     quantity: str
-    """``friction``, or ``energy`` (of a repetition)."""
     what: Cause
     percent: float
-    """Change from ``first`` to ``last``, or at a step."""
     low: float
-    """End of the 95 % interval of ``percent``."""
     high: float
     percent_a_week: float | None
-    """None for a step."""
     first: str
-    """Monday of the week from which it is counted, or of the step."""
     last: str
     chance: float
-    """Probability of a change as clear by accident, in one course."""
     statement: str
     remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Weekly:
-    """The course of a joint's friction, or of a cell's energy, for drawing; per cent of its mean."""
+    """The course of a joint's friction, or of a cell's energy, for drawing; per cent of its mean.
+
+    ``error`` is one standard deviation, ``kind`` what the kind does together in these weeks, already taken out.
+    """
 
     cell: str
     joint: int | None
@@ -56,9 +58,7 @@ class Weekly:
     weeks: tuple[str, ...]
     percent: tuple[float, ...]
     error: tuple[float, ...]
-    """Of one standard deviation."""
     kind: tuple[float, ...]
-    """What the kind does together in these weeks, already taken out."""
 
 
 @dataclass(frozen=True)

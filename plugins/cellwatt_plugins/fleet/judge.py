@@ -23,20 +23,19 @@ LONG_ENOUGH: Final = 6
 
 @dataclass(frozen=True)
 class Judged:
-    """Courses of a quantity of one kind, with what is common taken out, and what is sure about them."""
+    """Courses of a quantity of one kind, with what is ``common`` (by joint) taken out, and what is sure about them.
+
+    ``own`` are those that are long enough, ``sure`` the places whose trend is; ``steps`` those that are sure, and
+    trends that are rather told as one. ``smallest`` is the slope a week that half the joints would show, else NaN.
+    """
 
     courses: Courses
     common: Mapping[int, Common | None]
-    """By joint."""
     own: Mapping[Place, Course]
-    """Those that are long enough."""
     trends: Mapping[Place, Trend] = field(default_factory=dict)
     sure: frozenset[Place] = frozenset()
-    """Places whose trend is sure."""
     steps: Sequence[tuple[Place, Step]] = ()
-    """Those that are sure, and trends that are rather told as one."""
     smallest: float = float("nan")
-    """Slope a week that half the joints would show; NaN where there are none."""
 
     @classmethod
     def of(cls, courses: Courses) -> Judged:

@@ -30,13 +30,11 @@ _DAY = re.compile(r"(?<!\d)(20\d\d)-?([01]\d)-?([0-3]\d)(?!\d)")
 
 @dataclass(frozen=True)
 class CellWeek:
-    """Recordings of one cell in one week."""
+    """Recordings of one cell, whose description is ``robot``, in one week, counted from ``MONDAY`` on."""
 
     cell: str
     robot: Path
-    """Its description."""
     week: int
-    """Weeks since ``MONDAY``."""
     files: tuple[Path, ...]
 
 
@@ -56,12 +54,10 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Lake:
-    """All that is in a folder."""
+    """All that is in a folder: weeks by cell and week, the description of the robot by cell."""
 
     weeks: Sequence[CellWeek]
-    """By cell and week."""
     robots: dict[str, RobotDescription]
-    """Description by cell."""
     skipped: Sequence[Skipped]
 
 

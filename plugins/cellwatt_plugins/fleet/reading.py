@@ -30,22 +30,18 @@ BANDWIDTH: Final = 10.0
 
 @dataclass(frozen=True)
 class Stretch:
-    """N samples, evenly spaced; n joints."""
+    """N samples of n joints, evenly spaced: ``time`` (N,) s; rad, rad/s, rad/s² and Nm as the robot gives it (N, n).
+
+    ``temperature`` (n,) °C is the mean of each joint, ``power`` (N,) W.
+    """
 
     time: Float
-    """(N,) s."""
     position: Float
-    """(N, n) rad."""
     velocity: Float
-    """(N, n) rad/s."""
     acceleration: Float
-    """(N, n) rad/s²."""
     torque: Float
-    """(N, n) Nm, as the robot gives it."""
     temperature: Float | None
-    """(n,) °C, the mean of each joint."""
     power: Float | None
-    """(N,) W."""
 
     @property
     def step(self) -> float:

@@ -31,12 +31,14 @@ ODD: Final = 3.0
 
 @dataclass(frozen=True)
 class Trend:
-    """A line of a joint (or of the whole arm, in load and energy) against its kind."""
+    """A line of a joint (or of the whole arm, in load and energy) against its kind.
+
+    ``slope`` a week is that beyond the median of the kind and what the arm's other joints do.
+    """
 
     place: Place
     line: Line
     slope: float
-    """A week, beyond the median of the kind and what the arm's other joints do."""
     error: float
     free: float
     chance: float
@@ -54,23 +56,23 @@ class Trend:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """Slopes of K joints beyond their kind's; (K,) each."""
+    """Slopes of K joints beyond their kind's, with ``squares``, their variances by the weeks' scatter; (K,) each."""
 
     cells: NDArray[np.str_]
     values: Float
     squares: Float
-    """Variances of the values by the weeks' scatter."""
 
 
 @dataclass(frozen=True)
 class _Medians:
-    """Medians of slopes of some joints of an arm; (M,) each."""
+    """Medians of slopes of some joints of an arm, with the median of their variances, ``squares``; (M,) each.
+
+    ``shares`` is the variance of each, by that of one of its joints; infinite where there are none.
+    """
 
     values: Float
     shares: Float
-    """Variance of each, by that of one of its joints; infinite where there are none."""
     squares: Float
-    """Median of the variances of its joints."""
 
     @classmethod
     def of(cls, slopes: _Slopes, groups: Sequence[NDArray[np.bool_]]) -> _Medians:

@@ -37,29 +37,30 @@ _SCATTERS: Final = np.concatenate([[1e-3], np.geomspace(0.05, 3.0, 22)])
 
 @dataclass(frozen=True)
 class Line:
-    """A line through a course, or through what follows its step."""
+    """A line through a course, or through what follows its step, from week ``first`` to ``last``.
+
+    ``slope`` a week and its ``error`` with ``free`` degrees of freedom; ``scatter`` is τ.
+    """
 
     slope: float
-    """A week."""
     error: float
     free: float
-    """Degrees of freedom of the error."""
     first: int
     last: int
     scatter: float
-    """τ."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A change from one week to the next."""
+    """A change from one week to the next, ``week``.
+
+    ``chance`` is the probability of one as clear anywhere in a course without any.
+    """
 
     week: int
-    """The first one after it."""
     size: float
     error: float
     chance: float
-    """Probability of one as clear anywhere in a course without any."""
 
 
 def persistence(courses: Sequence[Course]) -> float:

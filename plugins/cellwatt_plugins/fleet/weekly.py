@@ -29,35 +29,34 @@ MOST: Final = 20_000
 
 @dataclass(frozen=True)
 class Repetition:
-    """One repetition, or one piece of a recording; (n,) by joint, NaN where a joint hardly moved."""
+    """One repetition, or one piece of a recording; (n,) by joint, NaN where a joint hardly moved.
+
+    ``recording`` is the number of its recording within the week, ``friction`` a share of the week's, ``temperature``
+    °C; ``energy`` J is None without power, and for pieces.
+    """
 
     recording: int
-    """Number of its recording within the week."""
     signature: tuple[float, ...]
     friction: Float
-    """Share of the week's."""
     temperature: Float | None
-    """°C."""
     energy: float | None
-    """J; None without power, and for pieces."""
 
 
 @dataclass(frozen=True)
 class Week:
-    """One cell in one week; (n,) by joint."""
+    """One cell in one week: friction (n,) ``coulomb`` Nm and ``viscous`` Nm s/rad, from ``seconds`` of recordings.
+
+    ``speed`` (n,) rad/s is the mean velocity while a joint slides.
+    """
 
     cell: str
     week: int
     coulomb: Float
-    """Nm."""
     viscous: Float
-    """Nm s/rad."""
     speed: Float
-    """Mean velocity while the joint slides, rad/s."""
     repetitions: tuple[Repetition, ...]
     skipped: tuple[Skipped, ...]
     seconds: float
-    """s of recordings that were used."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.errors import ConfigError
+from cellwatt.files import write_file
 from cellwatt.progress import stage
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
@@ -20,6 +22,7 @@ from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.mend_drives import mend_driven
 from cellwatt_plugins.mismatch.simulators.wording import mended_in_words
 
+OUTPUT = click.Path(file_okay=False, writable=True, path_type=Path)
 METER = "Power (t, power) that a meter logged on its own clock, one a recording."
 
 
@@ -30,11 +33,14 @@ class _Explain(click.Command):
         spread: list[str] = []
         following = False
         for word in args:
-            if word == "--simulation" or word.startswith("-"):
+            if word.startswith("-"):
                 following = word == "--simulation"
-                spread += [] if following else [word]
+                spread += [word]
             else:
-                spread += ["--simulation", word] if following else [word]
+                # The first stands behind the option itself.
+                spread += ["--simulation", word] if following and spread[-1] != "--simulation" else [word]
+        if any(word == "--simulation" and after.startswith("-") for word, after in pairwise([*spread, "-"])):
+            raise click.BadOptionUsage("--simulation", "Option '--simulation' requires an argument.", ctx)
         return super().parse_args(ctx, spread)
 
 
@@ -47,7 +53,7 @@ class _Explain(click.Command):
 @click.option(
     "--robot", type=INPUT, help="robot.yaml, or its folder; a simulator's file describes the arm where it is left out."
 )
-@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
+@click.option("--out", required=True, type=OUTPUT, help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 @click.option(
     "--time",
@@ -84,9 +90,8 @@ def explain(
     arm = api.arm_of(robot, simulator_file(given) or simulator, recordings)
     user = None if simulator is None else to_mend(simulator, arm.body)
     found = api.explain(recordings, robot=robot or arm, simulation=given, meter=meters, seconds=seconds)
-    out.mkdir(parents=True, exist_ok=True)
     content = found.as_json()
-    (out / "findings.json").write_text(json.dumps(content, indent=1))
+    write_file(out / "findings.json", json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
     mended, unmended = None, None
     if user is not None:
@@ -101,8 +106,8 @@ def explain(
             found.report(out / "report.html", None if mended is None else mended.path)
     if mended is not None:
         content["mended"] = mended.as_json()
-        (out / "findings.json").write_text(json.dumps(content, indent=1))
-    click.echo(json.dumps(content) if as_json else in_words(found, out))
+        write_file(out / "findings.json", json.dumps(content, indent=1))
+    click.echo(json.dumps(content) if as_json else in_words(found, out, report=not no_report))
     if mended is not None:
         click.echo(mended_in_words(mended), err=as_json)
     if unmended is not None:

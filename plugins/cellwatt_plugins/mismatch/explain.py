@@ -16,10 +16,11 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, on_joints, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, on_joints
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
+from cellwatt_plugins.mismatch.fit.sides import supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, by_law
@@ -84,22 +85,20 @@ class Explained:
         Raises ``CellwattError`` where the file cannot be written.
         """
         from cellwatt.report import Provenance
-        from cellwatt_plugins.mismatch.report import report
-        from cellwatt_plugins.mismatch.report.traces import traces_of
+        from cellwatt_plugins.mismatch.report.page import report
+        from cellwatt_plugins.mismatch.report.trace import traces_of
 
         made_from = Provenance.here(self.inputs)
         problems = [side.problem for side in (self.torque, self.supply) if side is not None]
         floors = {p.channel(c)[0]: floor for p in problems for c, floor in enumerate(p.floor.tolist())}
         traces = traces_of(self.runs, self.model, self.torque)
-        page = report(self.findings, traces, self.model.robot.robot, floors, made_from)
+        moved = []
         if self.runs[0].drive is not None:
             from cellwatt_plugins.mismatch.report import motion
 
-            joints, file = [joint.name for joint in self.model.robot.joints], self.model.robot.urdf
-            numbers, cascade, *more = page.sections
-            moved = motion.section(self.runs, joints, file, mended)
-            page = replace(page, sections=[numbers, cascade, moved, *more])
-        page.write(Path(path))
+            joints = [joint.name for joint in self.model.robot.joints]
+            moved = [motion.section(self.runs, joints, self.model.robot.urdf, mended)]
+        report(self.findings, traces, self.model.robot.robot, floors, made_from, moved).write(Path(path))
 
 
 def explain(
@@ -244,7 +243,7 @@ def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelF
     refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [
         ChannelFit(*problem.channel(c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
-        for c in (problem.told if problem.side == "torque" else [0])
+        for c in problem.told
     ]
 
 
@@ -284,6 +283,3 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
     if longest < 100:
         notes.append(f"The longest run lasts {longest:.0f} s: effects of warming up could not be tested.")
     return tuple(notes)
-
-
-__all__ = ["Explained", "LackOfFit", "explain"]

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import yaml
-from pydantic import BaseModel
+from pydantic import AfterValidator, BaseModel
 
 from cellwatt.arrays import Float
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ConfigError, ModelError
+from cellwatt.files import write_file
 from cellwatt_plugins.mismatch.fit.problem import Term, on_joints
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.robot import Arm, RobotDescription
@@ -25,6 +26,13 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo import BY_NAME_IN_MOTION, IN_MOTION
 
 FORMAT = 2
+
+if TYPE_CHECKING:
+    Array = Float
+    Vector = Float
+else:  # of a file's numbers
+    Array = Annotated[tuple[float, ...], AfterValidator(np.array)]
+    Vector = Annotated[tuple[float, float, float], AfterValidator(np.array)]
 
 
 @dataclass(frozen=True)
@@ -45,15 +53,15 @@ class FittedTerm:
 class Retuned:
     """Corrections of the nominal parameters of n joints."""
 
-    inertial: Float
+    inertial: Array
     """(10 n,), added to the links' parameters."""
-    coulomb_friction: Float
+    coulomb_friction: Array
     """(n,) Nm, added; likewise the next two."""
-    viscous_friction: Float
-    rotor_inertia: Float
-    standby_power: float = 0.0
+    viscous_friction: Array
+    rotor_inertia: Array
+    standby_power: float
     """W, added."""
-    resistance: Float = field(default_factory=lambda: np.zeros(0))
+    resistance: Array
     """(n,), added to 1 as a factor of each winding's resistance."""
 
     @classmethod
@@ -141,10 +149,10 @@ def _supply(model: Model, states: States) -> Float:
 
 
 def save_model(model: Model, path: Path) -> None:
-    """Write ``model.yaml`` with the URDF beside it."""
+    """Write ``model.yaml`` with the URDF beside it. Raises ``CellwattError`` where it cannot be written."""
     urdf = path.with_name("robot.urdf")
     if urdf.resolve() != model.robot.urdf.resolve():
-        urdf.write_bytes(urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
+        write_file(urdf, urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
     terms = [_term(fitted) for fitted in model.terms]
@@ -152,30 +160,21 @@ def save_model(model: Model, path: Path) -> None:
     known = {name: values.tolist() for name, values in arrays.items() if values is not None}
     known |= {} if model.lead is None else {"lead": model.lead}
     content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
-    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+    write_file(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
 
 
 def _term(fitted: FittedTerm) -> dict[str, Any]:
-    effect, joint, shape = fitted.term.effect, fitted.term.joint, [float(x) for x in fitted.term.shape]
+    effect, shape = fitted.term.effect, [float(x) for x in fitted.term.shape]
     numbers = {"shape": shape, "coefficients": fitted.coefficients.tolist()}
-    told = {"effect": effect.name, "joint": None if joint is None else joint + 1, **numbers}
+    told = {"effect": effect.name, "joint": fitted.term.number, **numbers}
     return told | ({"in_motion": True} if effect in IN_MOTION and BY_NAME.get(effect.name) is not effect else {})
-
-
-class _Retuned(BaseModel):
-    inertial: tuple[float, ...]
-    coulomb_friction: tuple[float, ...]
-    viscous_friction: tuple[float, ...]
-    rotor_inertia: tuple[float, ...]
-    standby_power: float
-    resistance: tuple[float, ...]
 
 
 class _Effect(BaseModel):
     effect: str
     joint: int | None
     shape: tuple[float, ...]
-    coefficients: tuple[float, ...]
+    coefficients: Array
     in_motion: bool = False
     """True of what only motion without torque shows, under a name that torque may have, too."""
 
@@ -190,11 +189,11 @@ class _File(BaseModel):
 
     format: Annotated[int, reads_version(FORMAT, "run `cellwatt explain` again")]
     robot: RobotDescription
-    links: tuple[float, ...] | None = None
-    gravity: tuple[float, float, float] | None = None
-    mount: tuple[float, float, float] | None = None
+    links: Array | None = None
+    gravity: Vector | None = None
+    mount: Vector | None = None
     lead: float | None = None
-    retuned: _Retuned
+    retuned: Retuned
     effects: tuple[_Effect, ...]
 
 
@@ -205,28 +204,17 @@ def load_model(path: Path) -> Model:
         found = read_settings(file, _File, _known, refusal=ModelError, computed=True)
     except ModelError as error:
         raise ConfigError(f"{error}; models are written by `cellwatt explain`") from error
-    given: dict[str, Any] = {n: _array(value) if isinstance(value, tuple) else value for n, value in found.retuned}
-    terms = [
-        FittedTerm(Term(each.known[each.effect], each.joint and each.joint - 1, each.shape), _array(each.coefficients))
+    robot = found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf})
+    terms = tuple(
+        FittedTerm(Term(each.known[each.effect], each.joint and each.joint - 1, each.shape), each.coefficients)
         for each in found.effects
-    ]
-    links, gravity, mount = (None if one is None else _array(one) for one in (found.links, found.gravity, found.mount))
-    return Model(
-        found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf}),
-        Retuned(**given),
-        tuple(terms),
-        links,
-        gravity,
-        mount,
-        found.lead,
     )
-
-
-def _array(values: tuple[float, ...]) -> Float:
-    return np.array(values, np.float64)
+    return Model(robot, found.retuned, terms, found.links, found.gravity, found.mount, found.lead)
 
 
 def _known(file: _File) -> Iterator[tuple[KeyPath, str]]:
     for i, each in enumerate(file.effects):
         if each.effect not in each.known:
             yield ("effects", i, "effect"), f"effect {each.effect!r} is not known to this version"
+        if each.joint is not None and not 1 <= each.joint <= len(file.robot.joints):
+            yield ("effects", i, "joint"), f"the robot has the joints 1 to {len(file.robot.joints)}"

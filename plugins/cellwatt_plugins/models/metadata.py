@@ -134,12 +134,7 @@ class Metadata:
         return self
 
 
-_UNIT_OF = {
-    "position": "rad",
-    "velocity": "rad/s",
-    "temperature": "degC",
-    "approach": "rad",
-}
+_UNIT_OF = {"position": "rad", "velocity": "rad/s", "temperature": "degC", "approach": "rad"}
 """Units of the quantities of a joint that models take."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,40 @@ STILL_RATE = 2e-2
 """… rad/s, for a velocity, which is noisier than the position that it is made of."""
 
 
+OUTSIDE = 0.05
+"""Share of an input's range in training by which it may leave it before this is told, where nothing else is asked."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Ranges of a model's inputs in training, (inputs,) each; those narrower than noise at rest are as wide as that."""
+
+    low: Float
+    high: Float
+    floor: Float
+    ceiling: Float
+    """Beyond these an input has left its range."""
+
+    @classmethod
+    def of(cls, ranges: Float, units: Sequence[str], margin: float) -> Limits:
+        """From ``ranges`` (inputs, 2) that may be left by a ``margin``, a share of their width."""
+        still = np.array([STILL_RATE if unit == "rad/s" else STILL for unit in units])
+        slack = np.maximum(0.0, (still - np.ptp(ranges, axis=1)) / 2)
+        low, high = ranges[:, 0] - slack, ranges[:, 1] + slack
+        beyond = margin * (high - low)
+        return cls(low, high, low - beyond, high + beyond)
+
+    def left_by(self, values: Float) -> NDArray[np.bool_]:
+        """True (n, inputs) where values (n, inputs) have left their range; NaN has not."""
+        return np.asarray((values < self.floor) | (values > self.ceiling))
+
+
 class RangeWatch:
     """Raises an alarm for an input that is outside its range by more than ``margin`` of the range's width.
 
-    Inputs are those of ``channels``, ``ranges`` (inputs, 2) what they had in training, in their units. A range narrower
-    than that of an input at rest counts as that wide. An alarm is cleared after ``patience`` frames in a row within the
-    range itself; frames without a value do not count. ``prefix`` starts the alarms' ids, ``model`` names the model in
-    their text. Blocks may be cut anywhere.
+    Inputs are those of ``channels``, ``ranges`` (inputs, 2) what they had in training, in their units. An alarm is
+    cleared after ``patience`` frames in a row within the range itself; frames without a value do not count. ``prefix``
+    starts the alarms' ids, ``model`` names the model in their text. Blocks may be cut anywhere.
     """
 
     def __init__(
@@ -33,19 +61,14 @@ class RangeWatch:
     ) -> None:
         self._prefix, self._model, self._channels, self._ranges = prefix, model, channels, ranges
         self._patience = Patience(patience)
-        still = np.array([STILL_RATE if channel.unit == "rad/s" else STILL for channel in channels])
-        low, high = ranges.T
-        slack = np.maximum(0.0, (still - (high - low)) / 2)
-        self._low, self._high = low - slack, high + slack
-        beyond = margin * (self._high - self._low)
-        self._floor, self._ceiling = self._low - beyond, self._high + beyond
+        self._limits = Limits.of(ranges, [channel.unit for channel in channels], margin)
         self._book = AlarmBook()
         self._furthest: dict[int, float] = {}
         """Value that is furthest outside, by the columns whose alarm is up."""
 
     def update(self, time: Nanoseconds, values: Float) -> list[Alarm]:
         """Alarms that change with the next n frames, in order; values (n, inputs), NaN where missing."""
-        beyond = (values < self._floor) | (values > self._ceiling)
+        beyond = self._limits.left_by(values)
         if not self._furthest and not beyond.any():
             return []
         columns = sorted({*self._furthest, *np.flatnonzero(beyond.any(axis=0)).tolist()})
@@ -61,7 +84,7 @@ class RangeWatch:
                 if out:
                     changes += self._book.raise_(self._alarm(name, channel, (low, high), at, value))
                     self._furthest[column] = value
-            elif self._low[column] <= value <= self._high[column]:
+            elif self._limits.low[column] <= value <= self._limits.high[column]:
                 said = f"Resolved: {channel.name} is back in the range that model {self._model} was trained on"
                 evidence = {**self._book[name].alarm.evidence, f"furthest_{channel.unit}": self._furthest[column]}
                 if over := self._book.clear(name, at, said, after=self._patience, evidence=evidence):

@@ -19,6 +19,7 @@ from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.network import Network, open_network
+from cellwatt_plugins.models.outside import OUTSIDE, Limits
 from cellwatt_plugins.models.window import whole
 from cellwatt_plugins.onnx_file import refused
 
@@ -29,8 +30,8 @@ SAME_RATE = 0.02
 HOLE = 1.5
 """Rows further apart than this many steps do not stand in one window."""
 _APPROACH = re.compile(r"(joint_\d+)\.approach")
-OUTSIDE = 0.05
-"""Share of an input's range in training by which it may leave it before this is told; as in the stage."""
+AT_ONCE = 20_000
+"""Rows whose windows are in memory together."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def predict_files(model: Path, tables: Sequence[Path], folder: Path) -> list[Rep
 
     Raises as ``predict_file``, and ``RecordingError`` where two tables have one name.
     """
-    files = [folder / f"{table.name.removesuffix(table.suffix)}.parquet" for table in tables]
+    files = [folder / f"{table.stem}.parquet" for table in tables]
     if len(set(files)) < len(files):
         twice = next(file.stem for file in files if files.count(file) > 1)
         raise RecordingError(f"two tables are called {twice}: predict them one by one")
@@ -164,19 +165,20 @@ def predict(network: Network, values: Float, starts: NDArray[np.bool_]) -> Float
     Windows reach to the first and the last row of the motion that ``starts`` (n,) say, and hold these beyond them.
     """
     optional = np.array([wanted.optional for wanted in network.metadata.inputs])
-    cast = network.cast(values)
-    rows = np.arange(len(values))
-    window = network.metadata.window
-    if window > 1:
-        seen = rows[:, None] + np.arange(1 - window, 1) + network.metadata.delay
-        first = np.flatnonzero(starts)
-        last = np.append(first[1:], len(rows)) - 1
-        motion = np.cumsum(starts) - 1
-        cast = cast[np.clip(seen, first[motion, None], last[motion, None])]
-    usable = whole(cast, optional).reshape(len(rows), -1).all(axis=1)
+    cast, window = network.cast(values), network.metadata.window
+    first = np.flatnonzero(starts)
+    last = np.append(first[1:], len(values)) - 1
+    motion = np.cumsum(starts) - 1
     out = np.full((len(values), len(network.metadata.outputs)), np.nan)
-    if usable.any():
-        out[usable] = network.run(cast[usable])
+    for begin in range(0, len(values), AT_ONCE):
+        rows = np.arange(begin, min(begin + AT_ONCE, len(values)))
+        given = cast[rows]
+        if window > 1:
+            seen, own = rows[:, None] + np.arange(1 - window, 1) + network.metadata.delay, motion[rows, None]
+            given = cast[np.clip(seen, first[own], last[own])]
+        usable = whole(given, optional).reshape(len(rows), -1).all(axis=1)
+        if usable.any():
+            out[rows[usable]] = network.run(given[usable])
     return out
 
 
@@ -197,12 +199,9 @@ def _check_rate(rate: float, table: Table, starts: NDArray[np.bool_], model: Pat
 
 
 def _outside(metadata: Metadata, values: Float) -> dict[str, int]:
-    out = {}
-    for wanted, (low, high), column in zip(metadata.inputs, metadata.training.range, values.T, strict=True):
-        slack = OUTSIDE * (high - low)
-        if count := int(np.sum((column < low - slack) | (column > high + slack))):
-            out[wanted.channel] = count
-    return out
+    limits = Limits.of(np.array(metadata.training.range), [wanted.unit for wanted in metadata.inputs], OUTSIDE)
+    counts = limits.left_by(values).sum(axis=0).tolist()
+    return {wanted.channel: count for wanted, count in zip(metadata.inputs, counts, strict=True) if count}
 
 
 def _numbered(column: Float) -> NDArray[Any]:

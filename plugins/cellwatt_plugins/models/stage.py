@@ -12,9 +12,9 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction
 from cellwatt.results import Prediction, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
-from cellwatt_plugins.models.fit import check_rate, check_robot, columns
+from cellwatt_plugins.models.fits_cell import check_rate, check_robot, columns
 from cellwatt_plugins.models.network import open_network
-from cellwatt_plugins.models.outside import RangeWatch
+from cellwatt_plugins.models.outside import OUTSIDE, RangeWatch
 from cellwatt_plugins.models.window import Window
 
 CLEAR = 1.0
@@ -28,7 +28,7 @@ class ModelSettings(StageSettings):
     """ONNX file with cellwatt's metadata."""
     source: str | None = None
     """Source whose channels are meant where several give an input of the model."""
-    outside: Fraction = Field(0.05, ge=0)
+    outside: Fraction = Field(OUTSIDE, ge=0)
     """Share of an input's range in training by which it may leave it before this is told."""
 
 

@@ -50,7 +50,7 @@ class Body:
     def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
         """Raise ``ConfigError`` where the URDF cannot be read, lacks a joint or has them in another order."""
         try:
-            model = pin.buildModelFromXML(_with_one_angle_each(urdf_bytes(urdf, joints)))
+            model = pin.buildModelFromXML(with_one_angle_each(urdf_bytes(urdf, joints)))
         except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
             raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
         names = list(model.names)[1:]
@@ -227,7 +227,7 @@ def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
     return urdf_of(path, joints).encode() if is_mjcf(path) else read_bytes(path)
 
 
-def _with_one_angle_each(urdf: bytes) -> str:
+def with_one_angle_each(urdf: bytes) -> str:
     """The URDF with its ``continuous`` joints, and those without limits, as ones that turn ``TURNS`` each way."""
     root = ET.fromstring(urdf)
     for joint in root.iter("joint"):

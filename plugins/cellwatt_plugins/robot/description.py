@@ -109,8 +109,6 @@ class RobotDescription(_Keys):
     """m/s² in the base's frame: of an arm on a wall or a ceiling, or mounted sideways, it does not point down."""
     friction_lead: NonNegative = 0.0
     """s by which Coulomb friction turns over before the velocity does: MuJoCo's soft friction may do so."""
-    sample_rate: PositiveFloat | None = None
-    """Hz of its recordings; found in the recording where absent."""
     standby_power: NonNegative = 0.0
     """W at the supply while nothing moves."""
     converter_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0

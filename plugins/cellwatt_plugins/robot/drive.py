@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.robot.description import RobotDescription
@@ -36,10 +35,6 @@ class Drives:
     def of(cls, torque: Any, qd: Any, current: Any, resistance: Any) -> Drives:
         """Return the state for torque (Nm), velocity (rad/s) and current (A), (N, n) each; resistance (n,) Ω."""
         return cls(torque * qd, current * current * resistance, qd, current)
-
-    def rows(self, kept: NDArray[Any]) -> Drives:
-        """Return the state in some of the rows."""
-        return Drives(self.mechanical[kept], self.copper[kept], self.qd[kept], self.current[kept])
 
 
 TERMS: Final[Mapping[str, Callable[[Drives], Any]]] = {

@@ -81,6 +81,11 @@ class Plan:
     acceleration: Float
     """rad/s²."""
 
+    @property
+    def courses(self) -> tuple[Float, Float, Float]:
+        """Position, velocity and acceleration."""
+        return self.position, self.velocity, self.acceleration
+
 
 @dataclass(frozen=True)
 class Turning:
@@ -95,12 +100,9 @@ class Turning:
 
 
 @dataclass(frozen=True)
-class Moved:
-    """Motion of the joints, (N, n) each."""
+class Moved(Plan):
+    """The motion that took place, and how well it is known, (N, n) each."""
 
-    position: Float
-    velocity: Float
-    acceleration: Float
     sign: Float
     """Expected tanh(velocity / 0.004)."""
     sign_spread: Float
@@ -149,16 +151,8 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
 
 def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
     """Return the motion of exact ``position`` rad and its derivatives in s, (N, n) each: a plan's, without doubt."""
-    return Moved(
-        position,
-        velocity,
-        acceleration,
-        direction(velocity),
-        np.zeros_like(velocity),
-        np.zeros(velocity.shape[1]),
-        np.zeros_like(velocity),
-        np.zeros_like(velocity),
-    )
+    none = np.zeros_like(velocity)
+    return Moved(position, velocity, acceleration, direction(velocity), none, np.zeros(velocity.shape[1]), none, none)
 
 
 def direction(velocity: Float) -> Float:

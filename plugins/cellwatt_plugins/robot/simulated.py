@@ -6,9 +6,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import pinocchio as pin
+
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
 from cellwatt.logs.log import alike
+from cellwatt_plugins.robot.body import with_one_angle_each
 from cellwatt_plugins.robot.description import Joint, RobotDescription
 from cellwatt_plugins.robot.mjcf import compiled, gravity, is_mjcf, parents
 
@@ -27,7 +30,10 @@ def described(path: Path, joints: int | Sequence[str] | None = None) -> RobotDes
 
     Rotors, friction and ranges are the file's. Raises ``ConfigError`` where it cannot be read or has no such arm.
     """
-    return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
+    try:
+        return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
+    except ValueError as error:  # a number that is none, or that no joint can have
+        raise ConfigError(f"{path}: a joint cannot be as it says: {' '.join(str(error).split())}") from error
 
 
 def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
@@ -51,33 +57,25 @@ def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription
 
 def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
     try:
-        root = ET.fromstring(read_bytes(path))
-    except (OSError, ET.ParseError) as error:
+        content = read_bytes(path)
+        root, model = ET.fromstring(content), pin.buildModelFromXML(with_one_angle_each(content))
+    except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
         raise ConfigError(f"{path}: cannot be read as a URDF: {error}") from error
     every = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    below = {_link(joint, "child"): joint for joint in every.values()}
-    moving = {
-        name
-        for name, joint in every.items()
-        if joint.get("type") in ("revolute", "continuous", "prismatic") and joint.find("mimic") is None
-    }
+    names = list(model.names)
+    moving = [i for i in range(1, len(names)) if model.joints[i].nv == 1 and every[names[i]].find("mimic") is None]
     above: dict[str, str | None] = {}
-    for name in moving:
-        before = below.get(_link(every[name], "parent"))
-        while before is not None and before.get("name") not in moving:
-            before = below.get(_link(before, "parent"))
-        above[name] = None if before is None else before.get("name")
+    for i in moving:
+        before = model.parents[i]
+        while before and before not in moving:
+            before = model.parents[before]
+        above[names[i]] = names[before] if before else None
     found = []
-    for name in _chain(path, {name: above[name] for name in every if name in moving}, joints):
+    for name in _chain(path, {name: above[name] for name in every if name in above}, joints):
         own = every[name].find("dynamics")
         friction, damping = (float(own.get(key, 0)) if own is not None else 0.0 for key in ("friction", "damping"))
         found.append(Joint(name=name, coulomb_friction=friction, viscous_friction=damping))
     return RobotDescription(robot=root.get("name", path.stem), urdf=path, joints=tuple(found))
-
-
-def _link(joint: ET.Element, which: str) -> str:
-    found = joint.find(which)
-    return "" if found is None else found.get("link", "")
 
 
 def _known(above: Mapping[str, str | None], names: Sequence[str]) -> dict[str, str | None]:

@@ -22,5 +22,6 @@ def at_one_pose(
     if not rests:
         return []
     poses = np.array([np.median(position[a:b], axis=0) for a, b in rests])
-    alike = np.all(np.abs(poses[:, None] - poses[None]) < within, axis=2)
-    return [rest for rest, same in zip(rests, alike[np.argmax(alike @ np.asarray(weights))], strict=True) if same]
+    each, weight = (np.all(np.abs(poses - pose) < within, axis=1) for pose in poses), np.asarray(weights)
+    best = max(each, key=lambda alike: float(weight[alike].sum()))
+    return [rest for rest, same in zip(rests, best, strict=True) if same]

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 from click.testing import CliRunner
 
@@ -87,15 +85,3 @@ def test_schema():
     result = run("--schema")
     assert result.exit_code == 0
     assert json.loads(result.stdout)["title"] == "cellwatt cell"
-
-
-def test_as_a_process_a_mistake_is_a_line_and_never_a_traceback(tmp_path):
-    file = tmp_path / "cell.yaml"
-    file.write_bytes(b"site: [")
-    done = subprocess.run(
-        [sys.executable, "-m", "cellwatt.commands", "check", str(file)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert done.stdout.startswith(f"{file}:1:")
-    assert done.stdout.count("\n") == 1
-    assert "Traceback" not in done.stderr

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import stat
-import threading
 import zipfile
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from click.testing import CliRunner, Result
@@ -120,9 +121,15 @@ def test_without_a_file_or_with_one_that_is_not_there(folder: Path) -> None:
     assert re.search(r"lines of the log: No such file or directory", done.output)
 
 
-def test_the_record_that_is_not_there_is_told(folder: Path) -> None:
-    _, found = diagnose(folder, f"{CELL}record: {{folder: recordings}}\n")
+def test_the_record_that_is_not_there_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = f"{CELL}record: {{folder: recordings}}\n"
+    (folder / "bundle.zip").touch(0o644)
+    _, found = diagnose(folder, text)
     assert found["recordings.json"] == "[]\n"
+    assert stat.S_IMODE((folder / "bundle.zip").stat().st_mode) == 0o600
+    locked = Mock(side_effect=PermissionError(errno.EACCES, ""))
+    monkeypatch.setattr("cellwatt.diagnose.contents.listing", locked)
+    assert "recordings with sizes and verdicts: Permission denied" in diagnose(folder, text)[0].output
 
 
 def test_no_secret_of_an_address_is_in_the_bundle(folder: Path) -> None:
@@ -134,12 +141,3 @@ def test_no_secret_of_an_address_is_in_the_bundle(folder: Path) -> None:
     assert "mqtt://***@plant" in found["log.txt"]
     for told in (done.output, *found.values()):
         assert secret not in told
-
-
-def test_a_daemon_that_does_not_answer_holds_up_nobody(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    over = threading.Event()
-    monkeypatch.setattr("cellwatt.diagnose.contents.ask_cell", lambda *_: over.wait(60))
-    monkeypatch.setattr("cellwatt.diagnose.contents.PATIENCE", 0.1)
-    done, _ = diagnose(folder, CELL)
-    over.set()
-    assert "health and counts of the running daemon: there was no answer within 0 s" in done.output

@@ -32,11 +32,8 @@ def test_list():
 
 
 def test_list_as_json():
-    parts = json.loads(run("--json").stdout)
-    by_name = {(p["kind"], p["name"]): p for p in parts}
-    assert by_name["driver", "arm"]["loads"] is True
-    assert by_name["driver", "absent"]["loads"] is False
-    assert by_name["outlet", "zenoh"]["title"] == "Bus of the tests"
+    loads = {part["name"]: part["loads"] for part in json.loads(run("--json").stdout)}
+    assert loads["arm"] and not loads["absent"]
 
 
 def test_installed_parts_name_their_package(real_parts):

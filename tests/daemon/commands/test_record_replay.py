@@ -5,13 +5,18 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
+import weakref
 from asyncio.subprocess import PIPE
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cellwatt import Batch
+from cellwatt.frames import Frames
 from cellwatt.record import Recording
+from cellwatt.runtime.replaying import replay_frames
 from cellwatt.testing import EmulatedDevice, Rig
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from tests.daemon.commands.calling import CELL, Call, call, cell
@@ -69,6 +74,20 @@ def test_replay_gives_the_frames_that_were_recorded(call: Call, recording: Path)
     assert count >= 39
     assert ended.code == 0
     assert ended.out == f"identical: {count} frames agree in every bit\n{count} frames, results: none\n"
+
+
+def test_replay_keeps_no_frames(call: Call, recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[weakref.ref[Any]] = []
+
+    def watched(*given: Any) -> Iterator[Frames]:
+        for block in replay_frames(*given):
+            seen.append(weakref.ref(block.values))
+            assert sum(ref() is not None for ref in seen) < 5
+            yield block
+
+    monkeypatch.setattr("cellwatt.commands.replay.replay_frames", watched)
+    assert call("replay", recording).code == 0
+    assert len(seen) > 8
 
 
 def test_other_frames_are_not_identical(call: Call, recording: Path, cell: Path) -> None:

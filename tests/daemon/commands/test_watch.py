@@ -55,6 +55,7 @@ def test_without_a_cell_all_of_the_site_are_listed(call: Call, live: tuple[Child
     ended = call(*where)
     assert (ended.code, ended.err) == (0, "")
     assert ended.out == f"{CELL} is green: 0 of 0 sources ok, 0 samples received, 0 lost, no alarm\n"
+    assert call(*where, "--verify", __file__).code == 2, "the key of one cell says nothing of the others"
     other = call("watch", "--connect", live[1], "--site", "plant-9", "--json")
     assert other == (3, "", "cellwatt: no cell of site plant-9 is heard\n")
 

@@ -27,6 +27,9 @@ def stages(text: str) -> str:
 MISTAKES = {
     # the file
     "empty": ("", "1:1", "the file is empty"),
+    "newer": (f"version: 7\nshape: new\n{SMALL}", "1:10", "settings of version 7, this cellwatt reads version 1"),
+    "version in words": (f"{SMALL}version: one\n", "7:10", "found 'one', expected a whole number"),
+    "version 0": (f"{SMALL}version: 0\n", "7:10", "found 0, expected at least 1"),
     "a list": ("- site: a\n", "1:1", "found a list, expected settings (key: value)"),
     "not UTF-8": (b"site: caf\xe9\n", "1:10", "not UTF-8 text (byte 0xe9)"),
     "control character": ("site: a\ncell: b\x07\n", "2:8", "character U+0007 is not allowed"),

@@ -43,19 +43,3 @@ def test_defaults_are_as_written(schema):
 def test_a_package_that_does_not_load_leaves_its_settings_open(schema):
     absent = source_choice(schema, "absent")
     assert absent["description"].startswith("cannot be loaded")
-
-
-def test_every_reference_leads_somewhere(schema):
-    def refs(node):
-        if isinstance(node, dict):
-            yield from ([node["$ref"]] if isinstance(node.get("$ref"), str) else [])
-            for value in node.values():
-                yield from refs(value)
-        elif isinstance(node, list):
-            for value in node:
-                yield from refs(value)
-
-    found = set(refs(schema))
-    assert found
-    for ref in found:
-        assert ref.removeprefix("#/$defs/") in schema["$defs"]

@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, SecretStr
 from cellwatt.commands.check import command
 from cellwatt.config import load, public_config, read_settings
 from cellwatt.config.cell import FrameSettings
-from cellwatt.config.document import parse
+from cellwatt.config.document import read
 from cellwatt.config.fields import fields_of, models_in
 from cellwatt.config.installed import installed
 from cellwatt.config.loading import load_document
@@ -64,6 +64,18 @@ def test_a_secret_in_the_file_is_not_in_what_is_kept_or_published(tmp_path: Path
     assert load_again(tmp_path, config.text)
 
 
+def test_a_secret_that_is_a_word_of_the_file_leaves_it_yaml(tmp_path: Path) -> None:
+    """The maker's own password of an ABB arm, for instance."""
+    file = tmp_path / "cell.yaml"
+    arm = "{driver: abb, host: &robotics h, user: u, password: robotics}"
+    file.write_text(f"# robotics: the maker's\nsite: robotics-plant\ncell: robotics\nsources:\n  robotics: {arm}\n")
+    text = load(file, {}).text
+    assert text.startswith("# ***: the maker's\n")
+    told = yaml.safe_load(text)
+    assert (told["site"], told["cell"]) == ("***-plant", "***")
+    assert told["sources"]["robotics"] == yaml.safe_load(arm) | {"password": "***"}
+
+
 def paths(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     if not isinstance(tree, dict):
         return [path]
@@ -91,7 +103,7 @@ def test_a_recipient_may_be_named_like_its_channel(tmp_path: Path) -> None:
     ntfy = {"url": "https://ntfy.example", "topic": "hunter2", "token": SECRET}
     cell = {"site": "a", "cell": "b", "sources": {"arm": {"driver": "ur", "host": "h"}}}
     cell["notify"] = {"to": {"ntfy": {"ntfy": ntfy}, "webhook": {"webhook": web}}}
-    config = load_document(parse(tmp_path / "cell.yaml", json.dumps(cell), {}))
+    config = load_document(read(tmp_path / "cell.yaml", {}, text=json.dumps(cell)))
     assert "hunter2" not in config.text + json.dumps(public_config(config))
     settings: Any = config.outlets["notify"].settings
     assert settings.to["webhook"].webhook.ca == tmp_path / "ca.pem"
@@ -214,7 +226,7 @@ def test_a_secret_in_any_setting_of_any_kind_is_told_nowhere(tmp_path: Path, add
     for cell in cells_with(address):
         text = json.dumps(cell)
         try:
-            config = load_document(parse(file, text, {}))
+            config = load_document(read(file, {}, text=text))
         except ConfigError as error:
             told = [str(error)]
         else:

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from cellwatt.emulation import Fault, TcpPort
+from cellwatt.emulation.terminal import PtyPort
 from tests.patience import PATIENCE
 
 from .device import Device
@@ -92,3 +93,17 @@ async def test_a_port_that_is_taken_is_told() -> None:
         with pytest.raises(OSError, match=r"in use|98"):
             async with echoing(Device(address)):
                 pass
+
+
+async def test_a_line_without_an_end_does_not_end_a_pseudo_terminal() -> None:
+    said = []
+
+    async def talk(reader, _writer):
+        while line := await reader.readline():
+            said.append(line)
+
+    reader = asyncio.StreamReader(limit=10)
+    reader.feed_data(b"x" * 30 + b"\nhello\n")
+    reader.feed_eof()
+    await PtyPort(Device("pty"), talk)._converse(reader, None)
+    assert said == [b"hello\n"]

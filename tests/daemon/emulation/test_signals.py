@@ -52,3 +52,11 @@ def test_tables_without_rows_and_names_that_are_no_text(tmp_path: Path, content:
     (tmp_path / "a.csv").write_bytes(content)
     with pytest.raises(RecordingError):
         load_signals(tmp_path / "a.csv")
+
+
+def test_cells_without_a_number_are_bridged_and_empty_columns_left_out(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,x,y\n0,1,\n1,,\n2,inf,\n3,4,\n")
+    signals = load_signals(tmp_path / "a.csv")
+    found = signals.at(np.array([1.0, 2.5]))
+    assert found.keys() == {"x"}
+    assert found["x"] == pytest.approx([2.0, 3.5])

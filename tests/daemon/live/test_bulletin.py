@@ -20,6 +20,12 @@ def test_changes_are_told_once() -> None:
     ]
 
 
+def test_health_of_another_version_ends_nothing() -> None:
+    other = health()
+    del other.content.status["results"]
+    assert said(Bulletin(), other, health()) == ["source arm: ok", "source board: ok"]
+
+
 def test_results_are_told_with_their_time() -> None:
     bulletin = Bulletin()
     moved, rest, begun = interval(1, (1, 3), 2.3), interval(2, (), 0.25), interval(3, (2,), 1.0, closed=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import logging
 from collections.abc import Iterator
@@ -34,6 +35,14 @@ def test_a_flood_is_a_few_lines_and_a_count(written: tuple[logging.Logger, io.St
         f"WARNING cellwatt.test: {1000 - MOST} more lines like the next were left out",
         "WARNING cellwatt.test: connection 1000 refused",
     ]
+
+
+def test_a_full_disk_behind_stderr_does_not_end_who_logs(written, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, stream = written
+    monkeypatch.setattr(logging, "raiseExceptions", False)
+    monkeypatch.setattr(stream, "write", lambda _: (_ for _ in ()).throw(OSError(errno.ENOSPC, "full")))
+    for _ in range(MOST + 1):
+        log.warning("again")
 
 
 def test_a_traceback_is_told_once(written: tuple[logging.Logger, io.StringIO]) -> None:

@@ -113,7 +113,7 @@ class Forgetful(SkeletonOutlet):
 
     def __init__(self, *told):
         super().__init__(*told)
-        self._cursor._path = None
+        self._forwarder.cursor._path = None
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from cellwatt.emulation import Fault
+from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
+from cellwatt_drivers.abb.web import session
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
@@ -85,6 +87,22 @@ async def test_pages_that_fail_leave_the_stream_alone_and_are_tried_again():
         await inlet.until(lambda o: o.account.received > 50 and o.account.counters["web failures"] > 0)
         assert not task.done()
     assert any("user 'Default User' or the password is refused" in text for _, text, _ in inlet.events)
+
+
+async def test_a_page_that_comes_in_parts_is_read_to_its_end_and_a_silent_logout_is_no_error():
+    page = b"<html>" + b" " * 400_000 + b"</html>"
+    head = b"HTTP/1.1 200 OK\r\nSet-Cookie: -http-session-=1\r\nContent-Length: %d\r\n\r\n"
+
+    async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(head % len(page) + page)
+        await asyncio.Event().wait()
+
+    async with clients(talk) as (address, _):
+        port = int(address.rpartition(":")[2])
+        asked = {"host": "127.0.0.1", "port": port, "tls": False, "timeout": "1 s"}
+        async with session(AbbSettings.model_validate(asked)) as web:
+            assert await web.get("/rw/system") == page
 
 
 async def test_a_controller_without_energy_keeps_its_states():

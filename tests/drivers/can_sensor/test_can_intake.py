@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import pty
 import tty
+from types import SimpleNamespace
 
 import pytest
 from can import Message
 
+from cellwatt_drivers.can_sensor import intake as can_intake
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.sensor_map import load_decodings
 from cellwatt_drivers.can_sensor.slcan import CountingSlcanBus
@@ -50,6 +52,20 @@ def taken(folder, frames, signals="U: bus.voltage", dbc=DBC):
     intake.flush(inlet.now())
     assert inlet.account.residue == 0
     return inlet
+
+
+def test_a_clock_of_the_pc_that_is_set_on_is_one_reset_and_no_loss(monkeypatch):
+    inlet, clock = CollectingInlet(), SimpleNamespace(time_ns=lambda: round((1000.0 + 0.02 * number + ahead) * 1e9))
+    monkeypatch.setattr(can_intake, "time", clock)
+    inlet.now = lambda: round((1000.0 + 0.02 * number) * 1e9)
+    intake = Intake("sensor", load_decodings("ivt_s", None)[1]["current"], 0.02, inlet)
+    for number in range(120):
+        ahead = 0.0 if number < 40 else 10.0
+        data = bytes([0, number % 16, 0, 0, 0, 1])
+        intake.take(Message(arbitration_id=0x521, data=data, timestamp=1000.0 + 0.02 * number + ahead))
+        intake.flush(inlet.now())
+    assert inlet.account.expected == 120
+    assert inlet.resets == ["the PC's clock was set on by 10.000 s"]
 
 
 def values(inlet):

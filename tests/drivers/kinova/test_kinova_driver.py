@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-import asyncio
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from cellwatt.emulation import Fault
-from cellwatt.errors import ConnectError, DeviceError
+from cellwatt.errors import DeviceError
 from cellwatt_drivers.kinova import KinovaSettings
-from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
 from .rig import ANGLES, STILL, driver, emulated, of, running, strike
@@ -55,18 +52,6 @@ async def test_an_answer_that_does_not_come_costs_a_connection(kind):
     assert inlet.account.missed["disconnected"] > 0
     values = np.concatenate([r.values for r in of(inlet, "motion")])
     np.testing.assert_allclose(values[:, :7], np.tile(ANGLES, (len(values), 1)), atol=1e-6)
-
-
-async def test_a_closed_port_ends_the_source():
-    async with emulated() as (emulator, port):
-        inlet = CollectingInlet()
-        task = asyncio.create_task(driver(port, inlet).run())
-        await inlet.until(lambda o: len(of(o, "motion")) > 5)
-        emulator.inject(Fault("disconnect", seconds=30.0))
-        with pytest.raises(ConnectError, match="nobody answers"):
-            await asyncio.wait_for(task, PATIENCE)
-    assert inlet.account.missed["connection lost"] > 0
-    assert inlet.account.residue == 0
 
 
 async def test_an_arm_without_these_registers_says_so(monkeypatch):

@@ -79,3 +79,11 @@ def test_turns_are_followed(steps):
     np.testing.assert_allclose(np.diff(found), np.diff(truth), atol=1e-9)
     offset = (found - truth) / (2 * math.pi)
     np.testing.assert_allclose(offset, np.round(offset[0]), atol=1e-9)
+
+
+def test_values_that_are_no_numbers_are_missing_and_the_next_are_good_again():
+    turns = Turns()
+    angles = ([3.0], registers.motion_values(registers.encode([math.inf] * 35), 7)[:1], [-3.0])
+    found = [turns.unwrap(np.array(angle))[0] for angle in angles]
+    assert math.isnan(found[1])
+    assert found[2] == pytest.approx(2 * math.pi - 3.0)

@@ -42,18 +42,6 @@ async def test_damaged_and_late_answers_never_become_values(address, kind):
     assert account.counters["timeouts"] + account.counters["malformed"] >= 1
 
 
-async def test_a_closed_port_is_a_lost_connection_and_comes_back():
-    async with emulated() as (emulator, place), running(settings(place, timeout="200 ms")) as run:
-        await run.inlet.until(lambda o: len(o.readings) >= 2)
-        emulator.inject(Fault("disconnect", seconds=0.4))
-        await run.inlet.until(lambda o: len(o.identities) >= 2)
-        seen = len(run.inlet.readings)
-        await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
-    assert run.inlet.account.missed["connection lost"] == 1
-    assert run.inlet.account.missed["disconnected"] >= 4
-    assert emulator.counts["disconnect"] == 1
-
-
 async def test_a_silent_meter_is_given_up():
     async with emulated() as (emulator, place):
         wanted = settings(place, timeout="50 ms", silence="300 ms", retries=0)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from pymodbus.simulator import DataType, SimData
 
-from cellwatt.errors import ConnectError, WrongDeviceError
-from cellwatt_drivers.modbus_meter import ModbusMeterDriver
+from cellwatt.errors import ConnectError, ProtocolError, WrongDeviceError
+from cellwatt_drivers.modbus_meter import ModbusMeterDriver, likeness
 from cellwatt_drivers.modbus_meter.likeness import contradiction, doubt
 from cellwatt_drivers.modbus_meter.meter_map import METERS, packaged_map
+from cellwatt_drivers.shared.modbus import RefusedError
 
 from ..inlet import CollectingInlet
 from .rig import answering, emulated, settings
@@ -121,3 +123,13 @@ def test_voltage_and_frequency_are_judged_together(found, why):
     said = doubt(packaged_map("eastron_sdm630"), found, may_be_off=False)
     assert why in said
     assert bool(why) == bool(said)
+
+
+@pytest.mark.parametrize("error", [RefusedError("it is busy", 6), ProtocolError("cut"), ConnectError("gone")])
+async def test_a_look_at_what_it_is_hides_not_what_it_is_not(monkeypatch, error):
+    async def refuse(*_):
+        raise error
+
+    monkeypatch.setattr(likeness, "_numbers", refuse)
+    said = await likeness.wrong(SimpleNamespace(place="here"), 1, packaged_map("eastron_sdm630"), "no voltage")
+    assert "unit 1 at here is not a SDM630: no voltage" in str(said)

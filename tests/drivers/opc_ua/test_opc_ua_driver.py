@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,10 +16,11 @@ from pydantic import ValidationError
 from cellwatt.channel import Quality
 from cellwatt.demo.cells import free_endpoint
 from cellwatt.emulation import Fault
-from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
+from cellwatt_drivers.opc_ua.complaints import Complaints
 from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
 from cellwatt_drivers.opc_ua.nodes import misplaced
-from cellwatt_drivers.opc_ua.session import open_session
+from cellwatt_drivers.opc_ua.session import Session, open_session
 from cellwatt_drivers.opc_ua.tag_map import Tag
 
 from ..running import Steady, served
@@ -280,6 +282,17 @@ async def test_a_server_that_says_nothing_is_given_up():
         assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
         before = len(run.inlet.readings)
         await run.inlet.until(lambda o: len(o.readings) > before)
+
+
+async def test_keys_that_cannot_be_renewed_end_the_session():
+    def renew(**_: bool) -> None:
+        raise ValueError("no key")
+
+    url = "opc.tcp://127.0.0.1:4840"
+    session = Session(SimpleNamespace(secure_channel_timeout=0, open_secure_channel=renew), Complaints(url, ""))
+    await session.renew()
+    with pytest.raises(ProtocolError, match="no key while renewing the secure channel"):
+        await session.feed.given(1.0)
 
 
 async def test_every_sample_is_asked_for():

@@ -42,7 +42,7 @@ def test_what_waits_is_bounded_whatever_comes(garbage: bytes) -> None:
     taking = transparent.TransparentDecoder(lambda data: data)
     for _ in range(20):
         taking.feed(garbage)
-        assert len(taking._frames._rest) < 4 + 255
+        assert len(taking.scan.__self__._rest) < 4 + 255
 
 
 IO_SAMPLE = bytes.fromhex("7e0016920013a200404011221a2bc101001c82001402250b3edc")

@@ -94,7 +94,7 @@ def test_what_waits_is_bounded_whatever_comes(garbage: bytes, escaped: bool) -> 
     taking = decoder(escaped=escaped)
     for _ in range(20):
         taking.feed(garbage)
-        assert len(taking._frames._rest) <= 2 * (xbee.LONGEST + 3) + 1
+        assert len(taking.scan.__self__._rest) <= 2 * (xbee.LONGEST + 3) + 1
 
 
 class TestResynchronisation:

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import random
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import numpy as np
+import pytest
 
 from cellwatt import Batch
 from cellwatt.emulation import ArmSignals
+from cellwatt.errors import ProtocolError
 from cellwatt.runtime.source import Source
 from cellwatt_drivers.ur import UrDriver, clock_check
 from cellwatt_drivers.ur.emulated_client import EmulatedClient
 from cellwatt_drivers.ur.emulated_samples import BOOTED
 from cellwatt_drivers.ur.emulator import UrEmulator
 from tests.patience import eventually
+
+from ..running import served
 
 RATE = 500.0
 
@@ -98,3 +103,11 @@ async def test_a_controller_that_takes_no_second_connection_is_read_all_the_same
         seen = source.account.received
         await eventually(lambda: source.account.received > seen + 100)
     assert source.account.counters["restarts"] == 0
+
+
+async def test_a_controller_time_that_is_none_ends_a_comparison():
+    emulator = UrEmulator(ArmSignals(), "127.0.0.1:0")
+    async with served(emulator) as address:
+        emulator._shift = math.nan
+        with pytest.raises(ProtocolError, match="controller time nan"):
+            await clock_check._first_package("127.0.0.1", int(address.rpartition(":")[2]), RATE, 20.0, time.time_ns)

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from cellwatt.emulation import ArmSignals, RecordedSignals
+from cellwatt.ticker import Ticker
+from cellwatt_drivers.ur.emulated_samples import Rows
 from cellwatt_drivers.ur.emulator import UrEmulator
 from tests.patience import PATIENCE, eventually
 
@@ -104,6 +106,25 @@ async def test_packages_keep_the_grid_of_the_controller(polyscope, rate, step):
         np.testing.assert_allclose(steps, step / 1000, atol=1e-9)
         assert all(r[-1] == 7 for r in rows)
         await eventually(lambda: emulator.counts["made"] == emulator.counts["sent"] >= 60)
+
+
+async def test_rows_of_a_recording_go_out_at_their_own_times(monkeypatch):
+    moments, until = [], Ticker.until
+    monkeypatch.setattr(Ticker, "until", lambda ticker, moment: moments.append(moment) or until(ticker, moment))
+    signals = recording()
+    async with serving(signals) as (emulator, connect):
+        peer = await connect()
+        await peer.start()
+        await peer.packages(40)
+    own = {round((emulator._began + (t - signals.time[0])) * 1e9) for t in signals.time}
+    assert len(own.intersection(moments)) > 5  # of 40: a busy machine may be late for others
+
+
+def test_each_row_falls_due_at_its_time_in_each_lap_and_none_after_the_last():
+    times, columns = np.array([7.0, 7.1, 7.3]), {"robot_mode": np.full(3, 7.0)}
+    once, looped = (Rows(RecordedSignals(times, columns, loop), hold=False) for loop in (False, True))
+    assert [once.next(t) for t in (-1.0, 0.0, 0.15, 0.3)] == pytest.approx([0.0, 0.1, 0.3, np.inf])
+    assert [looped.next(t) for t in (0.15, 0.31, 0.46)] == pytest.approx([0.3, 0.45, 0.55])
 
 
 async def test_a_disturbance_of_the_world_and_messages():

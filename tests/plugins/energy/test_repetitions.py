@@ -58,3 +58,8 @@ def test_no_repetition_says_what_to_do():
     cut = Motion("run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep])
     with pytest.raises(RecordingError, match="record from rest to rest"):
         find_repetitions(cut)
+
+
+def test_repetitions_that_all_took_another_time_are_refused():
+    with pytest.raises(RecordingError, match=r"took 6\.0\d, 8\.4\d s: which was interrupted"):
+        find_repetitions(motion("quintic", [1, 1.4], 2.0)[0])

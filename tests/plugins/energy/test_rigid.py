@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from energy.arms import make_arm
 
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import read_runs
 from cellwatt_plugins.energy.rigid import fit_rigid
 from cellwatt_plugins.robot import Arm
@@ -23,3 +26,12 @@ def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it_and_friction
     found = (viscous * at + coulomb + windage * at**2)[:3]
     assert found == pytest.approx((true.viscous * at + true.coulomb)[:3], rel=0.2)
     assert min(viscous.min(), coulomb.min(), windage.min()) >= 0
+
+
+def test_runs_with_too_little_motion_are_refused(measured):
+    arm = Arm.load(measured[1])
+    (run, *_) = read_runs(measured[1] / "runs", arm.joints)
+    names = ("time", "position", "velocity", "torque")
+    short = replace(run, motion=replace(run.motion, **{name: getattr(run.motion, name)[:300] for name in names}))
+    with pytest.raises(RecordingError, match="no run has 250 samples in motion"):
+        fit_rigid(arm, [short], np.ones(6), np.full(6, 0.15))

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
 from cellwatt_plugins.faults.recordings import APART, frames_of_files, frames_of_table
 
@@ -31,3 +32,18 @@ def test_files_follow_each_other_apart(tmp_path):
     assert blocks[0].layout == blocks[1].layout
     assert blocks[1].time[0] - blocks[0].time[-1] >= APART
     assert blocks[1].values == pytest.approx(blocks[0].values)
+
+
+def test_a_night_between_two_rows_takes_no_frames():
+    t, position, power = columns()
+    frames = frames_of_table(np.where(t < 2.5, t, t + 50_000.0), position, power)
+    assert len(frames) == 500
+    assert not np.isnan(frames.values).any()
+    assert frames.time[-1] == 50_004.99e9
+
+
+def test_a_table_in_microseconds_is_refused(tmp_path):
+    t, position, power = columns()
+    write_table(tmp_path / "a.csv", {"t": 1e6 * t, "q_1": position[:, 0], "q_2": position[:, 1], "power": power})
+    with pytest.raises(RecordingError, match="rows are 10000 s apart, expected 1 s or less: is column t in seconds"):
+        list(frames_of_files([tmp_path / "a.csv"]))

@@ -1,6 +1,7 @@
 """`cellwatt faults train`: fault tables and the paper's network, from recorded faults."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,14 @@ from click.testing import CliRunner
 from cellwatt.emulation import ArmSignals
 from cellwatt.errors import ModelError
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults import train_command
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.paper.columns import column_of
+from cellwatt_plugins.faults.paper.course import courses_of
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
 from cellwatt_plugins.faults.recordings import frames_of_table
+from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, run
 
@@ -73,6 +77,17 @@ def test_a_joint_without_a_fault_is_told_in_one_line(folder):
     assert isinstance(done.exception, ModelError)
     assert "no cycle with a fault of joint 6: give --fault 6=RECORDING" in str(done.exception)
     assert "\n" not in str(done.exception)
+
+
+def test_speeds_that_look_alike_have_files_of_their_own(folder, monkeypatch):
+    (course,) = courses_of(load(folder / "reference.yaml"))
+    several = [replace(course, speed=speed) for speed in (1.0, 0.304, 0.301)]
+    monkeypatch.setattr(train_command, "courses_of", lambda _: several)
+    told = [({"task": each.task, "speed": each.speed}, b"") for each in several]
+    monkeypatch.setattr(train_command, "spread", lambda *_, **__: told)
+    networks = json.loads(train(folder, "--json").stdout)["networks"]
+    names = [f"task_1-{speed}-codes.onnx" for speed in ("1.00", "0.304", "0.301")]
+    assert [Path(network["file"]).name for network in networks] == names
 
 
 def test_the_network_of_the_example_names_the_elbow():

@@ -8,7 +8,7 @@ import numpy as np
 
 from cellwatt_plugins.mismatch.fit.solution import Trial
 from cellwatt_plugins.mismatch.input.run import Float
-from cellwatt_plugins.mismatch.report import Trace
+from cellwatt_plugins.mismatch.report.trace import Trace
 from cellwatt_plugins.mismatch.verdict.findings import (
     Alternative,
     ChannelFit,

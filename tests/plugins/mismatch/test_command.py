@@ -145,6 +145,13 @@ def test_a_bad_recording_is_one_line_and_an_error(cell, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_an_option_without_its_file_is_no_comparison_with_the_robot(cell, tmp_path):
+    first = cell / "run_01.recording.parquet"
+    code, said, errors = call("explain", first, "--simulation", "--robot", cell, "--out", tmp_path)
+    assert (code, said) == (EXIT_USAGE, "")
+    assert "Option '--simulation' requires an argument." in errors
+
+
 def test_simulate_refuses_what_is_no_model(cell, tmp_path):
     source = parquet(tmp_path / "m.parquet", motion_columns()[0])
     words = ["simulate", "--model", cell / "robot.yaml", "--motion", source, "--out", tmp_path / "p.parquet"]

@@ -111,6 +111,7 @@ def damaged(folder, robot, change):
         (lambda c: c["robot"].pop("joints"), "robot: the key 'joints' is missing"),
         (lambda c: c["retuned"].update(standby_power="much"), "standby_power: found 'much', expected a number"),
         (lambda c: c["effects"][0].update(effect="phlogiston"), "'phlogiston'"),
+        (lambda c: c["effects"][0].update(joint=0), "the robot has the joints 1 to 3"),
     ],
 )
 def test_a_damaged_model_is_said_in_one_line(robot, tmp_path, change, said):

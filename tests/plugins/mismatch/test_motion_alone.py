@@ -9,6 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from cellwatt_plugins.mismatch.command import explain
+from cellwatt_plugins.mismatch.input.driven import driven
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.simulators import load_simulator
+from cellwatt_plugins.mismatch.simulators.rollout import WINDOW, rms_of, rolled_out
 from cellwatt_plugins.robot.servo.law import servo_of
 from tests.plugins.mismatch.servos import KP, PLANTS, integrated, mjcf
 
@@ -89,6 +93,15 @@ def test_what_the_file_cannot_hold_is_a_callback_beside_it(tmp_path, logs, monke
         assert error() < 0.4 * without
     finally:
         mujoco.set_mjcb_passive(None)
+
+
+def test_a_run_shorter_than_a_window_is_rolled_out_whole(tmp_path, logs):
+    (tmp_path / "arm.xml").write_text(mjcf())
+    time, told, seen = (part[:101] for part in logs["null"])
+    simulator = load_simulator(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    runs = driven([Run("short", time, seen, None, np.full_like(seen, np.nan), command=told)], simulator)
+    assert time[-1] - time[0] < WINDOW
+    assert np.isfinite(rms_of(rolled_out(simulator.path, simulator.joints, runs))).all()
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from cellwatt.errors import ModelError, RecordingError
 from cellwatt.tables import Table
 from cellwatt_plugins.models import Input
+from cellwatt_plugins.models import predict as predicting
 from cellwatt_plugins.models.predict import inputs_of, predict_file
 from tests.plugins.models.making import Mlp, metadata
 
@@ -79,6 +81,21 @@ def test_missing_values_have_no_prediction_and_far_ones_are_told(tmp_path):
     assert report.missing == 1
     assert report.outside == {"joint_1.position": 2}
     assert "warning: joint_1.position is outside the range of the training in 2 rows" in report.in_words()
+
+
+def test_a_long_table_is_predicted_some_rows_at_a_time(tmp_path, monkeypatch):
+    source = save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), columns(), window=4)
+    whole = said(tmp_path, source)[1]
+    monkeypatch.setattr(predicting, "AT_ONCE", 7)
+    np.testing.assert_allclose(said(tmp_path, source)[1]["power"], whole["power"], atol=1e-6)
+
+
+def test_the_noise_of_a_joint_that_rested_in_the_training_is_not_told():
+    asked = metadata(inputs=INPUTS[:2])
+    asked = replace(asked, training=replace(asked.training, range=((0.0, 1.0), (0.0, 0.0))))
+    noise = np.column_stack([np.zeros(5), np.linspace(-0.009, 0.009, 5)])
+    assert predicting._outside(asked, noise) == {}
+    assert predicting._outside(asked, noise + np.array([0.0, 0.1])) == {"joint_1.velocity": 5}
 
 
 def test_another_rate_or_a_missing_column_is_refused(tmp_path):

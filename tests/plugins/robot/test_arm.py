@@ -29,14 +29,6 @@ def arm(robot):
     return Arm.of(robot)
 
 
-def test_torque_is_rigid_body_rotor_and_friction(arm):
-    q, qd, qdd = truth.motion(seed=6)
-    expected = (
-        truth.torque(q, qd, qdd) + [1.5, 0.4] * qdd + [6.0, 2.0] * np.tanh(qd / 0.004) + np.array([4.0, 1.0]) * qd
-    )
-    np.testing.assert_allclose(arm.torque(q, qd, qdd), expected, atol=1e-9)
-
-
 def test_limits_are_the_descriptions_before_the_urdfs(robot):
     shoulder = SHOULDER.model_copy(update={"upper_limit": 0.5, "velocity_limit": 1.25})
     limited = Arm.of(robot.model_copy(update={"joints": (shoulder, ELBOW)}))
@@ -63,8 +55,6 @@ def test_what_every_joint_needs_is_told(tmp_path):
 
 
 def test_packaged_robots_are_known_by_name():
-    """The wrist of the MH12 at 0: 0.155 + 0.64 m ahead, 0.45 + 0.614 + 0.2 m up."""
     arm = Arm.load("mh12")
     assert (arm.name, arm.joints) == ("mh12", 6)
-    np.testing.assert_allclose(arm.forward(np.zeros((1, 6)))[0, 4, :3, 3], [0.795, 0.0, 1.264], atol=1e-9)
     assert arm.gravity(np.zeros((2, 6))).shape == (2, 6)

@@ -62,13 +62,6 @@ def test_parameters_are_mass_first_moment_and_inertia_about_the_joint(body):
     assert (xy, xz, yz) == pytest.approx((-truth.M1 * truth.C1 * 0.05, 0, 0))
 
 
-def test_the_regressor_is_linear_in_the_parameters(body):
-    q, qd, qdd = truth.motion(seed=2)
-    regressor = body.regressor(q, qd, qdd)
-    assert regressor.shape == (len(q), 2, 20)
-    np.testing.assert_allclose(regressor @ body.parameters(), truth.torque(q, qd, qdd), atol=1e-10)
-
-
 def test_joints_not_named_are_fixed(tmp_path):
     q, qd, qdd = truth.motion(seed=5)
     with_gripper = body_of(tmp_path, gripper=True)

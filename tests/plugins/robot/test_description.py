@@ -34,7 +34,6 @@ def test_a_description_with_what_it_leaves_out(tmp_path):
     robot = load_robot(write(tmp_path, WHOLE))
     assert robot.robot == "bench"
     assert robot.urdf == tmp_path / "bench.urdf"
-    assert robot.sample_rate == 125.0
     assert robot.standby_power == 81.0
     first, second = robot.joints
     assert (first.name, first.gear_ratio, first.torque_constant, first.winding_resistance) == ("a", 101.0, 12.5, 0.6)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt_plugins.robot.meter import Course, Meter, Readings, find, held, kinds_of_power
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.held import held
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_power
+from cellwatt_plugins.robot.meter.model import Meter, Readings
 from tests.plugins.robot.slow_meter import shown
 
 STEP = 0.008

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellwatt.arrays import rows_of
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.robot.meter import find, held, power_beside
+from cellwatt_plugins.robot.meter.file import power_beside
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.held import held
 from tests.plugins.robot.slow_meter import measured
 from tests.plugins.robot.test_meter import STEP, Arm
 
@@ -37,7 +40,7 @@ def test_the_motion_tells_how_far_the_clocks_are_apart(tmp_path, offset):
     assert meter is not None
     windows = meter.windows(readings[0])
     inside = windows.inside(ARM.time)
-    true = windows.part(inside).means(ARM.time, ARM.power)
+    true = rows_of(windows, inside).means(ARM.time, ARM.power)
     # Values a tenth of a second off would miss the power by far more than its noise.
     assert np.std(readings[0].value[inside] - true) < 0.1 * np.std(true)
     assert meter.window == pytest.approx(0.1, abs=0.01)
@@ -48,6 +51,23 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path):
         power_beside(logged(tmp_path, 0.0, 0.1, Arm(90.0, seed=5)), ARM.time, POSITION)
     with pytest.raises(RecordingError, match="give files of the same time"):
         power_beside(logged(tmp_path, 500.0, 0.1), ARM.time, POSITION)
+
+
+def test_a_meter_that_shows_one_value_tells_nothing(tmp_path):
+    path = tmp_path / "meter.csv"
+    np.savetxt(path, [[0.1 * i, 300.0] for i in range(900)], delimiter=",", header="t,power", comments="")
+    with pytest.raises(RecordingError, match="does not follow the motion"):
+        power_beside(path, ARM.time, POSITION)
+
+
+def test_rows_without_a_position_tell_nothing_of_the_clocks(tmp_path):
+    holed = POSITION.copy()
+    holed[1000:1010, 1] = np.nan
+    log = logged(tmp_path, 0.73, 0.1)
+    wrong = power_beside(log, ARM.time, holed) != power_beside(log, ARM.time, POSITION)
+    assert np.mean(wrong) < 0.1, "values come at most some ms earlier or later"
+    with pytest.raises(RecordingError, match="does not follow the motion"):
+        power_beside(log, ARM.time, np.full_like(POSITION, np.nan))
 
 
 def test_a_file_without_power_says_what_it_has(tmp_path):

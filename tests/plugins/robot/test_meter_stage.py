@@ -100,6 +100,16 @@ def test_an_arm_at_rest_tells_nothing():
     assert run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [still])) == []
 
 
+def test_a_block_of_frames_may_be_longer_than_what_is_kept():
+    of = Layout(layout().channels, 1.0)
+    count, columns = 200, len(of.channels)
+    at = EPOCH + 10**9 * np.arange(count, dtype=np.int64)
+    stage = MeterStage("meter", MeterSettings(), of, CELL)
+    missing = np.full((count, columns), Quality.MISSING, np.uint8)
+    block = Frames(of, 0, at, np.full((count, columns), np.nan), missing, np.zeros((count, columns), np.int64))
+    assert [*stage.process(block, ()), *stage.close()] == []
+
+
 def test_a_cell_without_a_slow_meter_or_an_arm_is_told():
     with pytest.raises(ConfigError, match="slower than the frames"):
         MeterStage("meter", MeterSettings(), layout(method="average"), CELL)

@@ -109,6 +109,19 @@ def test_a_urdf_stands_for_robot_yaml(tmp_path):
     assert Arm.load(tmp_path / "arm.urdf").joints == 4, "the thumb follows the finger"
 
 
+def test_a_urdf_that_cannot_be_is_told_in_one_line(tmp_path):
+    file = tmp_path / "arm.urdf"
+    file.write_text(scara.urdf().replace("</joint>", '<dynamics damping="-0.8"/></joint>', 1))
+    with pytest.raises(ConfigError, match=r"arm\.urdf: a joint cannot be as it says: .*-0\.8"):
+        described(file)
+    ring = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
+    rings = ring.format("to", "one", "other") + ring.format("fro", "other", "one")
+    swing = ring.format("swing", "other", "third").replace("fixed", "continuous")
+    file.write_text(f'<robot name="r"><link name="one"/><link name="other"/><link name="third"/>{rings}{swing}</robot>')
+    with pytest.raises(ConfigError, match=r"arm\.urdf: cannot be read as a URDF"):
+        described(file)
+
+
 def test_gravity_of_an_arm_on_a_wall(tmp_path):
     path = scara.write(tmp_path)
     path.write_text(path.read_text() + "gravity: [9.81, 0, 0]\n")

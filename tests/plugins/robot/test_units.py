@@ -8,13 +8,7 @@ from tests.plugins.robot import scara
 
 @pytest.mark.parametrize(
     ("unit", "along"),
-    [
-        ("rad", "m"),
-        ("Nm s/rad", "N s/m"),
-        ("kg*m^2", "kg"),
-        ("W", "W"),
-        ("N*m*s^2/rad^2", "N*s^2/m^2"),
-    ],
+    [("rad", "m"), ("Nm s/rad", "N s/m"), ("kg*m^2", "kg"), ("W", "W"), ("N*m*s^2/rad^2", "N*s^2/m^2")],
 )
 def test_units_of_a_slide(unit, along):
     assert unit_at("prismatic", unit) == along

@@ -53,17 +53,9 @@ class Moment:
     after: float = 0.0
 
 
-def json_topic(kind: type[messages.Message]) -> Topic:
-    """The topic of a kind of results, events or health."""
-    return _json_topics()[kind.__name__]
-
-
-@cache
-def _json_topics() -> dict[str, Topic]:
-    return {
-        kind.__name__: Topic(messages.TOPICS[kind], "json", f"{PACKAGE}.{kind.__name__}", messages.schema(kind))
-        for kind in KINDS
-    }
+JSON_TOPICS: Final = {
+    kind: Topic(messages.TOPICS[kind], "json", f"{PACKAGE}.{kind.__name__}", messages.schema(kind)) for kind in KINDS
+}
 
 
 @cache

@@ -10,13 +10,12 @@ import numpy as np
 from cellwatt.alarms import AlarmBook
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlets.foxglove.topics import (
-    KINDS,
+    JSON_TOPICS,
     LOG,
     Moment,
     Outgoing,
     Topic,
     drawn_topic,
-    json_topic,
     own,
     stamp_of,
 )
@@ -44,7 +43,7 @@ class Translator:
     @property
     def topics(self) -> tuple[Topic, ...]:
         """Topics that there are before anything was told; that of the frames comes with the first."""
-        return (*map(json_topic, KINDS), self._log)
+        return (*JSON_TOPICS.values(), self._log)
 
     def frames(self, frames: Frames) -> Iterator[Moment]:
         """One moment for each frame of a block."""
@@ -61,7 +60,7 @@ class Translator:
         """The moment of a result, an event or health."""
         time = messages.time_of(item)
         over = isinstance(item, Alarm) and not item.active
-        told = [Outgoing(json_topic(type(item)), time, messages.encode(item), _key(item), over)]
+        told = [Outgoing(JSON_TOPICS[type(item)], time, messages.encode(item), _key(item), over)]
         if isinstance(item, Event):
             told.append(Outgoing(self._log, time, _line(time, "Info", item.text, item.source or "cellwatt")))
         elif isinstance(item, Alarm) and self._alarms.hear(item).news:

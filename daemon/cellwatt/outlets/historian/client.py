@@ -10,27 +10,31 @@ import asyncio
 import base64
 import gzip
 import http.client
+import logging
 import math
-import ssl
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from email.utils import parsedate_to_datetime
 from functools import lru_cache
+from pathlib import Path
+from ssl import SSLContext
 from typing import Any, Final, Literal
 
 import aiohttp
-import pydantic_core
 
-from cellwatt.errors import OutletError, why
+from cellwatt.errors import why
+from cellwatt.files import put_aside
+from cellwatt.outlets.forward import Peer
 from cellwatt.outlets.historian.settings import InfluxSettings
 from cellwatt.outlets.past import Archived
+from cellwatt.outlets.remote import NotNowError, trust, unreached, wait_of
 from cellwatt.outlets.selection import Row
-from cellwatt.outlets.zenoh.messages import parse_json
+from cellwatt.outlets.zenoh.messages import encode_json, parse_json
 from cellwatt.results import Alarm, Energy, Task
 
-LONGEST_WAIT: Final = 3600.0
-"""Most of what a server may ask us to wait, s."""
+log = logging.getLogger(__name__)
+
 _EFFORT: Final = 1
 """Of gzip: 3 times as fast as 5 for an eighth more bytes."""
 _LONGEST_ANSWER: Final = 64_000
@@ -38,6 +42,12 @@ _LONGEST_REASON: Final = 500
 _WRITTEN: Final = (200, 204)
 _REFUSED: Final = (400, 422)
 _TOO_LARGE: Final = 413
+REFUSED: Final = "historian-refused.txt"
+"""File of the lines that the server will never take, with the reasons."""
+LARGEST: Final = 16_000_000
+"""Bytes of it."""
+TRIES: Final = 64
+"""Requests by which the bad lines of a batch are looked for; then what is left of it is refused as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,18 +59,17 @@ class Outcome:
     wait: float | None = None
 
 
-class Client:
-    """Writes to one database or bucket; use as a context manager."""
+class Influx(Peer[str]):
+    """Lines for one database or bucket, sent while the context lasts; those that it refuses are kept in ``folder``."""
 
-    def __init__(self, settings: InfluxSettings) -> None:
-        self.url = settings.url
-        self._settings = settings
+    def __init__(self, settings: InfluxSettings, tags: Mapping[str, str], folder: Path | None) -> None:
+        self._settings, self._tags, self._folder = settings, tags, folder
         self._session: aiohttp.ClientSession | None = None
-        self._context: ssl.SSLContext | bool = True
+        self._context: SSLContext | bool = True
 
-    async def __aenter__(self) -> Client:
+    async def __aenter__(self) -> Influx:
         if self._settings.ca is not None:
-            self._context = await asyncio.to_thread(_context, str(self._settings.ca))
+            self._context = await asyncio.to_thread(trust, self._settings.ca)
         timeout = aiohttp.ClientTimeout(total=self._settings.timeout)
         self._session = aiohttp.ClientSession(timeout=timeout, auto_decompress=False)
         return self
@@ -69,7 +78,39 @@ class Client:
         if self._session is not None:
             await self._session.close()
 
-    async def write(self, lines: Sequence[str]) -> Outcome:
+    def row(self, row: Row, units: Mapping[str, str]) -> str | None:
+        """See ``Peer.row``."""
+        return row_line(self._settings.measurement, self._tags, row) or None
+
+    def result(self, result: Archived) -> str | None:
+        """See ``Peer.result``."""
+        return result_line(self._settings.measurement, self._tags, result) or None
+
+    async def send(self, messages: Sequence[str]) -> Mapping[str, int]:
+        """See ``Peer.send``; where the server refuses some lines, those are found by halves.
+
+        A batch with a bad line is sent again in parts: a point that was written already is the same point.
+        """
+        parts, found = [list(messages)], Counter[str]()
+        tries = 0
+        while parts:
+            part = parts.pop()
+            outcome = await self._write(part)
+            tries += 1
+            match outcome.kind:
+                case "written":
+                    continue
+                case "later":
+                    raise NotNowError(f"{self._settings.url}: {outcome.reason}", outcome.wait)
+                case "refused" | "too large" if len(part) > 1 and tries < TRIES:
+                    half = len(part) // 2
+                    parts += [part[half:], part[:half]]
+                case _:
+                    await asyncio.to_thread(_refused, self._folder, part, outcome.reason)
+                    found[outcome.kind] += len(part)
+        return found
+
+    async def _write(self, lines: Sequence[str]) -> Outcome:
         """Send lines; tell what became of them. Never raises for what the server or the network does."""
         body = await asyncio.to_thread(_packed, lines)
         url, params = place_of(self._settings)
@@ -82,20 +123,30 @@ class Client:
                 return outcome_of(answer.status, text, answer.headers)
         except TimeoutError:
             return Outcome("later", f"no answer within {self._settings.timeout:g} s")
-        except aiohttp.ClientConnectorError as error:
-            return Outcome("later", f"nobody answers ({why(error.os_error).lower()})")
         except (aiohttp.ClientError, OSError) as error:
-            return Outcome("later", f"{type(error).__name__}: {_short(str(error))}")
+            return Outcome("later", unreached(error))
 
     def _headers(self) -> dict[str, str]:
         settings = self._settings
         found = {"Content-Encoding": "gzip", "Content-Type": "text/plain; charset=utf-8"}
+        found["Accept-Encoding"] = "identity"  # the reason of a refusal is read as it comes: it cannot unpack to more
         if settings.token is not None:
             found["Authorization"] = f"Token {settings.token.get_secret_value()}"
         elif settings.user is not None and settings.password is not None:
             shown = f"{settings.user}:{settings.password.get_secret_value()}".encode()
             found["Authorization"] = f"Basic {base64.b64encode(shown).decode()}"
         return found
+
+
+def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
+    """Put lines aside, below the reason; without a folder the log alone tells. Blocks."""
+    log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
+    if folder is not None:
+        content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
+        try:
+            put_aside(folder / REFUSED, content, LARGEST, 0o644)
+        except OSError as error:
+            log.warning("influx: %s cannot be written: %s", folder / REFUSED, why(error))
 
 
 def place_of(settings: InfluxSettings) -> tuple[str, dict[str, str]]:
@@ -129,33 +180,12 @@ def reason_of(text: str) -> str:
     return _short(str(found or text))
 
 
-def wait_of(header: str | None, now: datetime) -> float | None:
-    """Time in s that a ``Retry-After`` asks for: seconds, or a date; ``None`` where it asks for none."""
-    if header is None:
-        return None
-    try:
-        seconds = float(header)
-    except ValueError:
-        try:
-            seconds = (parsedate_to_datetime(header) - now).total_seconds()
-        except (ValueError, TypeError, OverflowError):
-            return None
-    return min(max(seconds, 0.0), LONGEST_WAIT) if math.isfinite(seconds) else None
-
-
 def _packed(lines: Sequence[str]) -> bytes:
     return gzip.compress("\n".join(lines).encode(), _EFFORT)
 
 
 def _short(text: str) -> str:
     return " ".join(text.split())[:_LONGEST_REASON]
-
-
-def _context(ca: str) -> ssl.SSLContext:
-    try:
-        return ssl.create_default_context(cafile=ca)
-    except (OSError, ValueError) as error:
-        raise OutletError(f"influx: ca: {ca} cannot be used: {error}") from None
 
 
 Value = float | int | bool | str
@@ -178,12 +208,8 @@ def line(measurement: str, tags: Mapping[str, str | None], fields: Mapping[str, 
 
 def row_line(measurement: str, tags: Mapping[str, str], row: Row) -> str:
     """A row: its channels as fields, and ``quality``, the worst of the values that are there."""
-    values = row.values
-    fields = [f"{_word(name)}={value!r}" for name, value in values.items() if math.isfinite(value)]
-    if not fields:
-        return ""
-    worst = max(quality for name, quality in row.quality.items() if name in values)
-    return f"{_series(measurement, tags)} {','.join(fields)},quality={worst}i {row.time}"
+    fields = [f"{_word(name)}={value!r}" for name, value in row.values.items()]
+    return f"{_series(measurement, tags)} {','.join(fields)},quality={row.worst}i {row.time}" if fields else ""
 
 
 def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> str:
@@ -192,8 +218,8 @@ def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> 
         case Alarm():
             more = {key: getattr(result, key) for key in ("id", "kind", "severity", "source", "stage")}
             fields = {key: getattr(result, key) for key in ("active", "since", "statement", "joint")}
-            evidence = pydantic_core.to_json(dict(result.evidence), inf_nan_mode="null", fallback=str).decode()
-            return line(f"{measurement}_alarm", {**tags, **more}, {**fields, "evidence": evidence}, result.time)
+            fields["evidence"] = encode_json(result.evidence).decode()
+            return line(f"{measurement}_alarm", {**tags, **more}, fields, result.time)
         case Task():
             more = {"source": result.source, "task": result.name, "variant": result.variant}
             seconds = (result.end - result.start) * 1e-9

@@ -5,24 +5,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import logging
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from cellwatt.account import Account
 from cellwatt.child import output
-from cellwatt.errors import CellwattError, OutletError, why
-from cellwatt.files import put_aside
+from cellwatt.errors import CellwattError, OutletError
 from cellwatt.outlet import CellView, Item, Outlet, revealed
 from cellwatt.outlets.cursor import Cursor
-from cellwatt.outlets.forward import Forwarder, NotNowError, Peer, framed_record
-from cellwatt.outlets.historian.client import Client, result_line, row_line
+from cellwatt.outlets.forward import Forwarder, framed_record
+from cellwatt.outlets.historian.client import Influx
 from cellwatt.outlets.historian.settings import HistorianSettings, LakeSettings
-from cellwatt.outlets.past import Archived
-from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
 
 MODULE: Final = "cellwatt.outlets.historian.exporting"
@@ -72,69 +66,7 @@ class Lake:
                 self._account.count(f"lake: {what}")
 
 
-if find_spec("aiohttp") is None:  # a lake alone does without it, but what is missing is told at once
-    raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
-
-log = logging.getLogger(__name__)
-
 FILE: Final = "historian-influx.json"
-REFUSED: Final = "historian-refused.txt"
-"""File of the lines that the server will never take, with the reasons."""
-LARGEST: Final = 16_000_000
-"""Bytes of it."""
-TRIES: Final = 64
-"""Requests by which the bad lines of a batch are looked for; then what is left of it is refused as a whole."""
-
-
-class Lines(Peer[str]):
-    """Lines of one database or bucket; those that it refuses are kept in ``folder``."""
-
-    def __init__(self, client: Client, measurement: str, tags: Mapping[str, str], folder: Path | None) -> None:
-        self._client, self._folder = client, folder
-        self._measurement, self._tags = measurement, tags
-
-    def row(self, row: Row, units: Mapping[str, str]) -> str | None:
-        """See ``Peer.row``."""
-        return row_line(self._measurement, self._tags, row) or None
-
-    def result(self, result: Archived) -> str | None:
-        """See ``Peer.result``."""
-        return result_line(self._measurement, self._tags, result) or None
-
-    async def send(self, messages: Sequence[str]) -> Mapping[str, int]:
-        """See ``Peer.send``; where the server refuses some lines, those are found by halves.
-
-        A batch with a bad line is sent again in parts: a point that was written already is the same point.
-        """
-        parts, found = [list(messages)], Counter[str]()
-        tries = 0
-        while parts:
-            part = parts.pop()
-            outcome = await self._client.write(part)
-            tries += 1
-            match outcome.kind:
-                case "written":
-                    continue
-                case "later":
-                    raise NotNowError(f"{self._client.url}: {outcome.reason}", outcome.wait)
-                case "refused" | "too large" if len(part) > 1 and tries < TRIES:
-                    half = len(part) // 2
-                    parts += [part[half:], part[:half]]
-                case _:
-                    await asyncio.to_thread(_refused, self._folder, part, outcome.reason)
-                    found[outcome.kind] += len(part)
-        return found
-
-
-def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
-    """Put lines aside, below the reason; without a folder the log alone tells. Blocks."""
-    log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
-    if folder is not None:
-        content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
-        try:
-            put_aside(folder / REFUSED, content, LARGEST, 0o644)
-        except OSError as error:
-            log.warning("influx: %s cannot be written: %s", folder / REFUSED, why(error))
 
 
 class HistorianOutlet(Outlet[HistorianSettings]):
@@ -149,11 +81,10 @@ class HistorianOutlet(Outlet[HistorianSettings]):
         influx = settings.influx
         self._influx: Forwarder[str] | None = None
         if influx is not None:
-            self._client = Client(influx)
+            self._peer = Influx(influx, {"site": view.site, "cell": view.cell}, self._record)
             place = f"{influx.url} {influx.database or influx.bucket} {influx.org or ''}".strip()
             cursor = Cursor(None if self._record is None else self._record / FILE, self.account, place)
-            peer = Lines(self._client, influx.measurement, {"site": view.site, "cell": view.cell}, self._record)
-            self._influx = Forwarder("influx", peer, influx, view.cell, self._record, cursor, self.account)
+            self._influx = Forwarder("influx", self._peer, influx, view.cell, self._record, cursor, self.account)
         self._lake: Lake | None = None
         if settings.lake is not None and self._record is not None:
             told = {"record": str(self._record), "folder": str(view.folder), "site": view.site, "cell": view.cell}
@@ -167,6 +98,11 @@ class HistorianOutlet(Outlet[HistorianSettings]):
     def health(self, status: Mapping[str, Any]) -> None:
         """Nothing of it is kept."""
 
+    def succeed(self, before: Outlet[Any]) -> None:
+        """Go on where the outlet before ended; the lake goes on by its file."""
+        if isinstance(before, HistorianOutlet) and self._influx is not None and before._influx is not None:
+            self._influx.succeed(before._influx)
+
     def trouble(self) -> str | None:
         """Reason why InfluxDB or the lake takes nothing; ``None`` if all is well."""
         said = [] if self._influx is None else list(self._influx.troubles)
@@ -177,5 +113,5 @@ class HistorianOutlet(Outlet[HistorianSettings]):
         """Write until cancelled. Raises ``OutletError`` where there is no record to fill the lake from."""
         if self.settings.lake is not None and self._record is None:
             raise OutletError("lake: it is filled from the record: set record, with frames (record: {frames: true})")
-        async with self._client if self._influx is not None else contextlib.nullcontext():
+        async with self._peer if self._influx is not None else contextlib.nullcontext():
             await until_one_ends(*(part.run() for part in (self._influx, self._lake) if part is not None))

@@ -16,12 +16,11 @@ from urllib.parse import quote
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-import pydantic_core
 
-from cellwatt.channel import Quality
 from cellwatt.frames import Frames, cut
 from cellwatt.outlets.past import ARCHIVED, Archived, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
+from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.record.folder import files_of
 from cellwatt.record.messages import time_of
 from cellwatt.record.reader import EVER
@@ -182,7 +181,7 @@ def frame_table(rows: Sequence[Row], units: Mapping[str, str], session: int) -> 
         "time": pa.array([row.time for row in rows], _TIME),
         "session": pa.array([session] * len(rows), pa.int64()),
         "sequence": pa.array([row.sequence for row in rows], pa.int64()),
-        "quality": pa.array([_worst(row) for row in rows], pa.uint8()),
+        "quality": pa.array([row.worst for row in rows], pa.uint8()),
     }
     fields = [pa.field(name, array.type) for name, array in columns.items()]
     for name, unit in units.items():
@@ -208,13 +207,8 @@ def parquet(table: pa.Table, about: Mapping[str, Any]) -> bytes:
     return content
 
 
-def _worst(row: Row) -> int:
-    there = (quality for name, quality in row.quality.items() if name in row.values)
-    return max(there, default=int(Quality.MISSING))
-
-
 def _cell(table: str, column: str, result: Archived) -> Any:
     value = getattr(result, _FIELDS.get((table, column), column))
     if column == "evidence":
-        return pydantic_core.to_json(dict(value), inf_nan_mode="null", fallback=str).decode()
+        return encode_json(value).decode()
     return list(value.items()) if column == "groups" else value

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from pydantic import ConfigDict, Field, PositiveInt, SecretStr, field_validator
+from pydantic import Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
@@ -18,7 +18,6 @@ from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Seconds
 
 _NAME: Final = r"^[^\x00-\x1f\x7f\"\\]{1,200}$"
-_STRICT: Final = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
 
 def _web(url: str) -> str:
@@ -31,8 +30,6 @@ def _web(url: str) -> str:
 
 class InfluxSettings(Flow):
     """InfluxDB by line protocol over HTTP: ``database`` for version 1, ``org`` and ``bucket`` for 2."""
-
-    model_config = _STRICT
 
     url: str
     """Address of the server, like ``https://influx.plant.example:8086``."""
@@ -84,8 +81,6 @@ class InfluxSettings(Flow):
 class LakeSettings(Selection):
     """A lake of Parquet files, in a folder or in S3: ``frames/site=…/cell=…/day=…/``, and alarms, tasks, energies."""
 
-    model_config = _STRICT
-
     folder: str = Field(min_length=1)
     """Folder, or ``s3://BUCKET/PATH``."""
     every: Seconds = Field(default=600.0, gt=0)
@@ -130,8 +125,6 @@ class LakeSettings(Selection):
 
 class HistorianSettings(OutletSettings):
     """History of the cell in InfluxDB, in a lake of Parquet files, or both."""
-
-    model_config = _STRICT
 
     influx: InfluxSettings | None = None
     """Write to InfluxDB."""

@@ -20,11 +20,6 @@ class Family:
     labels: tuple[str, ...] = ()
     unit: str = ""
 
-    @property
-    def told(self) -> str:
-        """Name of its samples."""
-        return self.name + {"counter": "_total", "info": "_info", "gauge": ""}[self.type]
-
 
 def _counter(name: str, text: str, *labels: str, unit: str = "") -> Family:
     return Family(f"cellwatt_{name}", "counter", text, labels, unit)

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from typing import Any, ClassVar, Final
 
@@ -19,6 +18,7 @@ from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.apart.outlet import Apart
 from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family, Reading, lives_of, of_health
 from cellwatt.outlets.metrics.settings import MetricsSettings
+from cellwatt.outlets.selection import fits
 from cellwatt.results import Energy
 from cellwatt.version import __version__
 
@@ -103,7 +103,7 @@ class Meter(Collector):
         if frames.layout is not self._layout:
             self._layout = frames.layout
             names = enumerate(frames.layout.names)
-            chosen = ((i, n) for i, n in names if any(fnmatchcase(n, pattern) for pattern in self._patterns))
+            chosen = ((i, n) for i, n in names if fits(n, self._patterns))
             self._columns = tuple((i, n) for i, n in chosen if frames.layout.channels[i].unit == "W")
         if len(frames):
             self._power = {name: float(frames.values[-1, i]) for i, name in self._columns}

@@ -18,6 +18,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from cellwatt.errors import OutletError, why
 from cellwatt.outlets.mqtt.message import Message, Subscription
 from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.remote import trust
 
 ANSWER: Final = 10.0
 """Longest time, s, that the broker may take to answer anything."""
@@ -48,13 +49,12 @@ def tls_context(settings: MqttSettings) -> ssl.SSLContext | None:
     """TLS as the settings want it; ``None`` for none. Reads files. Raises ``OutletError``."""
     if not settings.encrypted:
         return None
+    context = trust(settings.ca)
     try:
-        context = ssl.create_default_context(cafile=settings.ca)
         if settings.certificate is not None:
             context.load_cert_chain(settings.certificate, settings.key, password=lambda: b"")
     except (OSError, ValueError) as error:
-        raise OutletError(f"ca, certificate or key cannot be used: {error}") from None
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
+        raise OutletError(f"certificate or key cannot be used: {error}") from None
     context.sslsocket_class = _Socket
     return context
 

@@ -11,15 +11,13 @@ from cellwatt.batch import Batch
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.cursor import Cursor
-from cellwatt.outlets.forward import framed_record
+from cellwatt.outlets.forward import cursor_of, framed_record
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.link import Link, tls_context
 from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.session import Format, HostLeftError, Session
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.record.header import plain_cell
 from cellwatt.results import Prediction
 
 
@@ -36,10 +34,7 @@ class MqttOutlet(Outlet[MqttSettings]):
     def __init__(self, name: str, settings: MqttSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
         self._record = framed_record(view)
-        path = None
-        if self._record is not None:
-            path = self._record / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
-        self._cursor = Cursor(path, self.account)
+        self._cursor = cursor_of(view, name, self.account)
         self._format: Format | None = None
         cursor = None if self._record is None else self._cursor
         self._outbox = Outbox(settings, settings.queue, self.account, cursor, self._missed)

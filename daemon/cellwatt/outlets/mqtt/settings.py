@@ -7,26 +7,23 @@ from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
+from pydantic import Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
-from cellwatt.host import check_host, stays_here
-from cellwatt.outlet import OutletSettings, both_or_neither, refusal
+from cellwatt.host import LAST_PORT, check_host, stays_here
+from cellwatt.outlet import OutletSettings, Section, both_or_neither, refusal
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz, Seconds
 
 LOCAL: Final = "mqtt://127.0.0.1:1883"
 _BROKER = re.compile(r"(mqtts?)://(\[[0-9A-Fa-f:.%]+\]|[^\[\]:/@]+)(?::(\d{1,5}))?/?")
-_LAST_PORT: Final = 65535
 _LONGEST_KEEP_ALIVE: Final = 65535.0
 _RESERVED = re.compile(r"[+/#\x00-\x1f\x7f]")
 
 
-class SparkplugSettings(BaseModel):
+class SparkplugSettings(Section):
     """Place of the cell in a Sparkplug infrastructure."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     group: str | None = None
     """Group ID; the site's name where absent."""
@@ -45,8 +42,6 @@ class SparkplugSettings(BaseModel):
 
 class MqttSettings(OutletSettings, Selection):
     """The cell over MQTT 5."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
     broker: str = LOCAL
     """Broker, as ``mqtt://host:1883`` on this PC, or ``mqtts://host:8883`` (TLS) anywhere."""
@@ -95,7 +90,7 @@ class MqttSettings(OutletSettings, Selection):
     @classmethod
     def _address(cls, broker: str) -> str:
         found = _BROKER.fullmatch(broker)
-        if found is None or not 0 < int(found[3] or 1) <= _LAST_PORT:
+        if found is None or not 0 < int(found[3] or 1) <= LAST_PORT:
             raise ValueError(f"expected mqtt://host:port or mqtts://host:port, like {LOCAL}; user and password apart")
         check_host(found[2].strip("[]"))
         return broker

@@ -16,12 +16,13 @@ from typing import Final
 from cellwatt.account import Account
 from cellwatt.errors import why
 from cellwatt.files import put_aside
-from cellwatt.outlets.notify.channels import Answer, Channel, FailedError, RefusedError, cleaned
+from cellwatt.outlets.notify.channels import Answer, Channel, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
 from cellwatt.outlets.notify.rules import Item, Message, Rules, message_of, ready, silence
 from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About, undelivered
+from cellwatt.outlets.remote import NotNowError
 from cellwatt.results import Alarm
 
 log = logging.getLogger(__name__)
@@ -165,10 +166,10 @@ class Courier:
                 await self._give_up(message, reason)
                 return
             self._count("retried")
-            await asyncio.sleep(max(failure.after, pause * random.uniform(0.5, 1.0)))
+            await asyncio.sleep(max(failure.wait or 0.0, pause * random.uniform(0.5, 1.0)))
             pause = min(2 * pause, max(LONGEST_PAUSE, self._settings.retry))
 
-    async def _attempt(self, channel: Channel, message: Message) -> FailedError | None:
+    async def _attempt(self, channel: Channel, message: Message) -> NotNowError | None:
         """Try once; return why it must be tried again."""
         work = asyncio.create_task(channel.send(message))
         try:
@@ -183,13 +184,13 @@ class Courier:
         except RefusedError as error:
             await self._give_up(message, self._clean(error))
             return None
-        except FailedError as error:
-            return self._failed(FailedError(self._clean(error), error.after))
+        except NotNowError as error:
+            return self._failed(NotNowError(self._clean(error), error.wait))
         except Exception as error:
             log.exception("notify: %s: sending broke", self.name)
-            return self._failed(FailedError(f"sending broke: {type(error).__name__}, see the log"))
+            return self._failed(NotNowError(f"sending broke: {type(error).__name__}, see the log"))
 
-    async def _accepted(self, message: Message, answer: Answer) -> FailedError | None:
+    async def _accepted(self, message: Message, answer: Answer) -> NotNowError | None:
         for address, reason in answer.refused.items():
             await self._keep(message, f"{address}: {self._clean(reason)}")
         if answer.later:
@@ -197,7 +198,7 @@ class Courier:
                 self._told.settle(settled)
                 await self._ledger.flush()
             address, reason = next(iter(answer.later.items()))
-            return self._failed(FailedError(f"{address}: {self._clean(reason)}"))
+            return self._failed(NotNowError(f"{address}: {self._clean(reason)}"))
         self._told.arrived()
         await self._ledger.flush()
         if answer.refused:
@@ -209,7 +210,7 @@ class Courier:
             self._count("sent")
         return None
 
-    def _failed(self, error: FailedError) -> FailedError:
+    def _failed(self, error: NotNowError) -> NotNowError:
         if self._trouble is None:
             self._trouble = _Trouble(str(error), time.monotonic(), final=False)
             log.warning("notify: %s: %s; trying again", self.name, error)

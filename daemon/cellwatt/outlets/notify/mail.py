@@ -19,10 +19,11 @@ from aiosmtplib import (
     SMTPTimeoutError,
 )
 
-from cellwatt.outlets.notify.channels import Answer, FailedError, RefusedError, distrusted, trust
+from cellwatt.outlets.notify.channels import Answer, RefusedError
 from cellwatt.outlets.notify.rules import Message
 from cellwatt.outlets.notify.settings import MailSettings
 from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
+from cellwatt.outlets.remote import NotNowError, trust, unreached
 
 GOODBYE = 1.0
 """Longest time, s, to take leave of a server that has taken the mail."""
@@ -51,7 +52,7 @@ class Mail:
             with contextlib.suppress(SMTPException, OSError):
                 await client.quit(timeout=GOODBYE)
         except TimeoutError:
-            raise FailedError(f"no answer within {self._timeout:g} s") from None
+            raise NotNowError(f"no answer within {self._timeout:g} s") from None
         finally:
             client.close()
         taken = tuple(address for address in left if address not in refused)
@@ -69,7 +70,7 @@ class Mail:
             local_hostname="".join(socket.gethostname().split()) or "localhost",  # no question to a name server
             use_tls=settings.tls == "tls",
             start_tls=settings.tls == "starttls",
-            tls_context=None if settings.tls == "none" else await trust(settings.ca),
+            tls_context=None if settings.tls == "none" else await asyncio.to_thread(trust, settings.ca),
             timeout=self._timeout,
         )
 
@@ -79,21 +80,21 @@ class Mail:
         try:
             yield
         except SMTPAuthenticationError as error:
-            raise FailedError(f"the login as {self._settings.user} is refused: {error.code} {error.message}") from None
+            raise NotNowError(f"the login as {self._settings.user} is refused: {error.code} {error.message}") from None
         except SMTPTimeoutError as error:
-            raise FailedError(f"no answer: {error.message}") from None
+            raise NotNowError(f"no answer: {error.message}") from None
         except SMTPResponseException as error:
             reason = f"{error.code} {error.message}"
-            raise (RefusedError(reason) if final and error.code >= _FOR_EVER else FailedError(reason)) from None
+            raise (RefusedError(reason) if final and error.code >= _FOR_EVER else NotNowError(reason)) from None
         except SMTPException as error:
             cause = error.__cause__
             if isinstance(cause, OSError) and not isinstance(cause, SMTPException):
-                raise FailedError(distrusted(cause)) from None
+                raise NotNowError(unreached(cause)) from None
             no_tls = "STARTTLS" in error.message and self._settings.tls == "starttls"
             hint = "; nothing is sent in the clear" if no_tls else ""
-            raise FailedError(f"{error.message}{hint}") from None
+            raise NotNowError(f"{error.message}{hint}") from None
         except OSError as error:
-            raise FailedError(distrusted(error)) from None
+            raise NotNowError(unreached(error)) from None
 
     def _content(self, message: Message) -> bytes:
         settings, about = self._settings, self._about

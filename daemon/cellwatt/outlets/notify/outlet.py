@@ -93,19 +93,17 @@ class NotifyOutlet(Outlet[NotifySettings]):
                 group.create_task(courier.run(made[name]))
 
     async def _begin(self) -> None:
-        """Read the ledger, once."""
-        if self._read:
-            self._ledger.keep(self.settings.to)
-            return
-        await asyncio.to_thread(self._ledger.read)
-        self._read = True
-        if self._ledger.path is None:
-            log.warning("notify: nothing is recorded, so after a restart alarms may be told again")
-        if self._ledger.problem is not None:
-            log.warning("notify: %s; alarms may be told again", self._ledger.problem)
-            self.account.count("ledger: not readable")
-        if self._ledger.unreadable:
-            self.account.count("ledger: lines not readable", self._ledger.unreadable)
+        """Read the ledger, once, and forget whom nothing is sent to any more."""
+        if not self._read:
+            await asyncio.to_thread(self._ledger.read)
+            self._read = True
+            if self._ledger.path is None:
+                log.warning("notify: nothing is recorded, so after a restart alarms may be told again")
+            if self._ledger.problem is not None:
+                log.warning("notify: %s; alarms may be told again", self._ledger.problem)
+                self.account.count("ledger: not readable")
+            if self._ledger.unreadable:
+                self.account.count("ledger: lines not readable", self._ledger.unreadable)
         for name, count in self._ledger.keep(self.settings.to).items():
             self.account.count(f"{name}, no recipient any more: alarms not told", count)
 

@@ -8,9 +8,10 @@ from datetime import datetime, timedelta, tzinfo
 from typing import Annotated, Final, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from cellwatt.alarms import SEVERITIES
+from cellwatt.outlet import Section
 from cellwatt.results import Severity
 
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
@@ -36,10 +37,8 @@ def zone_of(name: str | None) -> tzinfo | None:
     return None if name is None else ZoneInfo(name)
 
 
-class QuietSettings(BaseModel):
+class QuietSettings(Section):
     """One quiet time of a recipient."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     begin: str = Field(default="00:00", alias="from")
     """Time of day at which it begins, like ``"22:00"``."""

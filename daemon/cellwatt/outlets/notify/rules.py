@@ -6,12 +6,12 @@ import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from typing import Any, Final, Literal
 
 from pydantic import TypeAdapter
 
 from cellwatt.alarms import SEVERITIES
+from cellwatt.outlets.selection import fits
 from cellwatt.results import Alarm, Severity
 
 ENDED: Final = 2000
@@ -185,7 +185,7 @@ class Rules:
 
     def wants(self, alarm: Alarm) -> bool:
         """True if an alarm is grave enough, and of a kind that is asked for."""
-        return rank(alarm) >= SEVERITIES.index(self.severity) and any(fnmatchcase(alarm.kind, k) for k in self.kinds)
+        return rank(alarm) >= SEVERITIES.index(self.severity) and fits(alarm.kind, self.kinds)
 
     # alarms -----------------------------------------------------------------------------------------
 

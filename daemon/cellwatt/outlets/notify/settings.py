@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import SplitResult
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
+from pydantic import AfterValidator, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
-from cellwatt.host import Host, check_clear, in_the_clear, stays_here, web_address
-from cellwatt.outlet import OutletSettings, both_or_neither
+from cellwatt.host import LAST_PORT, Host, check_clear, in_the_clear, stays_here, web_address
+from cellwatt.outlet import OutletSettings, Section, both_or_neither
 from cellwatt.outlets.notify.quiet import QuietSettings, Zone
 from cellwatt.quantity import Seconds
 from cellwatt.results import Severity
 
 CHANNELS: Final = ("mail", "webhook", "ntfy", "home_assistant")
-_LAST_PORT: Final = 65535
 _ADDRESS: Final = re.compile(r"[^\s@<>,;\"\\()\[\]]+@[^\s@<>,;\"\\()\[\]]+")
 _PORTS: Final = {"starttls": 587, "tls": 465, "none": 25}
 
@@ -44,16 +43,12 @@ def _shown(url: str) -> str:
     return f"{parts.scheme}://{parts.netloc}"
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
-
-
-class MailSettings(_Settings):
+class MailSettings(Section):
     """Mail by way of a server that takes it for others (SMTP)."""
 
     host: Host
     """Mail server."""
-    port: int | None = Field(default=None, ge=1, le=_LAST_PORT)
+    port: int | None = Field(default=None, ge=1, le=LAST_PORT)
     """Its port; where absent 587, with ``tls: tls`` 465, with ``tls: none`` 25."""
     tls: Literal["starttls", "tls", "none"] = "starttls"
     """``starttls``: encrypted after the greeting, or nothing is sent; ``tls``: from the start; ``none``: only on this
@@ -82,7 +77,7 @@ class MailSettings(_Settings):
         return self.port or _PORTS[self.tls]
 
 
-class _Web(_Settings):
+class _Web(Section):
     ca: Path | None = None
     """Certificate authority (PEM) to trust instead of those of the system."""
     open: bool = False
@@ -162,7 +157,7 @@ Web = WebhookSettings | NtfySettings | HomeAssistantSettings
 Channel = MailSettings | Web
 
 
-class RecipientSettings(_Settings):
+class RecipientSettings(Section):
     """One recipient: one of ``mail``, ``webhook``, ``ntfy``, ``home_assistant``, and what is sent there."""
 
     mail: MailSettings | None = None
@@ -219,8 +214,6 @@ class RecipientSettings(_Settings):
 
 class NotifySettings(OutletSettings):
     """Messages to people about alarms of the cell."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
     to: Mapping[str, RecipientSettings] = Field(min_length=1)
     """Recipients, each with a name of your own."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import binascii
 import hashlib
@@ -9,16 +10,18 @@ import hmac
 import json
 import ssl
 import time
+from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Any, Final
 
 import aiohttp
 from pydantic import SecretStr
 
-from cellwatt.outlets.notify.channels import Answer, FailedError, RefusedError, distrusted, trust
+from cellwatt.outlets.notify.channels import Answer, RefusedError
 from cellwatt.outlets.notify.rules import Message
 from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings
 from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
+from cellwatt.outlets.remote import NotNowError, trust, unreached, wait_of
 from cellwatt.version import __version__
 
 ID: Final = "webhook-id"
@@ -45,8 +48,6 @@ def sign(secret: str, message_id: str, timestamp: int, body: bytes) -> str:
 
 PUSH: Final = 3800
 """Bytes of a text that is pushed to telephones; ntfy makes a file of more than 4096."""
-LONGEST_WAIT: Final = 3600.0
-"""Longest pause, s, that a server may ask for."""
 _PRIORITY: Final = {"error": 5, "warning": 4, "info": 3, None: 3}
 _TAGS: Final = {"error": "rotating_light", "warning": "warning", "info": "information_source", None: "white_check_mark"}
 _OURS: Final = (401, 403, 407)
@@ -65,7 +66,7 @@ class WebChannel:
         settings = self._settings
         content, head = request(settings, self._about, message, int(time.time()))
         safe = settings.address.startswith("https:")
-        context: ssl.SSLContext | bool = await trust(settings.ca) if safe else True
+        context: ssl.SSLContext | bool = await asyncio.to_thread(trust, settings.ca) if safe else True
         try:
             async with (
                 aiohttp.ClientSession(
@@ -75,16 +76,12 @@ class WebChannel:
                     settings.address, data=content, headers=head, ssl=context, allow_redirects=False
                 ) as response,
             ):
-                judge(response.status, response.headers.get("Retry-After", ""))
+                judge(response.status, response.headers.get("Retry-After"))
                 response.close()  # the body says nothing that counts, and may never end
-        except (aiohttp.ClientConnectorCertificateError, aiohttp.ClientConnectorError) as error:
-            raise FailedError(_reason(error)) from None
         except TimeoutError:
-            raise FailedError(f"no answer within {self._timeout:g} s") from None
-        except aiohttp.ClientError as error:
-            raise FailedError(f"the connection broke: {type(error).__name__}") from None
-        except OSError as error:
-            raise FailedError(distrusted(error)) from None
+            raise NotNowError(f"no answer within {self._timeout:g} s") from None
+        except (aiohttp.ClientError, OSError) as error:
+            raise NotNowError(unreached(error)) from None
         return Answer()
 
 
@@ -109,8 +106,8 @@ def request(settings: Web, about: About, message: Message, now: int) -> tuple[by
     return content, head
 
 
-def judge(status: int, retry_after: str = "") -> None:
-    """Raise ``RefusedError`` or ``FailedError`` unless the status of an answer says that the message is taken."""
+def judge(status: int, retry_after: str | None = None) -> None:
+    """Raise ``RefusedError`` or ``NotNowError`` unless the status of an answer says that the message is taken."""
     if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
         return
     known = status in HTTPStatus.__members__.values()
@@ -118,11 +115,10 @@ def judge(status: int, retry_after: str = "") -> None:
     if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
         raise RefusedError(f"{reason}: it sends elsewhere, which is not followed; write the address that it means")
     if status in _OURS:
-        raise FailedError(f"{reason}: are token and address right?")
+        raise NotNowError(f"{reason}: are token and address right?")
     if HTTPStatus.BAD_REQUEST <= status < HTTPStatus.INTERNAL_SERVER_ERROR and status not in _LATER:
         raise RefusedError(reason)
-    after = min(float(retry_after), LONGEST_WAIT) if retry_after.isascii() and retry_after.isdigit() else 0.0
-    raise FailedError(reason, after)
+    raise NotNowError(reason, wait_of(retry_after, datetime.now(UTC)))
 
 
 def _ntfy(settings: NtfySettings, about: About, message: Message) -> dict[str, Any]:
@@ -143,12 +139,3 @@ def _home_assistant(about: About, message: Message) -> dict[str, Any]:
     if about.link is not None:
         data |= {"url": about.link, "clickAction": about.link}
     return {"title": subject(about, message), "message": body(about, message, PUSH), "data": data}
-
-
-def _reason(error: aiohttp.ClientConnectorCertificateError | aiohttp.ClientConnectorError) -> str:
-    if isinstance(error, aiohttp.ClientConnectorCertificateError):
-        inner = error.certificate_error
-        return distrusted(inner) if isinstance(inner, OSError) else "its certificate is not trusted"
-    if isinstance(error, aiohttp.ClientConnectorDNSError):
-        return f"the host {error.host} is not found"
-    return distrusted(error.os_error)

@@ -11,8 +11,9 @@ from urllib.parse import quote
 
 from aiohttp import web
 
-from cellwatt.outlets.page.access import VISITOR, Visitor, answer, refusal
 from cellwatt.outlets.page.cells import Cell, page_of, prefix
+from cellwatt.outlets.page.gate import VISITOR, Visitor, answer, refusal
+from cellwatt.outlets.page.reports import list_reports, newest_mismatch, report_file
 from cellwatt.outlets.page.streams import encoded
 from cellwatt.outlets.zenoh.messages import parse_json
 
@@ -33,6 +34,8 @@ LONGEST_SHELF: Final = 31 * 24 * 60
 LONGEST_NAME, LONGEST_NOTE = 100, 1000
 _RATES: Final = (0.1, 25.0)
 _HOUR: Final = 3.6e6
+LATEST: Final = 2**62 / 1e6
+"""ms, in the year 2116: later times are none in ns."""
 
 
 class CellApi:
@@ -92,12 +95,12 @@ class CellApi:
 
     async def _reports(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
-        told = await cell.archive.reports()
+        told = await cell.archive.reports(list_reports)
         return answer({**told, "reports": [_addressed(cell, report, "path", "href") for report in told["reports"]]})
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
-        file = await cell.archive.report(request.match_info["path"])
+        file = await cell.archive.reports(report_file, request.match_info["path"])
         if file is None:
             raise web.HTTPNotFound(text="there is no such report")
         headers = {"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
@@ -105,7 +108,7 @@ class CellApi:
 
     async def _mismatch(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
-        return answer(_addressed(cell, await cell.archive.mismatch(), "path", "href"))
+        return answer(_addressed(cell, await cell.archive.reports(newest_mismatch), "path", "href"))
 
     # what people say ------------------------------------------------------------------------------
 
@@ -190,7 +193,7 @@ def _span(request: web.Request) -> tuple[float, float]:
     """Start and end, ms; the last hour unless told."""
     end = number(request, "to", time.time() * 1e3)
     start = number(request, "from", end - _HOUR)
-    if not 0 <= start < end < 1e14:
+    if not 0 <= start < end < LATEST:
         raise web.HTTPBadRequest(text="from, to: expected two UTC times in ms, from before to")
     return start, end
 

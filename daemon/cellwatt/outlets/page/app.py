@@ -18,9 +18,9 @@ from aiohttp.typedefs import Handler
 from cellwatt.door.http import HttpDoor
 from cellwatt.door.port import Limits
 from cellwatt.door.settings import tls_context
-from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, proof_of, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
 from cellwatt.outlets.page.dropped import Drops
+from cellwatt.outlets.page.gate import LARGEST_BODY, Gate, answer, proof_of, refusal
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.sessions import LONGEST, Sessions
 from cellwatt.outlets.page.streams import Browsers, encoded

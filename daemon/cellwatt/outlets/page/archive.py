@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from cellwatt.outlets.page.levels.curves import curves
 from cellwatt.outlets.page.levels.episodes import Episode, Memory, alarm_history
 from cellwatt.outlets.page.levels.gathering import Samples, Span
 from cellwatt.outlets.page.levels.store import Store
-from cellwatt.outlets.page.reports import list_reports, newest_mismatch, report_file
 
 THREADS: Final = 2
 _TOLD: Final = ("over budget", "unwritten", "damaged")
@@ -84,17 +83,9 @@ class Archive:
         """Alarms from ``start`` to ``end`` ms, the newest first."""
         return await self._desk.ask(alarm_history, self._store, start, end, limit, in_memory(live))
 
-    async def reports(self) -> dict[str, Any]:
-        """All reports, the newest first."""
-        return await self._desk.ask(list_reports, self._folders)
-
-    async def report(self, path: str) -> Path | None:
-        """The file of a report, ``None`` if there is none of that name."""
-        return await self._desk.ask(report_file, self._folders, path)
-
-    async def mismatch(self) -> dict[str, Any]:
-        """What the newest comparison with the simulation found."""
-        return await self._desk.ask(newest_mismatch, self._folders)
+    async def reports(self, ask: Callable[Concatenate[Sequence[Path], P], T], *args: P.args, **more: P.kwargs) -> T:
+        """The answer of a function of ``reports`` about the folders of this cell."""
+        return await self._desk.ask(ask, self._folders, *args, **more)
 
 
 def in_memory(live: LiveCell, channels: Sequence[str] = ()) -> Memory:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import shutil
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
@@ -16,8 +17,8 @@ from aiohttp import web
 from cellwatt.child import output
 from cellwatt.door.http import BODY
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.access import answer
 from cellwatt.outlets.page.api import REPORT_POLICY, body_of
+from cellwatt.outlets.page.gate import answer
 
 LARGEST: Final = 4_000_000_000
 """Bytes of one drop."""
@@ -169,7 +170,7 @@ class Drops:
         size = drop.awaited.pop(path, None)
         if size is None:
             raise CellwattError(f"{path:.200} was not announced: drop it again")
-        file, left = drop.files / path, size
+        file, left, whole = drop.files / path, size, False
         for drawn in [each for each in drop.drawn if f"{path}/".startswith(f"{each}/")]:
             del drop.drawn[drawn]  # of an older state of the file, or of the bag that it is in
         try:
@@ -178,11 +179,13 @@ class Drops:
                     if (left := left - len(piece)) < 0:
                         break
                     await asyncio.to_thread(out.write, piece)
+            whole = not left
         except OSError as error:
             raise CellwattError(f"{path:.200} cannot be kept: {error.strerror}") from None
         finally:
-            if left:
-                await asyncio.to_thread(file.unlink, missing_ok=True)
+            if not whole:
+                with contextlib.suppress(OSError):  # its name may be that of a folder
+                    await asyncio.to_thread(file.unlink)
         if left:
             raise CellwattError(f"{path:.200} has another size than was announced: drop it again")
         return answer({})
@@ -215,17 +218,16 @@ class Drops:
         drop, body = self._drop(request), await body_of(request)
         recordings, simulations = _paths(body, "recordings"), _paths(body, "simulations")
         robot = str(body.get("robot") or "")
-        if drop.answer is not None and drop.answer.running:
-            raise CellwattError("these recordings are being explained already")
         if not recordings:
             raise CellwattError("no recording is chosen")
         await asyncio.to_thread(_known, drop, [*recordings, *simulations, *([robot] if robot else [])])
+        if drop.answer is not None and drop.answer.running:  # from here on nobody else has a turn until it runs
+            raise CellwattError("these recordings are being explained already")
         words = ["explain", *(f"./{path}" for path in recordings), "--out", str(drop.result)]
         words += ["--simulation", *(f"./{path}" for path in simulations)] if simulations else []
         words += ["--robot", f"./{robot}"] if robot else []
         own = [path for path in simulations if Path(path).suffix in (".xml", ".urdf")]
         words += ["--mend", f"./{own[0]}"] if own else []
-        await asyncio.to_thread(shutil.rmtree, drop.result, ignore_errors=True)
         drop.answer = told = Answer()
         self._tasks[drop.name] = asyncio.create_task(self._explained(drop, told, words))
         return answer({})
@@ -235,6 +237,7 @@ class Drops:
             told.said = line
 
         try:
+            await asyncio.to_thread(shutil.rmtree, drop.result, ignore_errors=True)
             told.said = (await self._run(drop, words, progress)).replace(f"{drop.folder}/", "")
         except CellwattError as error:
             told.said, told.error = "", str(error)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import logging
 import os
 from collections.abc import Callable, Coroutine, Mapping
@@ -21,6 +20,7 @@ from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.plant import Cells, Plant, watch
 from cellwatt.outlets.page.sessions import FILE
 from cellwatt.outlets.page.streams import Browsers, Hub
+from cellwatt.runtime.processes.rights import settle_memory
 from cellwatt.runtime.tasks import plain_errors
 from cellwatt.subscriber import LinkSettings
 
@@ -37,11 +37,10 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     archive = Archive(folder, cell, settings.reports, desk, settings.levels)
     shown = Shown(feed.take_frames, feed.take_item, feed.take_health)
     try:
-        await asyncio.to_thread(archive.start)
         shown_cell = OneCell(Cell(feed, archive, daemon.order))
         async with served(settings, shown_cell, browsers, folder and folder / FILE) as page:
-            gc.collect()
-            gc.freeze()
+            settle_memory()
+            archive.start()
             arms = asyncio.create_task(follow_arms(feed, settings.arms, desk))
             try:
                 await daemon.serve(page.url, lambda: {**page.counts, **archive.counts()}, shown)

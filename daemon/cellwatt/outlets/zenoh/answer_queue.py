@@ -78,7 +78,7 @@ class Past:
 
     def _frames(self, session: int, first: int, whole: int, count: int) -> Sequence[Frames]:
         """Frames from memory on, and where memory begins later, from the record."""
-        kept = [frames for _, frames in self._backlog.frames(session, first, whole)]
+        kept = self._backlog.frames(session, first, whole)
         begin = kept[0].sequence if kept else first + whole
         if begin <= first:
             return [cut(kept[0], first - begin, len(kept[0])), *kept[1:]]

@@ -57,7 +57,7 @@ STUCK: Final = 10.0
 class Answers:
     """Serves the questions of one cell, in a thread of its own from ``start`` to ``stop``.
 
-    ``health`` gives the health message of now, the answer to ``@/status``; ``count`` counts what went wrong, and
+    ``health`` gives the answer to ``@/status``; ``count`` counts what went wrong, and
     answers about the past; ``seal`` signs the answers, where the cell signs. ``rate`` limits the answers about the
     past, in bytes a second; ``None`` does not.
     """
@@ -68,7 +68,7 @@ class Answers:
         keys: CellKeys,
         backlog: Backlog,
         count: Callable[..., None],
-        health: Callable[[], tuple[Mark, bytes]],
+        health: Callable[[], Answer],
         seal: MessageSigner | None = None,
         rate: float | None = None,
     ) -> None:
@@ -84,12 +84,8 @@ class Answers:
         self._told: set[str] = set()
         past = Past(view, backlog, lambda: self._turns.piece())
 
-        def status(_: Mapping[str, str]) -> Answer:
-            mark, payload = health()
-            return Answer(payload, mark=mark)
-
         self._known: dict[str, Callable[[Mapping[str, str]], Answer]] = {
-            "status": status,
+            "status": lambda _: health(),
             "config": lambda _: Answer(encode_json(view.config())),
             "schema": lambda _: Answer(encode_json(view.schema())),
             "recordings": lambda _: Answer(encode_json(list(view.recordings()))),

@@ -38,7 +38,7 @@ class Backlog:
         self._lock = threading.Lock()
         self._kept: dict[str, deque[tuple[Mark, Result | Event]]] = {}
         self._alarms: dict[str, tuple[Mark, Alarm]] = {}
-        self._frames: deque[tuple[Mark, Frames]] = deque()
+        self._frames: deque[Frames] = deque()
         self._frame_bytes = 0
         self._most_bytes = frame_bytes
         self._journal = journal
@@ -69,10 +69,10 @@ class Backlog:
         """Keep frames under their own numbers."""
         mark = Mark(self._numbered, frames.sequence, len(frames), int(frames.time[-1]) if len(frames) else 0)
         with self._lock:
-            self._frames.append((mark, frames))
+            self._frames.append(frames)
             self._frame_bytes += _size(frames)
             while self._frame_bytes > self._most_bytes and len(self._frames) > 1:
-                self._frame_bytes -= _size(self._frames.popleft()[1])
+                self._frame_bytes -= _size(self._frames.popleft())
         return mark
 
     def succeed(self, before: Backlog) -> None:
@@ -99,12 +99,11 @@ class Backlog:
             kept = self._kept.get(topic, ()) if session == self.session else ()
             return [(m, r) for m, r in kept if first <= m.sequence < first + count]
 
-    def frames(self, session: int, first: int, count: int) -> Sequence[tuple[Mark, Frames]]:
+    def frames(self, session: int, first: int, count: int) -> Sequence[Frames]:
         """The kept blocks that hold any of the frames ``first`` … ``first + count``."""
         with self._lock:
-            return [
-                (m, f) for m, f in self._frames if m.session == session and m.end > first < first + count > m.sequence
-            ]
+            kept = self._frames if session == self._numbered else ()
+            return [f for f in kept if f.sequence + len(f) > first < first + count > f.sequence]
 
     def _set_alarm(self, mark: Mark, alarm: Alarm) -> tuple[str, ...]:
         before = self._alarms.pop(alarm.id, (mark, alarm))[1]

@@ -235,11 +235,6 @@ class Following:
             if _unentered(name, follower):
                 follower.between(recorded or ())
 
-    @property
-    def complete(self) -> bool:
-        """True if no message is known to be missing."""
-        return all(follower.hole() is None for follower in self._topics.values())
-
     def filled(self, question: Question, parts: Iterable[tuple[Mark, Content]]) -> list[Part]:
         """Take the cell's answer to a question; return the parts that are in order now."""
         follower = self._answered(question)

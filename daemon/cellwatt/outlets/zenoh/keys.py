@@ -26,7 +26,6 @@ EVENT: Final = "event"
 HEALTH: Final = "health"
 KINDS: Final = ("raw", FRAME, "interval", "task", "energy", "prediction", ALARM, EVENT, HEALTH)
 """First part of every topic."""
-QUESTIONS: Final = ("status", "config", "schema", "recordings", "history", "results")
 
 _LONGEST_TOPIC: Final = 1000
 
@@ -91,7 +90,7 @@ class CellKeys:
         return f"{self.root}/backfill/{path}"
 
     def question(self, name: str) -> str:
-        """Key of a question, one of ``QUESTIONS``."""
+        """Key of a question, such as ``status``; see ``answers``."""
         return f"{self.root}/@/{name}"
 
 

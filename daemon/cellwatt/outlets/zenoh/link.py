@@ -18,13 +18,13 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SecretStr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, SecretStr, field_validator, model_validator
 
 from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
-from cellwatt.host import check_host
-from cellwatt.outlet import OutletSettings, both_or_neither
+from cellwatt.host import LAST_PORT, check_host
+from cellwatt.outlet import OutletSettings, Section, both_or_neither
 
 if TYPE_CHECKING:
     import zenoh
@@ -40,7 +40,6 @@ PATIENCE: Final = 10.0
 """Time, s, that a client tries to reach its router."""
 _PAUSE: Final = 0.2  # s
 _PROBE: Final = 1.0  # s
-_LAST_PORT: Final = 65535
 ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/([^/]+):(\d+)(?:[?#].*)?")
 _OTHER_ADDRESS = re.compile(r"(unixsock-stream|unixpipe|serial|vsock)/.+")
 _ZENOH_DETAIL = re.compile(r'msg: "((?:[^"\\]|\\.)*)"|Str\("([^"]*)"\)')
@@ -66,10 +65,8 @@ _SECRET: Final = SecretKeys(("password", "private_key", "secret"))
 """Which of Zenoh's own options are secrets."""
 
 
-class TlsSettings(BaseModel):
+class TlsSettings(Section):
     """Certificates in PEM files."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     root_ca: Path
     """Authority that signed the other side's certificate."""
@@ -124,7 +121,7 @@ class LinkSettings(OutletSettings):
     def _endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
         for endpoint in endpoints:
             found = ADDRESS.fullmatch(endpoint)
-            if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > _LAST_PORT):
+            if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > LAST_PORT):
                 raise ValueError(
                     f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
                 )

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from pydantic import BaseModel, ConfigDict, PositiveInt, model_validator
+from pydantic import PositiveInt, model_validator
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
@@ -19,7 +19,8 @@ from cellwatt.door.signing import unusable
 from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.host import stays_here
-from cellwatt.outlet import CellView, Item, Outlet, refusal
+from cellwatt.outlet import CellView, Item, Outlet, Section, refusal
+from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import FRAME, CellKeys, raw_topic
@@ -61,10 +62,8 @@ def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], st
         yield ("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}"
 
 
-class PublishSettings(BaseModel):
+class PublishSettings(Section):
     """Streams to publish live; results, alarms, events and health are always published."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     raw: bool = True
     """The samples as they come from the sources."""
@@ -191,15 +190,15 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         with self._counting:
             self.account.count(what, n)
 
-    def _health(self) -> tuple[Mark, bytes]:
-        """Encode health as the answer to a question, numbered as the next message, which is still to come.
+    def _health(self) -> Answer:
+        """Health as the answer to a question, numbered as the next message, which is still to come.
 
         Whoever asks may have just come: the next samples bring their schema.
         """
         if self._publisher is not None:
             self._publisher.tell_schemas()
         mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
-        return mark, self._said(mark)
+        return Answer(self._said(mark), mark=mark)
 
     def _said(self, mark: Mark) -> bytes:
         return health(mark, self.view.session, dict(self._ends), self._status or self.view.status())

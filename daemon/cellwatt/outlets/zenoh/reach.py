@@ -28,29 +28,30 @@ PATIENCE: Final = 5.0  # s, for a link to a cell and for its answer
 def link_to(
     config: CellConfig, connect: str | None = None, hint: str = "", tls: TlsSettings | None = None
 ) -> LinkSettings:
-    """A client's link to the cell, at ``connect`` or at the cell's own endpoints, with its credentials.
+    """A client's link to the cell, at ``connect``, where it listens, or at its routers, with its credentials.
 
     ``tls`` replaces the cell's own certificates. Raises ``ConfigError``, with a ``hint`` of what else to do, if the
     cell is not on the bus.
     """
     zenoh = config.outlets["zenoh"].settings if "zenoh" in config.outlets else None
-    endpoints = (*zenoh.listen, *zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
+    endpoints = (zenoh.listen[:1] or zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
     if not (connect or endpoints):
         raise ConfigError(f"{config.path}: the cell is not on the bus: zenoh has neither listen nor connect{hint}")
+    local = tuple(e.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:") for e in endpoints)
+    chosen = (connect,) if connect else local
     if not isinstance(zenoh, ZenohSettings):
-        return client_of(connect or endpoints[0], tls)
-    endpoint = connect or endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+        return client_of(chosen, tls)
     tls = tls or zenoh.tls
-    if tls is not None and endpoint not in (connect, endpoints[0]):
+    if tls is not None and not connect and local != endpoints:
         # A certificate names the PC, not the loopback address by which we reach it without leaving it.
         tls = tls.model_copy(update={"verify_name": False})
-    return client_of(endpoint, tls, user=zenoh.user, password=zenoh.password, namespace=zenoh.namespace)
+    return client_of(chosen, tls, user=zenoh.user, password=zenoh.password, namespace=zenoh.namespace)
 
 
-def client_of(endpoint: str, tls: TlsSettings | None = None, **more: Any) -> LinkSettings:
-    """A client's link to an endpoint. Raises ``ConfigError`` if it is not one, or certificates are missing."""
+def client_of(endpoints: tuple[str, ...], tls: TlsSettings | None = None, **more: Any) -> LinkSettings:
+    """A client's link to one of the endpoints. Raises ``ConfigError`` if one is none, or certificates are missing."""
     try:
-        return LinkSettings(mode="client", connect=(endpoint,), tls=tls, **more)
+        return LinkSettings(mode="client", connect=endpoints, tls=tls, **more)
     except ValidationError as error:
         raise ConfigError("; ".join(e["msg"].removeprefix("Value error, ") for e in error.errors())) from None
 
@@ -63,9 +64,9 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
     import zenoh
 
     keys = CellKeys(config.site, config.cell)
-    session = open_session(link_to(config), patience=PATIENCE)
     try:
-        replies = list(session.get(keys.question(question), timeout=PATIENCE))
+        with open_session(link_to(config), patience=PATIENCE) as session:
+            replies = list(session.get(keys.question(question), timeout=PATIENCE))
         told = next((reply.ok for reply in replies if reply.ok is not None), None)
         if told is None:
             refused = [reply.err.payload.to_string() for reply in replies if reply.err is not None]
@@ -73,8 +74,6 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
         answer: dict[str, Any] = json.loads(told.payload.to_bytes())
     except (zenoh.ZError, ValueError) as error:
         raise OutletError(f"the cell {keys.root} gave no answer that can be read: {error}") from error
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
     return answer
 
 

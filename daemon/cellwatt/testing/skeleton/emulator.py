@@ -34,7 +34,7 @@ class SkeletonEmulator(PortEmulator):
 
     def _sample(self) -> wire.Sample:
         now = self.world()
-        return wire.Sample(*(now[f"supply.{name}"] for name in ("voltage", "current", "power")))
+        return wire.Sample(*(now.get(f"supply.{name}", 0.0) for name in ("voltage", "current", "power")))
 
 
 def _line(garbage: bytes) -> bytes:

@@ -28,14 +28,12 @@ BESIDE: Final = 0.9
 
 @dataclass(frozen=True)
 class CutRun:
-    """One file pair, or why there is none."""
+    """One file pair with its complete repetitions, or why there is none; a sentence on each that is refused."""
 
     run: str
     repetitions: int
-    """Complete repetitions that it holds."""
     asked: int
     refused: tuple[str, ...]
-    """A sentence on each repetition that cannot be used."""
     written: bool
 
     def in_words(self) -> str:

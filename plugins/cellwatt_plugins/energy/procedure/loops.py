@@ -37,20 +37,19 @@ MISSING: Final = 5.0
 
 @dataclass(frozen=True)
 class Loop:
-    """One way from the start pose back to it."""
+    """One way from the start pose back to it, ``start`` to ``end`` s.
+
+    ``first`` is the last sample at rest before, ``last`` the first at rest after; ``speed`` that of the campaign, 0
+    where it is none of them, and ``mean_speed`` as measured, mm/s; ``problem`` why it cannot be used.
+    """
 
     first: int
     last: int
-    """Samples: the last at rest before, the first at rest after."""
     start: float
     end: float
-    """s."""
     mean_speed: float
-    """mm/s."""
     speed: float = 0.0
-    """mm/s of the campaign; 0 where it is none of them."""
     problem: str = ""
-    """Why it cannot be used."""
 
     @property
     def seconds(self) -> float:

@@ -11,7 +11,7 @@ from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.record import Recording
 from cellwatt_plugins.energy.drive import effort
-from cellwatt_plugins.energy.recordings import Motion, Reading
+from cellwatt_plugins.energy.recordings import FEWEST, Motion, Reading
 from cellwatt_plugins.robot import Arm
 
 PLACE = "the recording"
@@ -43,8 +43,8 @@ def _samples(recording: Recording, source: str, stream: Stream, names: Sequence[
     samples = recording.batches(source, stream.name)
     picked = samples.values[:, [stream.names.index(name) for name in names]]
     whole = np.isfinite(picked).all(axis=1)
-    if not whole.any():
-        raise RecordingError(f"{PLACE}: nothing of {source} in it: was cellwatt running?")
+    if (count := int(whole.sum())) < FEWEST:
+        raise RecordingError(f"{PLACE}: {count} samples of {source} in it, expected {FEWEST}: was cellwatt running?")
     return np.asarray((samples.time[whole] - recording.start) * 1e-9), picked[whole]
 
 

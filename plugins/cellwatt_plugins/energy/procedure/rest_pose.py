@@ -27,17 +27,17 @@ SAME: Final = 0.02
 
 @dataclass(frozen=True)
 class RestPose:
-    """θ_GZ and what is left of gravity there."""
+    """θ_GZ, ``q`` (n,) rad, and the ``torque`` (n,) Nm that holds the arm there.
+
+    ``reached`` of the ``starts`` ended at a place as good; where few do, others may be better: take more starts.
+    ``clearance`` m is that to the nearest other link, or the floor.
+    """
 
     q: Float
-    """(n,) rad."""
     torque: Float
-    """(n,) Nm that hold the arm there."""
     starts: int
     reached: int
-    """Starts that ended at a place as good; where few do, others may be better: take more starts."""
     clearance: float
-    """m to the nearest: another link, or the floor."""
 
     @property
     def residual(self) -> float:

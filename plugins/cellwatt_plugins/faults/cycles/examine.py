@@ -14,8 +14,8 @@ from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain, odds_o
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
+from cellwatt_plugins.faults.cycles.off_path import STOPPED, readings
 from cellwatt_plugins.faults.cycles.pattern import Pattern
-from cellwatt_plugins.faults.cycles.readings import STOPPED, readings
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.samples import Samples, sample
 from cellwatt_plugins.faults.cycles.weigh import fit
@@ -66,10 +66,12 @@ class Verdict:
     foreign: float
 
 
-def examine(recording: Recording, match: Match, known: Known, until: float = math.inf) -> Verdict:
-    """The verdict of one cycle, as far as the pattern's time ``until`` s."""
+def examine(recording: Recording, match: Match, known: Known, until: float = math.inf) -> Verdict | None:
+    """The verdict of one cycle, as far as the pattern's time ``until`` s; None where no power tells of it."""
     pattern, arm, odds = known.patterns[match.pattern], known.arm, odds_of(known.false_alarms)
     samples = sample(recording, match, pattern, arm, until)
+    if samples is None:
+        return None
     inside = _inside(pattern, samples.tau, until)
     answers = [explain(arm, samples, r, inside, odds) for r in readings(recording, match, pattern, arm, samples)]
     temper = min(temper_of(answer.misfit) for answer in answers)

@@ -12,7 +12,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, warm_up
 from cellwatt_plugins.faults.cycles.identify import FittedArm
-from cellwatt_plugins.faults.cycles.readings import Reading
+from cellwatt_plugins.faults.cycles.off_path import Reading
 from cellwatt_plugins.faults.cycles.samples import Samples
 from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, fit, weigh
 from cellwatt_plugins.robot.regression import Products, Whitener

@@ -15,11 +15,11 @@ from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, find_cycles
+from cellwatt_plugins.faults.cycles.new_tasks import new_tasks
+from cellwatt_plugins.faults.cycles.off_path import STOPPED
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
-from cellwatt_plugins.faults.cycles.readings import STOPPED
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.cycles.strangers import new_tasks
 from cellwatt_plugins.faults.cycles.words import note_on, statement_on
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
@@ -34,6 +34,7 @@ MEASURED = 0.8
 """Share of a cycle's power that must have been measured."""
 STRANGE = "a task that is not in the reference: learn it from healthy cycles"
 NOT_JUDGED = "not judged: power is missing in more than a fifth of the cycle"
+TOO_SLOW = "not judged: the power meter has no value of this cycle alone"
 KIND_CERTAIN = 0.95
 """Probability below which a joint off its path may be of either kind."""
 CERTAIN = 0.999
@@ -73,18 +74,18 @@ class CycleFinding:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Power of a known cycle at N times ``tau`` s of its healthy pattern, as its finding rests on it."""
+    """Power of a known cycle at N times ``tau`` s of its healthy pattern, as its finding rests on it.
+
+    ``moves`` are start and end of each interval, s of the pattern; ``residual`` (N,) W against healthy power, ``sigma``
+    (N,) W one standard deviation of healthy cycles, ``explained`` (N,) W what the faults named add.
+    """
 
     finding: CycleFinding
     moves: tuple[tuple[float, float], ...]
-    """Start and end of each interval, s of the pattern."""
     tau: Float
     residual: Float
-    """(N,) W against healthy power."""
     sigma: Float
-    """(N,) W: one standard deviation of healthy cycles."""
     explained: Float
-    """(N,) W that the faults named add."""
 
 
 def judge_recording(recording: Recording, known: Known, evidence: list[Evidence] | None = None) -> list[CycleFinding]:
@@ -102,12 +103,15 @@ def judge_recording(recording: Recording, known: Known, evidence: list[Evidence]
 
 
 def _judged(match: Match, given: tuple[Recording, Known]) -> tuple[CycleFinding, Evidence | None]:
-    return judge_cycle(given[0], match, given[1])
+    recording, known = given
+    finding, evidence = judge_cycle(recording, match, known)
+    finding = replace(finding, start=recording.clock(finding.start), end=recording.clock(finding.end))
+    return finding, None if evidence is None else replace(evidence, finding=finding)
 
 
 def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
     """Finding on a cycle of a task that is not known."""
-    start, end = float(recording.time[runs[0].first]), float(recording.time[runs[-1].last])
+    start, end = (recording.clock(float(recording.time[k])) for k in (runs[0].first, runs[-1].last))
     return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
 
 
@@ -123,7 +127,7 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     if _measured(recording, match) < MEASURED:
         return _finding(match, pattern, NOT_JUDGED, (), end)
     verdict = examine(recording, match, known, end + MARGIN)
-    if _may_be_new(match, verdict):
+    if verdict is None or _may_be_new(match, verdict):
         return _finding(match, pattern, "", (), end)
     explained = verdict.misfit <= UNEXPLAINED
     blames = tuple(b for b in verdict.blames if b.what in STOPPED or (explained and b.certainty >= CERTAIN))
@@ -147,6 +151,8 @@ def judge_cycle(recording: Recording, match: Match, known: Known) -> tuple[Cycle
     if _measured(recording, match) < MEASURED:
         return _finding(match, pattern, NOT_JUDGED, (), end), None
     verdict = examine(recording, match, known)
+    if verdict is None:
+        return _finding(match, pattern, TOO_SLOW, (), end), None
     if verdict.foreign > 0.5:
         found = _finding(match, pattern, STRANGE, (), end)
         return replace(found, task="new", speed=None, status="new_task"), None

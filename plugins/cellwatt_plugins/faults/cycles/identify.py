@@ -15,7 +15,7 @@ from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.robot import Arm, Body
 from cellwatt_plugins.robot.body import PER_LINK
-from cellwatt_plugins.robot.meter import Windows
+from cellwatt_plugins.robot.meter.model import Windows
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, gauss_newton
 

@@ -15,10 +15,9 @@ from cellwatt_plugins.faults.cycles.learn import learn_patterns
 from cellwatt_plugins.faults.cycles.metering import with_meter
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.cycles.stored import StoredJoint, StoredModel
-from cellwatt_plugins.faults.reference import Reference
+from cellwatt_plugins.faults.reference import Reference, StoredJoint, StoredModel
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.meter import Meter
+from cellwatt_plugins.robot.meter.model import Meter
 
 
 @dataclass(frozen=True)

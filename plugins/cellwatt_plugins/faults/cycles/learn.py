@@ -75,6 +75,8 @@ def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) ->
         template = replace(template, window=recording.meter.window)
     else:
         watts = np.array([_power(template, recording, when) for when in whens])
+        if np.isnan(watts).all(axis=0).any():
+            raise ModelError("power is missing at the same point of every healthy cycle: check the recording")
         power = np.nanmean(watts, axis=0)
         spread = np.sqrt(np.nansum((watts - power) ** 2, axis=0) / max(1, len(warps) - 1))
     rests = np.array([[run.after for run in cycle] for cycle in group])

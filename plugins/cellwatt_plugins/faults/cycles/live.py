@@ -15,9 +15,9 @@ from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, judge_cycle, stranger
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
+from cellwatt_plugins.faults.cycles.new_tasks import new_tasks
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.cycles.strangers import new_tasks
 from cellwatt_plugins.faults.trace import Trace
 
 REST = 0.5
@@ -58,9 +58,7 @@ class CycleWatch:
         longest = max(float(pattern.time[-1]) for pattern in known.patterns)
         self._keep = PATIENCE * longest
         self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
-        self._time: Float = np.empty(0)
-        self._power: Float = np.empty(0)
-        self._position: Float = np.empty((0, len(known.patterns[0].repeat)))
+        self._seen = Recording(np.empty(0), np.empty((0, len(known.patterns[0].repeat))), np.empty(0), known.meter)
 
     @property
     def behind(self) -> float:
@@ -85,12 +83,15 @@ class CycleWatch:
 
     def _take(self, time: Float, position: Float, power: Float) -> list[Told]:
         found: list[Told] = []
-        if len(self._time) and time[0] - self._time[-1] > GAP * self._step:
+        if len(self._seen.time) and time[0] - self._seen.time[-1] > GAP * self._step:
             found = self._look(ended=True)
             self._forget()
-        self._time = np.concatenate([self._time, time])
-        self._position = np.concatenate([self._position, position])
-        self._power = np.concatenate([self._power, power])
+        self._seen = replace(
+            self._seen,
+            time=np.concatenate([self._seen.time, time]),
+            position=np.concatenate([self._seen.position, position]),
+            power=np.concatenate([self._seen.power, power]),
+        )
         if self._move_has_ended():
             found += self._glance()
         return [*found, *self._look(ended=False)] if self._worth_a_look(len(time)) else found
@@ -98,7 +99,7 @@ class CycleWatch:
     def _move_has_ended(self) -> bool:
         """True if the arm has come to a brief rest since the last move."""
         width = max(2, round(BRIEF / self._step))
-        still = bool(np.all(np.ptp(self._position[-width:], axis=0) <= AT_ONCE))
+        still = bool(np.all(np.ptp(self._seen.position[-width:], axis=0) <= AT_ONCE))
         ended = self._fresh_move and still
         self._fresh_move = not still
         return ended
@@ -107,11 +108,11 @@ class CycleWatch:
         """True if the arm has come to rest since the last look, or power has caught up with its rest; ``fresh`` frames
         are new.
         """
-        rest = self._position[-max(2, round(REST / self._step)) :]
-        newest = self._position[-max(fresh, len(rest)) :]
+        rest = self._seen.position[-max(2, round(REST / self._step)) :]
+        newest = self._seen.position[-max(fresh, len(rest)) :]
         self._moved = self._moved or bool(np.any(np.ptp(newest, axis=0) > STILL))
         still = bool(np.all(np.ptp(rest, axis=0) <= STILL))
-        now = float(self._time[-1])
+        now = float(self._seen.time[-1])
         rested = self._moved and still
         if not rested and now < min(self._due, self._looked + LATEST):
             return False
@@ -121,39 +122,40 @@ class CycleWatch:
 
     def _glance(self) -> list[Told]:
         """Faults that the cycle under way shows already."""
-        if len(self._time) < 2 * round(SETTLED / self._step):
-            return []
-        recording = Recording(self._time, self._position, self._power, self._known.meter)
-        match = begun_cycle(recording, find_runs(recording), self._known.patterns)
+        match = None if self._few else begun_cycle(self._seen, find_runs(self._seen), self._known.patterns)
         if match is None:
             return []
-        finding = judge_begun(recording, match, self._known)
+        finding = judge_begun(self._seen, match, self._known)
         return [Told(finding, over=False)] if finding.faults else []
 
+    @property
+    def _few(self) -> bool:
+        """True if frames that are kept are too few to show a rest."""
+        return len(self._seen.time) < max(2, 2 * round(SETTLED / self._step))
+
     def _forget(self) -> None:
-        self._drop(len(self._time))
+        self._drop(len(self._seen.time))
         self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
 
     def _look(self, *, ended: bool) -> list[Told]:
         """Cycles that are over, with what came before them; their frames are dropped."""
-        if len(self._time) < 2 * round(SETTLED / self._step):
+        if self._few:
             return []
-        recording = Recording(self._time, self._position, self._power, self._known.meter)
-        runs = find_runs(recording)
+        recording, runs = self._seen, find_runs(self._seen)
         matches = find_cycles(recording, runs, self._known.patterns)
         over = list(takewhile(lambda match: ended or self._is_over(match, runs), matches))
         last = len(runs) - 1 if ended else over[-1].last if over else -1
-        if not over and len(runs) and self._time[-1] - self._time[runs[0].first] > self._keep:
+        if not over and len(runs) and recording.time[-1] - recording.time[runs[0].first] > self._keep:
             # Nothing claims these runs: the older half of them is told as strange and dropped.
             last = len(runs) // 2
         if last < 0:
-            self._drop(runs[0].first - self._margin if runs else len(self._time) - self._margin)
+            self._drop(runs[0].first - self._margin if runs else len(recording.time) - self._margin)
             return []
         strange = new_tasks(runs[: last + 1], over, self._known.patterns)
         found = [judge_cycle(recording, m, self._known)[0] for m in over]
         found += [stranger(recording, runs[first : end + 1]) for first, end in strange]
         # What is told of must leave nothing behind that would be a run again.
-        following = runs[last + 1].first if last + 1 < len(runs) else len(self._time)
+        following = runs[last + 1].first if last + 1 < len(runs) else len(recording.time)
         self._drop(max(runs[last].last, following - self._margin))
         return [Told(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
 
@@ -162,7 +164,7 @@ class CycleWatch:
         pattern = self._known.patterns[match.pattern]
         if len(pattern.moves) - 1 in match.unseen:
             return match.last + 1 < len(runs)
-        return float(self._time[-1]) > float(match.warp.t[-1]) + SETTLED + self.behind
+        return float(self._seen.time[-1]) > float(match.warp.t[-1]) + SETTLED + self.behind
 
     @property
     def _margin(self) -> int:
@@ -170,8 +172,8 @@ class CycleWatch:
 
     def _drop(self, before: int) -> None:
         """Forget frames up to a sample."""
-        first = max(0, before)
-        self._time, self._position, self._power = self._time[first:], self._position[first:], self._power[first:]
+        kept, seen = slice(max(0, before), None), self._seen
+        self._seen = replace(seen, time=seen.time[kept], position=seen.position[kept], power=seen.power[kept])
 
 
 class CycleStage:

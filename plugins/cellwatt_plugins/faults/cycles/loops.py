@@ -50,16 +50,17 @@ def closed_spans(runs: Sequence[Run], fewest: int) -> list[tuple[int, int]]:
 
 def _spans(tokens: Sequence[Token], offset: int, fewest: int) -> list[tuple[int, int]]:
     """The longest loop, and what is left and right of it."""
-    n = len(tokens)
-    closed = [(a, b) for a in range(n) for b in range(a + fewest - 1, n) if tokens[a][0] == tokens[b][1]]
+    left = {before: a for a, (before, _) in reversed(list(enumerate(tokens)))}
+    reached = {after: b for b, (_, after) in enumerate(tokens)}
+    closed = [(a, reached[pose]) for pose, a in left.items() if reached.get(pose, -1) - a + 1 >= fewest]
     if not closed:
         return []
-    first, last = max(closed, key=lambda span: span[1] - span[0])
-    turn = next(k for k in range(1, last - first + 2) if _repeats(tokens[first : last + 1], k))
+    first, last = max(closed, key=lambda span: (span[1] - span[0], -span[0]))
+    loop = tokens[first : last + 1]
+    turn = next(k for k in range(1, len(loop) + 1) if _repeats(loop, k))
     turns = range(first, last + 1, turn) if turn >= fewest else range(first, last + 1, last + 1 - first)
     own = [(offset + k, offset + min(k + turns.step, last + 1) - 1) for k in turns]
-    left = _spans(tokens[:first], offset, fewest)
-    return left + own + _spans(tokens[last + 1 :], offset + last + 1, fewest)
+    return _spans(tokens[:first], offset, fewest) + own + _spans(tokens[last + 1 :], offset + last + 1, fewest)
 
 
 def _repeats(moves: Sequence[Token], k: int) -> bool:

@@ -9,13 +9,15 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, vstack
 from scipy.sparse.linalg import spsolve
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, kinds_of_power
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_power
+from cellwatt_plugins.robot.meter.model import Meter, Readings, Windows
 from cellwatt_plugins.robot.motion import rates
 
 STIFFNESS = np.geomspace(1e-4, 1e4, 9)
@@ -71,7 +73,7 @@ def _of_cycle(windows: Windows, value: Float, pattern: Pattern, warp: Warp) -> t
     """Weights (M, T) of a pattern's samples in the readings of one cycle, and these (M,) W."""
     own = Windows(warp.to_pattern(windows.start), warp.to_pattern(windows.end))
     inside = own.inside(pattern.time)
-    return own.part(inside).weights(pattern.time), value[inside]
+    return rows_of(own, inside).weights(pattern.time), value[inside]
 
 
 def _solved(cycles: Sequence[tuple[csr_array, Float]], bend: csr_array) -> Float:

@@ -13,10 +13,13 @@ from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt_plugins.faults.trace import one_layout
-from cellwatt_plugins.robot.meter import Meter, Readings, held
+from cellwatt_plugins.robot.meter.held import held
+from cellwatt_plugins.robot.meter.model import Meter, Readings
 
 LONGEST_HOLE = 0.5
 """s of missing positions up to which they are bridged; where the arm was meanwhile is not known in longer ones."""
+LONGEST_PAUSE = 60.0
+"""s that longer holes are taken to last: files of several days must fit into memory."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,12 @@ class Recording:
     """The slow meter that power is from."""
     unknown: NDArray[np.bool_] | None = None
     """Samples (N,) in holes of the positions that are too long to be bridged; None: there are none."""
+    pauses: tuple[tuple[float, float], ...] = ()
+    """``time`` from which clocks showed so many s more, for each hole that was cut to ``LONGEST_PAUSE``."""
+
+    def clock(self, time: float) -> float:
+        """What clocks showed at ``time`` s."""
+        return time + sum(more for begin, more in self.pauses if time >= begin)
 
     @cached_property
     def readings(self) -> Readings | None:
@@ -65,6 +74,10 @@ def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recor
     layout = one_layout(blocks)
     time = np.concatenate([block.time for block in blocks])
     values = np.concatenate([block.values for block in blocks])
+    steps = np.diff(time)
+    cut = np.where(steps > LONGEST_PAUSE * 1e9, steps - round(LONGEST_PAUSE * 1e9 / layout.step) * layout.step, 0)
+    time[1:] -= np.cumsum(cut)
+    pauses = tuple((float(time[k + 1] * 1e-9), float(cut[k] * 1e-9)) for k in np.flatnonzero(cut).tolist())
     grid = np.arange(time[0], time[-1] + 1, layout.step)
     row = np.clip(np.searchsorted(time, grid), 0, len(time) - 1)
     positions = values[:, list(layout.joints("position", arm))]
@@ -77,4 +90,5 @@ def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recor
     after = np.clip(np.searchsorted(there, grid), 1, len(there) - 1)
     inside = (grid > there[after - 1]) & (grid < there[after])
     unknown = inside & (np.diff(there)[after - 1] > LONGEST_HOLE * 1e9)
-    return Recording(grid * 1e-9, np.column_stack(bridged), watts, unknown=unknown if unknown.any() else None)
+    unknowns = unknown if unknown.any() else None
+    return Recording(grid * 1e-9, np.column_stack(bridged), watts, unknown=unknowns, pauses=pauses)

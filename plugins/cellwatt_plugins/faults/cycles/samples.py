@@ -15,7 +15,7 @@ from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.noise import white_noise
-from cellwatt_plugins.robot.meter import Meter, Readings
+from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.samples import interpolated
 
 STEP = 0.04
@@ -55,9 +55,14 @@ class Samples:
     group: int
 
 
-def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, until: float) -> Samples:
-    """The points of one cycle up to pattern time ``until`` s, without moves broken by a stop and standing pauses."""
+def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, until: float) -> Samples | None:
+    """The points of one cycle up to pattern time ``until`` s, without moves broken by a stop and standing pauses.
+
+    None where the meter has told no power of it alone.
+    """
     time, watts, group = _measured(recording, match, pattern, until)
+    if len(time) < 2:
+        return None
     tau, pace = match.warp.to_pattern(time), match.warp.pace(time)
     healthy = load_of(arm.body, arm.parameters, _motion(pattern, tau, pace))
     usual = load_of(arm.body, arm.parameters, _motion(pattern, tau, np.ones_like(pace)))

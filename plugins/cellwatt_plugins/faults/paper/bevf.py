@@ -15,13 +15,10 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.paper.rational import Rational, iterations, starting_poles
-
-Complex = NDArray[np.complex128]
+from cellwatt_plugins.faults.paper.rational import Complex, Rational, iterations, starting_poles
 
 ORDERS = (24, 34, 44)
 """Orders of approximation in Fig. 10 …"""

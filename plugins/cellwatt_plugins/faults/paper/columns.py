@@ -6,12 +6,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.frames import Frames
 from cellwatt.results import Interval
-from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.criteria import Codes, Tolerance
 from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.course import Course, Key
@@ -21,8 +20,6 @@ from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.trace import segmented
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
-
-Codes = NDArray[np.int8]
 
 SPRINGS = (4.0, 8.0, 16.0)
 """Springs that are simulated, slack where the task begins: torque over a radian in multiples of the joint's Coulomb

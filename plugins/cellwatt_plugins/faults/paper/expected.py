@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.faults.criteria import Codes
 from cellwatt_plugins.faults.reference import Variant
 from cellwatt_plugins.robot.samples import interpolated
-
-Codes = NDArray[np.int8]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cellwatt_plugins.faults.criteria import Tolerance, longest, ternary
+from cellwatt_plugins.faults.criteria import Codes, Tolerance, longest, ternary
 from cellwatt_plugins.faults.isolate import TIE, agreement
 from cellwatt_plugins.faults.paper.codes import FRAMES, Residual, of_energy, of_samples
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, resampled
 from cellwatt_plugins.faults.paper.network import FaultNetwork
-
-Codes = NDArray[np.int8]
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
 Isolation = Callable[[Codes], tuple[int, ...]]

@@ -24,16 +24,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from cellwatt.arrays import Float
 from cellwatt.config import reads_version
 from cellwatt.errors import ConfigError, ModelError
+from cellwatt_plugins.faults.criteria import Codes
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.onnx_file import OnnxFile
-
-Codes = NDArray[np.int8]
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for every onnxruntime that cellwatt takes."""

@@ -19,7 +19,6 @@ from cellwatt_plugins.faults.paper.expected import fault_table
 from cellwatt_plugins.faults.paper.following import CycleSoFar, CyclesSeen
 from cellwatt_plugins.faults.paper.judging import (
     IntervalVerdict,
-    Isolation,
     NamedFault,
     by_agreement,
     by_codes,
@@ -110,7 +109,9 @@ class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
         """Alarms after one more interval: encoders at once, what only codes tell at the end of the cycle."""
         named = by_encoders(cycle.verdicts)
         if cycle.over and not named:
-            named = by_codes(cycle.verdicts, self._isolation_of(cycle.course))
+            course = cycle.course
+            isolation = self._isolation.get(course.key) or by_agreement(fault_table(course.intervals))
+            named = by_codes(cycle.verdicts, isolation)
         last = cycle.verdicts[-1]
         now = cycle.start + round(last.interval.end * 1e9)
         fresh = [f for f in named if last.interval.number in f.intervals or self._name(f) not in self._book]
@@ -125,9 +126,6 @@ class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
     def _name(self, fault: NamedFault) -> str:
         """Id of the alarm about a fault."""
         return f"{self.name}.{self._source}.joint_{fault.joint}.{fault.kind}_fault"
-
-    def _isolation_of(self, course: Course) -> Isolation:
-        return self._isolation.get(course.key) or by_agreement(fault_table(course.intervals))
 
     def _alarm(self, fault: NamedFault, cycle: CycleSoFar, now: int) -> Alarm:
         shown = [v for v in cycle.verdicts if v.interval.number in fault.intervals]

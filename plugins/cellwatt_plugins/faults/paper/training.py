@@ -7,19 +7,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
 from cellwatt.progress import steps
-from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.criteria import Codes, Tolerance
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.columns import column_of, simulated
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import fault_table
 from cellwatt_plugins.faults.paper.network import FaultNetwork, groups_of, train
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
-
-Codes = NDArray[np.int8]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ import click
 import numpy as np
 
 from cellwatt.commands import EXIT_FAILED
-from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.errors import ConfigError
+from cellwatt.files import make_folder
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.mismatch.demo.arm import JOINTS, believed, draw, mjcf
 from cellwatt_plugins.mismatch.demo.physics import Concealed, by_chance, conceal, kinds
@@ -72,10 +73,7 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_fi
 
 def write_files(folder: Path, wanted: Sequence[str], rng: np.random.Generator) -> list[Concealed]:
     """Write the user's simulation and the recordings into ``folder``; return what was concealed."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
+    make_folder(folder)
     arm = draw(rng)
     (folder / "arm.xml").write_text(mjcf(believed(arm, rng)))
     names = [name for name in dict.fromkeys(wanted or by_chance(rng)) if name != NOTHING]

@@ -129,21 +129,18 @@ def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
         joint.set("solreffriction", "0.002 1")
     for each in concealed:
         value = {name: number for name, (number, _) in each.numbers.items()}
+        joint = joints[each.joint or 0]
         if each.kind == "friction":
-            _set(joints[each.joint or 0], frictionloss=value["now"])
+            joint.set("frictionloss", repr(value["now"]))
         elif each.kind == "spring":
-            _set(joints[each.joint or 0], stiffness=value["stiffness"], springref=value["rest"])
+            joint.set("stiffness", repr(value["stiffness"]))
+            joint.set("springref", repr(value["rest"]))
         elif each.kind == "payload":
             last = list(root.iter("body"))[-1]
             held = ET.SubElement(last, "body", pos=f"{each.hidden['aside']} 0 {each.hidden['reach']}")
             size = 0.4 * value["mass"] * 0.04**2
             ET.SubElement(held, "inertial", pos="0 0 0", mass=str(value["mass"]), diaginertia=f"{size} {size} {size}")
     return ET.tostring(root, encoding="unicode")
-
-
-def _set(element: ET.Element, **values: float) -> None:
-    for name, value in values.items():
-        element.set(name, repr(value))
 
 
 def _feed_forward(mujoco: Any, simulation: Path, motion: Motion) -> Float:

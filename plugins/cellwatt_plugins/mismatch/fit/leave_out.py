@@ -180,26 +180,21 @@ class _Products:
         self, c: int, blocks: Sequence[Block], slices: Sequence[slice]
     ) -> tuple[NDArray[np.intp], Float, Float]:
         """Places (p,) among all coefficients, gram (K, p, p) and pull (K, p) of a channel with further blocks."""
-        acting = [(b, s) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]
-        parts = [self._of(block, c) for block, _ in acting]
-        fixed, places_ = self._fixed[c], self.design.channels[c].places
-        there = np.concatenate([places_, *(np.arange(s.start, s.stop) for _, s in acting)])
-        first = len(places_)
+        acting = [b for b in blocks if b.channel in (None, c)]
+        fixed, own = self._fixed[c], self.design.channels[c].places
+        among = [np.arange(s.start, s.stop) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]
+        there = np.concatenate([own, *among])
+        first = slice(len(own))
         gram = np.zeros((len(self.rows), len(there), len(there)))
         pull = np.zeros((len(self.rows), len(there)))
-        gram[:, :first, :first], pull[:, :first] = fixed.gram, fixed.pull
-        at = first
-        starts: list[tuple[Block, int]] = []
-        for (block, _), part in zip(acting, parts, strict=True):
-            end = at + block.size
-            gram[:, :first, at:end], gram[:, at:end, :first] = part.cross, part.cross.transpose(0, 2, 1)
-            gram[:, at:end, at:end], pull[:, at:end] = part.gram, part.pull
-            for other, start in starts:
-                cross = self._pair(other, block, c)
-                gram[:, start : start + other.size, at:end] = cross
-                gram[:, at:end, start : start + other.size] = cross.transpose(0, 2, 1)
-            starts.append((block, at))
-            at = end
+        gram[:, first, first], pull[:, first] = fixed.gram, fixed.pull
+        before: list[tuple[Block, slice]] = []
+        for block, at in zip(acting, places(acting, len(own)), strict=True):
+            part = self._of(block, c)
+            gram[:, at, at], pull[:, at] = part.gram, part.pull
+            for cross, beside in [(part.cross, first), *((self._pair(other, block, c), s) for other, s in before)]:
+                gram[:, beside, at], gram[:, at, beside] = cross, cross.transpose(0, 2, 1)
+            before.append((block, at))
         return there, gram, pull
 
     def _with_itself(self, columns: Float, c: int) -> tuple[Float, Float]:

@@ -9,7 +9,10 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.rows import Metered, Rows
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.meter import Course, Meter, find, held, kinds_of_power
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.held import held
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_power
+from cellwatt_plugins.robot.meter.model import Meter
 
 
 @dataclass(frozen=True)

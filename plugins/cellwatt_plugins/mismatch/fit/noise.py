@@ -18,8 +18,6 @@ FEWEST = 3
 """Windows that a spectrum is made of at least."""
 STANDS_OUT = 5.0
 """Power of a line over the level on both of its sides."""
-LEVELS_SEEN = 0.2
-"""Different values of a channel, as a share of all, up to which it comes in steps."""
 LONGEST = 1.0
 """s over which a residual's autocorrelation is followed."""
 MOST, FEWEST_SAMPLES = 0.25, 9.0
@@ -32,18 +30,8 @@ def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
     if not len(spreads):
         return np.asarray(np.maximum(np.std(np.concatenate(list(residuals)), axis=0), 1e-9))
     ordered = np.sort(spreads, axis=0)
-    noise = ordered[len(ordered) // 3] * _lower_third(residuals, steps)
+    noise = ordered[len(ordered) // 3] * _lower_third(steps)
     return np.asarray(np.maximum(noise * np.sqrt(1 - tones(residuals, steps)), 1e-9))
-
-
-def step_noise(measured: Float) -> Float:
-    """Noise (C,) of channels (N, C) that come in steps; 0 where no steps are seen."""
-    out = np.zeros(measured.shape[1])
-    for channel, values in enumerate(measured.T):
-        levels = np.unique(values)
-        if 1 < len(levels) < LEVELS_SEEN * len(values):
-            out[channel] = float(np.min(np.diff(levels))) / np.sqrt(12.0)
-    return out
 
 
 def tones(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
@@ -125,7 +113,7 @@ def _window_spreads(residual: Float, step: float) -> Float:
     return np.asarray(np.sqrt(np.sum(_detrended(residual, width) ** 2, axis=1) / (width - 3)))
 
 
-def _lower_third(residuals: Sequence[Float], steps: Sequence[float]) -> float:
+def _lower_third(steps: Sequence[float]) -> float:
     """Factor from the lower third of window spreads of white noise to its standard deviation."""
     width = max(8, round(WINDOW / float(np.median(steps))))
     degrees = width - 3

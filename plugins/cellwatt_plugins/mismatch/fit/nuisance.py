@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,7 +27,17 @@ FINE = 1e-3
 """Share of what was simulated that terms of the simulation must be which robot.yaml has no number for."""
 
 
-def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
+@dataclass(frozen=True, eq=False)
+class Nominal(Block):
+    """Nominal parameters that may be off: those of a ``link`` (10,), or one number by its key in robot.yaml."""
+
+    name: str = ""
+    """Empty where robot.yaml has no number for it."""
+    joint: int | None = None
+    """0-based; None for the supply."""
+
+
+def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
     """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0.
 
     Then what else the simulation has at a joint, as friction that may be off.
@@ -34,7 +45,9 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
     robot, body = states[0].robot, states[0].arm.body
     regressor = np.concatenate([s.regressor for s in states])
     blocks = [
-        Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, robot.tolerances.link))
+        Nominal(
+            regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, robot.tolerances.link), "link", i
+        )
         for i, own in enumerate(body.parameters().reshape(-1, PER_LINK))
     ]
     courses = (
@@ -43,7 +56,7 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
         ("rotor_inertia", robot.tolerances.rotor_inertia, np.concatenate([s.qdd for s in states])),
     )
     blocks += [
-        Block(course[:, joint : joint + 1], joint, Prior.spread(np.array([tolerance * value])))
+        Nominal(course[:, joint : joint + 1], joint, Prior.spread(np.array([tolerance * value])), name, joint)
         for name, tolerance, course in courses
         for joint, value in enumerate(robot.column(name))
         if value > 0
@@ -55,15 +68,15 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: float) -> list[Block]:
+def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: float) -> list[Nominal]:
     """What simulations have beyond the law, a share of each channel: courses (N, C) of each run, and all they say."""
     beyond = np.concatenate([course for course in courses if course is not None])
     there = np.std(beyond, axis=0) > FINE * np.std(np.concatenate(whole), axis=0)
     prior = Prior.spread(np.array([tolerance]))
-    return [Block(beyond[:, c : c + 1], c, prior) for c in np.flatnonzero(there).tolist()]
+    return [Nominal(beyond[:, c : c + 1], c, prior) for c in np.flatnonzero(there).tolist()]
 
 
-def _drives(states: Sequence[States]) -> list[Block]:
+def _drives(states: Sequence[States]) -> list[Nominal]:
     """Pull and damping of each joint's servo, as shares, and the s by which velocities and commands act later."""
     servo, step = states[0].servos.servo, states[0].servos.step
     torque, speed, gain, told = (
@@ -76,20 +89,22 @@ def _drives(states: Sequence[States]) -> list[Block]:
     columns = np.stack([torque + braked, braked, servo.damping * gain, servo.stiffness * told], axis=2)
     columns = np.concatenate([columns, turning], axis=2)
     prior = Prior.spread(np.array([GAIN, GAIN, STEP, LATE * step, *[TURNED] * turning.shape[2]]))
-    return [Block(columns[:, joint], joint, prior) for joint in range(columns.shape[1])]
+    return [Nominal(columns[:, joint], joint, prior, "drive", joint) for joint in range(columns.shape[1])]
 
 
-def supply_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
+def supply_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
     """Standby power and the winding resistance of each joint, where they are not 0; then what else is simulated."""
     robot = states[0].robot
     tolerance = robot.tolerances.supply
     blocks = []
     if robot.standby_power > 0:
         ones = np.ones((sum(len(s.time) for s in states), 1))
-        blocks.append(Block(ones, 0, Prior.spread(np.array([tolerance * robot.standby_power]))))
+        blocks.append(Nominal(ones, 0, Prior.spread(np.array([tolerance * robot.standby_power])), "standby_power"))
     losses = np.concatenate([copper_loss(robot, s.torque) for s in states])
-    heated = (losses[:, joint : joint + 1] for joint in range(losses.shape[1]))
-    blocks += [Block(loss, 0, Prior.spread(np.array([tolerance]))) for loss in heated if np.any(loss > 0)]
+    blocks += [
+        Nominal(losses[:, joint : joint + 1], 0, Prior.spread(np.array([tolerance])), "winding_resistance", joint)
+        for joint in np.flatnonzero(np.any(losses > 0, axis=0)).tolist()
+    ]
     if all(s.beyond_power is not None for s in states):
         own = [None if s.beyond_power is None else s.beyond_power[:, None] for s in states]
         blocks += _beyond(own, [s.nominal_power[:, None] for s in states], tolerance)

@@ -9,48 +9,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import uniform_filter1d
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.mismatch.fit.holding import held_at_rest
-from cellwatt_plugins.mismatch.fit.metering import Metering
-from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
-from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
-from cellwatt_plugins.mismatch.fit.rows import Filtered, Rows, Thinned
-from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.fit.noise import correlation_factor
+from cellwatt_plugins.mismatch.fit.nuisance import Nominal
+from cellwatt_plugins.mismatch.fit.rows import Rows
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.regression import Prior
-from cellwatt_plugins.robot.servo.motion import EDGE, compared
-from cellwatt_plugins.robot.servo.motion import noise as noise_of
 
-ROWS = 16000
-"""Rows that are fitted, about."""
-LEAST_RATE = 12.0
-"""Hz that are fitted at least."""
 SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
-FINEST = 0.002
-"""Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
-LAWS = 0.005
-"""The same where the law of a servo stands for what was measured."""
-MOVES = 0.05
-"""rad: a joint that goes further has moved."""
 UNTOLD = 1e12
 """Variance of a torque that is not known, in units of the noise's."""
 MADE = 300
 """Blocks that are remembered."""
-ROWS_PERIOD = 3.0
-"""Rows that are fitted in a period of the fastest that is compared."""
-LEAK = 0.15
-"""Share of a joint's rattling, too fast to be compared, that may come back as something slow: a drive clips it."""
-RATTLES = 3.0
-"""Torque too fast to be compared from which a joint rattles, in units of what counts as considerable there."""
-STOP = 0.1
-"""s over which the sign of the velocity stays unknown at a stop."""
+
+Place = tuple[str, int | None]
+"""An effect's name, or a nominal parameter's, and its joint (0-based); None for the robot or the supply."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +42,14 @@ class Term:
     shape: Shape
 
     @property
-    def place(self) -> tuple[str, int | None]:
+    def place(self) -> Place:
         """Effect and joint, which tell it from other terms."""
         return self.effect.name, self.joint
+
+    @property
+    def number(self) -> int | None:
+        """The joint as people count, from 1."""
+        return None if self.joint is None else self.joint + 1
 
 
 def on_joints(course: Float, joint: int | None, joints: int) -> Float:
@@ -80,7 +64,7 @@ def on_joints(course: Float, joint: int | None, joints: int) -> Float:
 def said(term: Term) -> str:
     """Name of a term in messages."""
     name = term.effect.name.replace("_", " ")
-    return name if term.joint is None else f"{name} of joint {term.joint + 1}"
+    return name if term.joint is None else f"{name} of joint {term.number}"
 
 
 @dataclass(frozen=True)
@@ -99,7 +83,7 @@ class Problem:
     """Noise floor (C,)."""
     size: Float
     """Size (C,) that counts as considerable: scale of the priors of effects."""
-    nuisance: tuple[Block, ...]
+    nuisance: tuple[Nominal, ...]
     measured: Float
     """Standard deviation (C,) of what was measured."""
 
@@ -151,7 +135,9 @@ class Problem:
 
     @cached_property
     def told(self) -> list[int]:
-        """Channels (0-based) of which anything was measured."""
+        """Channels (0-based) of which anything was measured; the supply has but one."""
+        if self.side == "supply":
+            return [0]
         least = np.min([np.min(part, axis=0) for part in self.variance], axis=0)
         return [int(c) for c in np.flatnonzero(least < UNTOLD * self.floor**2)]
 
@@ -179,8 +165,9 @@ class Problem:
         joints = self.states[0].arm.body.joints
         carried = [s.regressor @ nuisance[: PER_LINK * joints] for s in self.states]
         out = [s.nominal + load for s, load in zip(self.states, carried, strict=True)]
-        last = len(self.nuisance) - (0 if self.states[0].drive is None else joints)
-        for block, place in zip(self.nuisance[joints:last], self.design.slices[joints:last], strict=True):
+        for block, place in zip(self.nuisance, self.design.slices, strict=True):
+            if block.name in ("link", "drive"):
+                continue
             for part, columns in zip(out, np.split(block.columns, self._ends), strict=True):
                 part[:, block.channel or 0] += columns @ nuisance[place]
         for term, coefficients in terms:
@@ -248,176 +235,3 @@ class Problem:
         new = replace(self, nuisance=nuisance)
         new.__dict__["design"] = self.design.with_priors(priors)
         return new
-
-
-def torque_problem(
-    runs: Sequence[Run], states: Sequence[States], turning: Float | None = None, late: float = 0.0
-) -> Problem:
-    """The joints' torques of all runs.
-
-    ``turning`` (n,) Nm is friction beyond the nominal that turns over with the sign of the velocity: the less is known
-    of that sign, the less a sample counts. What the motion leaves unsure shows in the torque within ``late`` s.
-    """
-    robot = states[0].robot
-    told = _told(runs, states)
-    target = tuple(
-        np.where(there, run.torque - s.nominal, 0.0) for run, s, there in zip(runs, states, told, strict=True)
-    )
-    measured = np.concatenate([np.where(there, run.torque, np.nan) for run, there in zip(runs, told, strict=True)])
-    silent = ~np.concatenate(told).any(axis=0)
-    measured[:, silent] = 0.0
-    spread = np.where(silent, 1.0, np.nanstd(measured, axis=0))
-    drive = states[0].drive
-    finest = np.maximum((FINEST if drive is None else LAWS) * spread, step_noise(measured))
-    quiet = floor(target, [run.step for run in runs]) if drive is None else encoder_floor(states)
-    noise = np.where(silent, 1.0, np.maximum(quiet, finest))
-    least = 0.03 * spread
-    coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
-    at_rest = held_at_rest(states, target, noise) / coulomb
-    # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
-    variance = tuple(
-        noise**2
-        + _until(
-            np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
-            + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread),
-            round(late / run.step),
-        )
-        for run, s in zip(runs, states, strict=True)
-    )
-    variance = tuple(
-        np.where(there & _between_ends(run), _without_gaps(v, run), UNTOLD * noise**2)
-        for v, run, there in zip(variance, runs, told, strict=True)
-    )
-    size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
-    rows: tuple[Thinned, ...] = thinned(runs)
-    if drive is not None:
-        rows = kept = filtered(runs)
-        least = np.hypot(size, encoder_floor(states, fast=True))
-        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, kept, strict=True))
-    return Problem(
-        side="torque",
-        states=tuple(states),
-        rows=rows,
-        target=tuple(r.of(part) for r, part in zip(rows, target, strict=True)),
-        variance=tuple(r.variance(part) for r, part in zip(rows, variance, strict=True)),
-        floor=noise,
-        size=size,
-        nuisance=torque_nuisance(states),
-        measured=spread,
-    )
-
-
-def rattling(target: Float, rows: Filtered, least: Float) -> Float:
-    """Variance (N, n) Nm² of what a joint that rattles leaves in the slow part of a run's target (N, n) Nm.
-
-    ``least`` (n,) Nm is what a reversal's friction and the encoders' noise are, which is no rattling.
-    """
-    fast = target - smooth(target, rows.sample_step, rows.bandwidth)
-    power = uniform_filter1d(np.square(fast), max(1, round(EDGE / rows.sample_step)), axis=0)
-    return np.asarray(np.where(power > np.square(RATTLES * least), np.square(LEAK) * power, 0.0))
-
-
-def _until(values: Float, rows: int) -> Float:
-    """The greatest of values (N, n) over so many rows before each, or after it where ``rows`` is negative."""
-    if rows < 0:
-        return _until(values[::-1], -rows)[::-1]
-    return np.asarray(maximum_filter1d(values, rows + 1, axis=0, origin=rows // 2))
-
-
-def _unsure(states: States, at_rest: Float) -> Float:
-    """Variance (N, n) of friction in units of Coulomb's squared: of its sign, and of what holds the arm.
-
-    ``at_rest`` (n,) is the share of Coulomb friction that was seen to hold it at rest.
-    """
-    turning = states.turning
-    return np.square(turning.spread) + np.square(np.where(states.resting, np.minimum(at_rest, 1.0), turning.held))
-
-
-def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:
-    """(N, n) of each run: true where a torque was read of a joint that moves, if only in another run.
-
-    At rest friction holds any torque: what a joint that never moves shows is no evidence.
-    """
-    moves = np.max([np.ptp(s.q, axis=0) for s in states], axis=0) > MOVES
-    return [np.isfinite(run.torque) & moves for run in runs]
-
-
-def supply_problem(
-    runs: Sequence[Run], states: Sequence[States], doubt: Sequence[Float], meter: Metering | None = None
-) -> Problem | None:
-    """The supply's power of the runs that have it; None where no run has power.
-
-    States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm. What a slow ``meter`` showed is
-    compared with the mean over the time that it stands for.
-    """
-    kept = [(i, run.power) for i, run in enumerate(runs) if run.power is not None]
-    if not kept:
-        return None
-    chosen = tuple(states[i] for i, _ in kept)
-    rows: tuple[Rows, ...]
-    shown: Sequence[Float]
-    if meter is None:
-        rows, shown = thinned([runs[i] for i, _ in kept]), [power for _, power in kept]
-        target = [(power - s.nominal_power)[:, None] for power, s in zip(shown, chosen, strict=True)]
-        noise = floor(target, [runs[i].step for i, _ in kept])
-        target = [r.of(part) for r, part in zip(rows, target, strict=True)]
-    else:
-        rows, shown = meter.rows, meter.values
-        target = [(power - r.of(s.nominal_power))[:, None] for power, r, s in zip(shown, rows, chosen, strict=True)]
-        noise = floor(target, [r.step for r in rows])
-    variance = []
-    for (i, _), r, s in zip(kept, rows, chosen, strict=True):
-        unsure = np.square(s.qd * doubt[i]) + np.square(s.torque * s.moved.velocity_spread)
-        variance.append(r.of(_without_gaps(noise[0] ** 2 + np.sum(unsure, axis=1, keepdims=True), runs[i])))
-    power = np.concatenate(shown)
-    size = np.array([max(0.1 * float(np.std(power)), 0.03 * float(np.mean(power)), noise[0])])
-    return Problem(
-        side="supply",
-        states=chosen,
-        rows=rows,
-        target=tuple(target),
-        variance=tuple(variance),
-        floor=noise,
-        size=size,
-        nuisance=supply_nuisance(chosen),
-        measured=np.array([np.std(power)]),
-    )
-
-
-def thinned(runs: Sequence[Run]) -> tuple[Thinned, ...]:
-    """Every so many samples, so that about ``ROWS`` are fitted, at ``LEAST_RATE`` or more."""
-    most = sum(len(run.time) for run in runs) / ROWS
-    every = max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
-    return tuple(Thinned(len(run.time), every, run.step) for run in runs)
-
-
-def filtered(runs: Sequence[Run]) -> tuple[Filtered, ...]:
-    """What is slow enough to be compared of runs whose torque is that of their servos' law."""
-    out = []
-    for run in runs:
-        bandwidth = compared(run.step)
-        every = max(1, int(1 / (ROWS_PERIOD * bandwidth * run.step)))
-        out.append(Filtered(len(run.time), every, run.step, bandwidth))
-    return tuple(out)
-
-
-def encoder_floor(states: Sequence[States], fast: bool = False) -> Float:
-    """Noise (n,) Nm of the servos' law less the motion's torque, by the encoders alone: of what is compared, or all."""
-    drive, robot = states[0].servos, states[0].robot
-    inertia = np.mean(np.concatenate([s.own_inertia for s in states]), axis=0) + robot.column("rotor_inertia")
-    resolution = np.max([s.moved.resolution for s in states], axis=0)
-    return noise_of(drive.servo.stiffness, drive.servo.damping, inertia, resolution, drive.step, fast)
-
-
-def _between_ends(run: Run) -> NDArray[np.bool_]:
-    """(N, 1) true where the filter of a driven run knows what was before and after."""
-    inside = np.ones((len(run.time), 1), np.bool_)
-    if run.drive is not None:
-        edge = round(EDGE / run.step)
-        inside[:edge] = inside[len(inside) - edge :] = False
-    return inside
-
-
-def _without_gaps(variance: Float, run: Run) -> Float:
-    """Samples that were filled in count for nothing."""
-    return np.where(run.filled[:, None], 1e6 * variance, variance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,9 +11,18 @@ from scipy.ndimage import uniform_filter1d
 from scipy.sparse import csr_array
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot.meter import Windows
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot.meter.model import Windows
 from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.samples import interpolated
+from cellwatt_plugins.robot.servo.filtered import compared
+
+ROWS = 16000
+"""Rows that are fitted, about."""
+LEAST_RATE = 12.0
+"""Hz that are fitted at least."""
+ROWS_PERIOD = 3.0
+"""Rows that are fitted in a period of the fastest that is compared."""
 
 
 @dataclass(frozen=True)
@@ -95,3 +105,20 @@ class Metered:
 
 Rows = Thinned | Metered
 """M rows made of the N samples of a run."""
+
+
+def thinned(runs: Sequence[Run]) -> tuple[Thinned, ...]:
+    """Every so many samples, so that about ``ROWS`` are fitted, at ``LEAST_RATE`` or more."""
+    most = sum(len(run.time) for run in runs) / ROWS
+    every = max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
+    return tuple(Thinned(len(run.time), every, run.step) for run in runs)
+
+
+def filtered(runs: Sequence[Run]) -> tuple[Filtered, ...]:
+    """What is slow enough to be compared of runs whose torque is that of their servos' law."""
+    out = []
+    for run in runs:
+        bandwidth = compared(run.step)
+        every = max(1, int(1 / (ROWS_PERIOD * bandwidth * run.step)))
+        out.append(Filtered(len(run.time), every, run.step, bandwidth))
+    return tuple(out)

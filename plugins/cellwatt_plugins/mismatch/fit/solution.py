@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.problem import Place, Problem, Term
 from cellwatt_plugins.robot.blocks import Block, Regression
 
 
@@ -26,7 +26,7 @@ class Trial:
     @classmethod
     def of(cls, term: Term, gain: float, kept: bool, why: str) -> Trial:
         """The trial of a term, its joint counted from 1."""
-        return cls(term.effect.name, None if term.joint is None else term.joint + 1, float(gain), kept, why)
+        return cls(term.effect.name, term.number, float(gain), kept, why)
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Solution:
     """The problem with all nominal parameters free, before those were fixed that data left out do not confirm."""
     curved: Solution | None = None
     """The same terms with curves of what is left, where data left out confirm any."""
-    rivals: dict[tuple[str, int | None], tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)
+    rivals: dict[Place, tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)
     """Evidence of each term beside the others, and of the best other names in its place."""
 
     @property

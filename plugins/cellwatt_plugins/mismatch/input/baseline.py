@@ -85,17 +85,13 @@ class Baseline:
         said = run.simulated
         if said is None:
             return None, None
-        torque = said.torque - self.torque(said.plan)
+        torque = said.torque - self.arm.torque(*said.plan.courses)
         onto = interpolated(run.time, said.time, torque)
         power = None
         if said.power is not None:
             law = nominal_power(self.arm.description, said.torque, said.plan.velocity)
             power = np.interp(run.time, said.time, said.power - law)
         return later(onto, run.time, servo_lag(run)), power
-
-    def torque(self, plan: Plan) -> Float:
-        """Torque (N, n) Nm of the law for a motion."""
-        return _torque(self.arm, plan)
 
 
 def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
@@ -116,11 +112,7 @@ def _thinned(told: Sequence[Simulated]) -> Simulated:
     def together(parts: Sequence[Float]) -> Float:
         return np.concatenate([part[::thin] for part in parts])
 
-    plan = Plan(
-        together([each.plan.position for each in told]),
-        together([each.plan.velocity for each in told]),
-        together([each.plan.acceleration for each in told]),
-    )
+    plan = Plan(*map(together, zip(*(each.plan.courses for each in told), strict=True)))
     power = together(powers) if len(powers) == len(told) else None
     return Simulated(together([each.time for each in told]), plan, together([each.torque for each in told]), power)
 
@@ -131,8 +123,8 @@ def _mechanics(said: Simulated, arm: Arm) -> Arm:
     if _left(said, arm).max() < SAME:
         return arm
     plan = said.plan
-    beside = said.torque - _torque(arm, plan)
-    if (found := mount(arm.body, plan.position, plan.velocity, plan.acceleration, beside)) is not None:
+    beside = said.torque - arm.torque(*plan.courses)
+    if (found := mount(arm.body, *plan.courses, beside)) is not None:
         arm = arm.with_gravity(found.field)
     rubbing = _with_friction(said, arm)
     if _left(said, rubbing).max() < SAME:
@@ -142,13 +134,9 @@ def _mechanics(said: Simulated, arm: Arm) -> Arm:
     return other if believed else rubbing
 
 
-def _torque(arm: Arm, plan: Plan) -> Float:
-    return arm.torque(plan.position, plan.velocity, plan.acceleration)
-
-
 def _left(said: Simulated, arm: Arm) -> Float:
     """Rms (n,) of the torque that a law leaves, as a share of its size."""
-    left = np.where(_clear(said.plan, arm), said.torque - _torque(arm, said.plan), 0.0)
+    left = np.where(_clear(said.plan, arm), said.torque - arm.torque(*said.plan.courses), 0.0)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
 
 
@@ -172,7 +160,7 @@ def _courses(plan: Plan, joint: int, lead: float) -> Float:
 def _lead(said: Simulated, body: Body) -> float:
     """s by which friction of the simulation turns over before the velocity does; 0 where that explains little."""
     plan = said.plan
-    rest = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+    rest = said.torque - body.inverse_dynamics(*plan.courses)
     size = _size(said)
 
     def left(lead: float) -> float:
@@ -192,7 +180,7 @@ def _lead(said: Simulated, body: Body) -> float:
 def _with_friction(said: Simulated, arm: Arm) -> Arm:
     """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
     plan = said.plan
-    rest = said.torque - arm.body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+    rest = said.torque - arm.body.inverse_dynamics(*plan.courses)
     clear, travelled, numbers = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, _friction(arm)
     for i, own in enumerate(numbers):
         courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
@@ -240,9 +228,9 @@ class _LinkFit:
 
     def __init__(self, said: Simulated, arm: Arm, own: Float) -> None:
         self._own, body, plan = own, arm.body, said.plan
-        self._target = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+        self._target = said.torque - body.inverse_dynamics(*plan.courses)
         self._variance = np.where(_clear(plan, arm), np.square(FINE * _size(said)), 1e12)
-        regressor = body.regressor(plan.position, plan.velocity, plan.acceleration)
+        regressor = body.regressor(*plan.courses)
         links = body.parameters().reshape(-1, PER_LINK)
         priors = [link_prior(each, OFF) for each in links]
         tool = body_prior(TOOL[0] * float(np.sum(links[:, 0])), TOOL[1])

@@ -11,8 +11,8 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.input.unread import unread
 from cellwatt_plugins.mismatch.simulators import Simulator
+from cellwatt_plugins.robot.servo.filtered import filtered, held
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
-from cellwatt_plugins.robot.servo.motion import filtered, held
 
 DELAYS = (0.0, *(float(d) for d in np.geomspace(0.004, 0.12, 16)))
 """s that commands may act later, to see where the drives' limits are reached."""
@@ -52,7 +52,7 @@ def _late(drives: Sequence[Drive], simulator: Simulator) -> float:
     for drive in drives:
         servo, asked, moved = drive.servo, drive.asked(drive.command), drive.moved
         if np.any((asked < servo.low) | (asked > servo.high)):
-            needed = simulator.torque(moved.position, moved.velocity, moved.acceleration)
+            needed = simulator.torque(*moved.courses)
             tells.append((drive, needed, np.maximum(np.std(needed, axis=0), 1e-9)))
 
     def off(late: float) -> float:

@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.robot.meter import onto
+from cellwatt_plugins.robot.meter.held import onto
 from cellwatt_plugins.robot.stretches import stretches
 
 LEAST_ROWS = 16
@@ -28,6 +28,8 @@ ABSURD = 1e9
 """No quantity of a robot is that large in any unit: the bytes were damaged."""
 EVEN = 0.02
 """Share of a step by which the times of an evenly sampled file may stray."""
+LARGEST, SPARSE = 2_000_000, 20
+"""Samples of a grid, and as a multiple of the rows: beyond both, most of it is a leap of the clock."""
 HOLE = 2.5
 """Steps between two rows from which on samples are missing."""
 GLITCH = 10.0
@@ -62,9 +64,9 @@ def even(
     """Columns (R,) at ``time`` (R,) s, brought onto the grid of their median rate by linear interpolation.
 
     Holes in time and the few cells without a number are filled and marked as gaps; those of ``slow`` columns, which
-    change over minutes, are filled and not marked; single wild values of ``positions`` are replaced; ``lossy`` columns
-    stay NaN where more than a few numbers are missing; ``power`` of a slow meter is held. Raises ``RecordingError``
-    where too much is missing or the time does not rise.
+    change over minutes, are filled and not marked, and left out where they have none; single wild values of
+    ``positions`` are replaced; ``lossy`` columns stay NaN where more than a few numbers are missing; ``power`` of a
+    slow meter is held. Raises ``RecordingError`` where too much is missing, or the time does not rise or leaps.
     """
     kept, notes = _rising(place, time)
     time, columns = time[kept], {name: values[kept] for name, values in columns.items()}
@@ -80,6 +82,9 @@ def even(
             if not wrong.all():
                 notes.append(_lost(place, name, time, wrong))
             continue
+        if name in slow and wrong.all():
+            notes.append(f"{place}: {name} has no usable number: no temperature is used")
+            continue
         if name not in slow:
             _few_enough(place, name, time, wrong)
             bad |= wrong
@@ -87,7 +92,7 @@ def even(
         if wrong.any() and name not in slow:
             first = time[wrong][0]
             notes.append(f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s")
-    grid = _grid(time)
+    grid = _grid(place, time)
     if grid is time:
         return Even(_line(time), filled, bad, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
@@ -183,13 +188,19 @@ def _line(time: Float) -> Float:
     return np.linspace(time[0], time[-1], len(time))
 
 
-def _grid(time: Float) -> Float:
+def _grid(place: str, time: Float) -> Float:
     """``time`` itself where it is even, else a grid at its median rate."""
     step = (time[-1] - time[0]) / (len(time) - 1)
     if np.max(np.abs(time - _line(time))) <= EVEN * step:
         return time
     middle = float(np.median(np.diff(time)))
     count = int((time[-1] - time[0]) / middle + 1e-6) + 1
+    if count > max(LARGEST, SPARSE * len(time)):
+        i = int(np.argmax(np.diff(time)))
+        raise RecordingError(
+            f"{place}: the time leaps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "
+            "Give what was recorded before and after that as files of their own, or leave out the shorter part"
+        )
     return np.asarray(time[0] + middle * np.arange(count), np.float64)
 
 

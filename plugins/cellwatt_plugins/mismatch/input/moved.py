@@ -32,7 +32,7 @@ def _followed(run: Run) -> Plan:
     plan, lag = run.plan, servo_lag(run)
     if not lag.any():
         return plan
-    return Plan(*(later(values, run.time, lag) for values in (plan.position, plan.velocity, plan.acceleration)))
+    return Plan(*(later(values, run.time, lag) for values in plan.courses))
 
 
 def servo_lag(run: Run) -> Float:

@@ -24,7 +24,7 @@ from cellwatt_plugins.mismatch.input.sources import Source, run_name
 from cellwatt_plugins.mismatch.input.unread import without_unread
 from cellwatt_plugins.mismatch.simulators import Simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.meter import power_beside
+from cellwatt_plugins.robot.meter.file import power_beside
 from cellwatt_plugins.robot.motion import Moved, Plan, exact
 from cellwatt_plugins.robot.samples import interpolated
 
@@ -108,13 +108,9 @@ def read_source(source: Source, robot: RobotDescription) -> Signals:
 
 def _run_through(simulator: Simulator, run: Run) -> Run:
     """The run with what a simulator says of the motion that was commanded, or made where no command was recorded."""
-    if run.plan is None:
-        motion = moved(run)
-        plan = Plan(motion.position, motion.velocity, motion.acceleration)
-    else:
-        plan = run.plan
+    plan = Plan(*moved(run).courses) if run.plan is None else run.plan
     # How friction turns over is told by motion alone: no simulator's way is taken for the arm's there.
-    torque = simulator.torque(plan.position, plan.velocity, plan.acceleration, leading=run.drive is None)
+    torque = simulator.torque(*plan.courses, leading=run.drive is None)
     notes = [note for note in simulator.notes if note not in run.notes]
     return replace(run, simulated=Simulated(run.time, plan, torque), notes=(*run.notes, *notes))
 

@@ -14,7 +14,7 @@ from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.meter import held, onto
+from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
 
 SLOW = "temperature"
@@ -25,6 +25,8 @@ LOSSY = ("torque", "current")
 """May lack joints, and samples of joints: these are NaN."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
 POWER = "power"
+LEAST_MEANS = 8
+"""Means that are left of a recording however short it is beside others: it is refused for what it is."""
 FOLLOWS = 0.3
 """Spread of commanded less real positions, as a share of the motion, up to which controls are positions."""
 
@@ -89,7 +91,7 @@ class Signals:
 
     def slower(self, rate: float) -> Signals:
         """Means of as many samples as bring it to ``rate`` Hz or less; a mean is a gap where one of them is."""
-        count = int(np.ceil(1 / (self.step * rate) - EVEN))
+        count = min(int(np.ceil(1 / (self.step * rate) - EVEN)), len(self.time) // LEAST_MEANS)
         if count < 2:
             return self
         rows = len(self.time) // count
@@ -148,10 +150,13 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         power=POWER,
     )
     silent = np.full(len(grid.time), np.nan)
+    found = {q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints}
+    if SLOW in found and np.isnan(found[SLOW]).any():
+        del found[SLOW]
     return Signals(
         place=str(path),
         time=grid.time,
-        joints={q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints},
+        joints=found,
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
         notes=(*_turned(path.name, table, names), *grid.notes),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.robot.meter import with_meters
+from cellwatt_plugins.robot.meter.file import with_meters
 from cellwatt_plugins.robot.simulated import is_simulator
 
 ENDINGS = (".part", ".parquet", ".csv", ".txt", ".mcap", ".recording", ".simulation")

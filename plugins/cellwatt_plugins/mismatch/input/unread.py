@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Bool, Float
-from cellwatt_plugins.mismatch.input.factors import usable
+from cellwatt_plugins.mismatch.input.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 
@@ -48,9 +48,8 @@ def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
         return
     names = [run.name for run, one in zip(runs, silent, strict=True) if one.any()]
     where = "" if silent[:, joints].all() else f" in {', '.join(names)}"
-    numbers = ", ".join(str(i + 1) for i in joints)
     yield (
-        f"no torque of joint{'s' * (len(joints) > 1)} {numbers}{where}: the column is absent, empty, constant, or "
+        f"no torque of {joints_text((1 + joints).tolist())}{where}: the column is absent, empty, constant, or "
         "noise that does not go with the motion. It is not used; the other joints are"
     )
 

@@ -44,18 +44,8 @@ class Told:
         self, kind: str, severity: Severity, statement: str, evidence: Mapping[str, Any], joint: int | None = None
     ) -> Alarm:
         """The alarm of a kind, active."""
-        return Alarm(
-            id=f"{self.prefix}.{self.source}.{kind}",
-            kind=kind,
-            severity=severity,
-            active=True,
-            since=self.since,
-            time=self.time,
-            statement=statement,
-            source=self.source,
-            joint=joint,
-            evidence=dict(evidence),
-        )
+        name, since, time, source = f"{self.prefix}.{self.source}.{kind}", self.since, self.time, self.source
+        return Alarm(name, kind, severity, True, since, time, statement, source, joint, evidence=evidence)
 
 
 def found(told: Told, outcome: Outcome, known: Collection[Place]) -> Alarm:

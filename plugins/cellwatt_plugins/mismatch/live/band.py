@@ -11,6 +11,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.noise import floor
 from cellwatt_plugins.mismatch.live.intake import Judged
+from cellwatt_plugins.mismatch.live.motions import MOST
 from cellwatt_plugins.mismatch.live.settings import BandSettings
 
 RECENT = 20
@@ -51,7 +52,7 @@ class Band:
     step: float
     _recent: deque[Float] = field(default_factory=lambda: deque(maxlen=RECENT))
     _learned: dict[int, list[Float]] = field(default_factory=dict)
-    """Residuals (C,) of the first times of a motion, which count as normal."""
+    """Residuals (C,) of the first times of a motion, which count as normal; the motion seen last is the last."""
 
     def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[Reading]:
         """Readings of an interval in which the 1-based joints ``moving`` move, by the number of its motion.
@@ -79,7 +80,9 @@ class Band:
         """Normal residual (C,) of this motion; None while it is being learned."""
         if not self.settings.learn:
             return np.zeros(len(sizes))
-        learned = self._learned.setdefault(motion, [])
+        learned = self._learned[motion] = self._learned.pop(motion, [])
+        if len(self._learned) > MOST:
+            del self._learned[next(iter(self._learned))]
         if len(learned) == self.settings.learn:
             return np.asarray(np.fmax.reduce(learned, initial=0.0))
         learned.append(sizes)

@@ -11,7 +11,7 @@ from cellwatt.alarms import AlarmBook
 from cellwatt.errors import RecordingError
 from cellwatt.results import Alarm
 from cellwatt_plugins.mismatch.live.alarms import Place, Told, failed, found
-from cellwatt_plugins.mismatch.live.explanation import RECORDING, ROBOT, SIMULATION, Explanation, Outcome, make_folder
+from cellwatt_plugins.mismatch.live.explanation import RECORDING, ROBOT, SIMULATION, Explanation, Outcome, new_folder
 from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import Intake
 from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot, write_simulation
@@ -69,11 +69,13 @@ class Explainer:
         return self._started is None or now >= self._started + round(self.settings.every * 1e9)
 
     def _begin(self, now: int, since: int, history: History) -> list[Alarm]:
-        self._started = now
         time, rows = history.between(max(since, now - round(self.settings.recording * 1e9)), now)
+        if not len(time):  # nothing was compared for so long: it stays due
+            return []
+        self._started = now
         self._told = Told(self.prefix, self.intake.source, since, now, (int(time[-1]) - int(time[0])) * 1e-9)
         try:
-            folder = make_folder(self.settings.folder or Path(), self._name(now), self.settings.keep)
+            folder = new_folder(self.settings.folder or Path(), self._name(now), self.settings.keep)
             write_recording(folder / RECORDING, self.intake, time, rows)
             write_robot(folder / ROBOT, self.robot)
             simulation = self.servos

@@ -105,7 +105,7 @@ class Explanation:
         return f"{said.removeprefix('cellwatt: ')} ({how})" if said else how
 
 
-def make_folder(parent: Path, name: str, keep: int) -> Path:
+def new_folder(parent: Path, name: str, keep: int) -> Path:
     """A new folder of that name; of those made here for the same stage, the ``keep`` newest stay.
 
     ``name`` ends in a time after its last ``-``. Raises ``RecordingError`` where it cannot be made.
@@ -114,8 +114,9 @@ def make_folder(parent: Path, name: str, keep: int) -> Path:
     try:
         folder.mkdir(parents=True)
         stem = name.rpartition("-")[0]
-        ours = sorted(p for p in parent.glob(f"{stem}-*Z") if p.name.rpartition("-")[0] == stem)
-        for old in ours[:-keep]:
+        ours = [p for p in parent.glob(f"{stem}-*Z") if p.name.rpartition("-")[0] == stem]
+        # The new one is the newest, also where the clock went back, or where older frames are replayed.
+        for old in sorted(ours, key=lambda p: (p == folder, p.name))[:-keep]:
             shutil.rmtree(old)
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be made: {error.strerror or error}: set explain.folder") from error

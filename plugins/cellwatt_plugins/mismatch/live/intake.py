@@ -101,7 +101,7 @@ class Intake:
         return rows
 
 
-def intake(stage: str, layout: Layout, arm: str | None, power: str | None, robot: RobotDescription) -> Intake:
+def intake(layout: Layout, arm: str | None, power: str | None, robot: RobotDescription) -> Intake:
     """The columns of an arm with the joints of ``robot``, which knows their kinds and torque constants.
 
     Target positions are what its servos are told where it gives no torque and no current. Raises ``ConfigError`` where
@@ -111,54 +111,30 @@ def intake(stage: str, layout: Layout, arm: str | None, power: str | None, robot
     positions = layout.joints("position", arm)
     source = layout.channels[positions[0]].source
     if len(positions) != len(constants):
-        raise ConfigError(
-            f"stage {stage!r}: source {source} has {len(positions)} joints, the robot's description {len(constants)}"
-        )
+        raise ConfigError(f"source {source} has {len(positions)} joints, the robot's description {len(constants)}")
     joints: dict[str, tuple[int, ...]] = {}
-    for quantity in UNITS:
-        columns = _family(layout, source, quantity, len(constants))
-        if columns and not (quantity == "current" and "torque" in joints):
-            for i, column in enumerate(columns):
-                _check_unit(stage, layout, column, robot.unit(i, UNITS[quantity]))
-            joints[quantity] = columns
+    for quantity, unit in UNITS.items():
+        names = [f"{source}.joint_{i + 1}.{quantity}" for i in range(len(constants))]
+        if set(names) <= set(layout.names) and not (quantity == "current" and "torque" in joints):
+            joints[quantity] = tuple(layout.index(name, robot.unit(i, unit)) for i, name in enumerate(names))
     if "torque" not in joints and "current" not in joints:
         if "target_position" not in joints:
-            raise ConfigError(
-                f"stage {stage!r}: source {source} gives no joint_1.torque, joint_1.current or joint_1.target_position"
-            )
+            raise ConfigError(f"source {source} gives no joint_1.torque, joint_1.current or joint_1.target_position")
         kept = {q: joints[q] for q in ("position", "temperature") if q in joints}
         joints = kept | {"command": joints["target_position"]}
     gain = constants if "current" in joints else np.ones(len(constants))
     if unknown := [f"joint {i + 1}" for i, value in enumerate(gain) if value == 0]:
         raise ConfigError(
-            f"stage {stage!r}: source {source} gives currents, no torques, and the torque_constant of "
+            f"source {source} gives currents, no torques, and the torque_constant of "
             f"{', '.join(unknown)} is 0: write it into the robot's description, in Nm/A at the joint side"
         )
-    supply = _supply(stage, layout, power)
+    metered = power is not None or any(channel.short == SUPPLY for channel in layout.channels)
+    supply = layout.index(power or SUPPLY, "W") if metered else None
     efforts = tuple(robot.unit(i, "Nm") for i in range(len(constants)))
     return Intake(source, joints, supply, "" if supply is None else layout.names[supply], gain, efforts)
 
 
-def _family(layout: Layout, source: str, quantity: str, joints: int) -> tuple[int, ...]:
-    names = [f"{source}.joint_{i + 1}.{quantity}" for i in range(joints)]
-    return tuple(layout.names.index(n) for n in names) if all(n in layout.names for n in names) else ()
-
-
-def _supply(stage: str, layout: Layout, power: str | None) -> int | None:
-    if power is None and not any(channel.short == SUPPLY for channel in layout.channels):
-        return None
-    column = layout.index(power or SUPPLY)
-    _check_unit(stage, layout, column, "W")
-    return column
-
-
-def _check_unit(stage: str, layout: Layout, column: int, unit: str) -> None:
-    channel = layout.channels[column]
-    if channel.unit != unit:
-        raise ConfigError(f"stage {stage!r}: {channel.name} is in {channel.unit}, expected {unit}")
-
-
-def streamed(stage: str, source: str, layout: Layout, intake: Intake) -> list[int] | None:
+def streamed(source: str, layout: Layout, intake: Intake) -> list[int] | None:
     """Columns of the simulation that a source of this name streams, as ``Intake.judged``; None where none has the name.
 
     Raises ``ConfigError`` where the source lacks a torque, or power where the supply is compared, and where the
@@ -167,14 +143,9 @@ def streamed(stage: str, source: str, layout: Layout, intake: Intake) -> list[in
     if all(channel.source != source for channel in layout.channels):
         return None
     if intake.driven:
-        raise ConfigError(f"stage {stage!r}: source {intake.source} gives no torque to compare with that of {source}")
+        raise ConfigError(f"source {intake.source} gives no torque to compare with that of {source}")
     names = [f"{source}.joint_{j + 1}.torque" for j in range(len(intake.gain))]
     names += [] if intake.power is None else [f"{source}.{SUPPLY}"]
     if missing := [name for name in names if name not in layout.names]:
-        raise ConfigError(
-            f"stage {stage!r}: source {source} is to stream the simulation and gives no {', '.join(missing)}"
-        )
-    columns = [layout.names.index(name) for name in names]
-    for column, judged in zip(columns, intake.judged, strict=True):
-        _check_unit(stage, layout, column, judged.unit)
-    return columns
+        raise ConfigError(f"source {source} is to stream the simulation and gives no {', '.join(missing)}")
+    return [layout.index(name, judged.unit) for name, judged in zip(names, intake.judged, strict=True)]

@@ -10,6 +10,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
+from cellwatt_plugins.mismatch.fit.problem import said
 from cellwatt_plugins.mismatch.input.driven import drive_of
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
@@ -18,8 +19,8 @@ from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.mjcf import is_mjcf
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact, smooth
+from cellwatt_plugins.robot.servo.filtered import compared
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
-from cellwatt_plugins.robot.servo.motion import compared
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
 Driven = tuple[Float, Float]
@@ -50,9 +51,9 @@ class Simulation:
         self._arm, self._servo = model.arm(), servo
         self._late = 0.0 if hold is None else (hold - step) / 2
         followed = _followed(model, self._arm, step, warm, servo is not None)
-        self.left_out = tuple(_named(t) for t, follows in zip(model.terms, followed, strict=True) if not follows)
+        self.left_out = tuple(said(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
-        self.known = frozenset((t.term.effect.name, _joint(t)) for t in model.terms)
+        self.known = frozenset((t.term.effect.name, t.term.number) for t in model.terms)
         """Effects of the model by name and 1-based joint."""
 
     @property
@@ -74,11 +75,11 @@ class Simulation:
             drive = drive_of(self._servo, position, command, recorded.step)
             recorded = replace(recorded, drive=drive)
         states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature, drive=drive)
-        said = predict_states(self.model, states)
+        predicted = predict_states(self.model, states)
         if drive is None or command is None:
-            return said, None
-        torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (said.torque, drive.torque))
-        return replace(said, torque=torque), (command, law)
+            return predicted, None
+        torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (predicted.torque, drive.torque))
+        return replace(predicted, torque=torque), (command, law)
 
 
 def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) -> Model:
@@ -137,20 +138,11 @@ def _probe(arm: Arm, samples: int, step: float, warm: bool) -> States:
 
 def _alike(fitted: FittedTerm, long: States, short: States, samples: int) -> bool:
     term = fitted.term
-    said = [
+    whole, last = (
         (term.effect.columns(states, term.joint, term.shape) @ fitted.coefficients)[-samples:]
         for states in (long, short)
-    ]
-    size = float(np.sqrt(np.mean(np.square(said[0]))))
+    )
+    size = float(np.sqrt(np.mean(np.square(whole))))
     if size == 0 and term.effect.form.intermittent:
         return False
-    return float(np.sqrt(np.mean(np.square(said[0] - said[1])))) <= ALIKE * size
-
-
-def _joint(fitted: FittedTerm) -> int | None:
-    return None if fitted.term.joint is None else fitted.term.joint + 1
-
-
-def _named(fitted: FittedTerm) -> str:
-    place = "" if fitted.term.joint is None else f" of joint {fitted.term.joint + 1}"
-    return fitted.term.effect.name.replace("_", " ") + place
+    return float(np.sqrt(np.mean(np.square(whole - last)))) <= ALIKE * size

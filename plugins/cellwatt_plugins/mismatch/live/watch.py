@@ -91,19 +91,14 @@ class ChannelWatch:
     def _alarm(self, name: str, interval: Interval, reading: Reading, since: int, times: int) -> Alarm:
         c = reading.channel
         how = "on average" if c.joint is None else "(root mean square)"
+        text = (
+            f"{c.what} is off the simulation by {reading.residual:.3g} {c.unit} {how}, and was outside its "
+            f"band in {times} intervals; the band is {reading.limit:.3g} {c.unit}."
+        )
+        evidence = {"channel": c.name, "intervals": times, **_figures(reading)}
+        end, number = interval.end, interval.number
         return Alarm(
-            id=name,
-            kind=KIND,
-            severity="warning",
-            active=True,
-            since=since,
-            time=interval.end,
-            statement=f"{c.what} is off the simulation by {reading.residual:.3g} {c.unit} {how}, and was outside its "
-            f"band in {times} intervals; the band is {reading.limit:.3g} {c.unit}.",
-            source=self.source,
-            joint=c.joint,
-            interval=interval.number,
-            evidence={"channel": c.name, "intervals": times, **_figures(reading)},
+            name, KIND, "warning", True, since, end, text, self.source, c.joint, interval=number, evidence=evidence
         )
 
 

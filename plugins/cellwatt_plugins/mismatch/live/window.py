@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,16 +95,10 @@ class Window:
 def _spans(time: Integers, missing: Bool, step: int, most: int) -> list[tuple[int, int]]:
     """[start, end) of the parts of a block without a hole in the grid and without more than ``most`` missing rows."""
     there = np.flatnonzero(~missing)
-    if not len(there):
-        return []
-    breaks = np.flatnonzero(np.diff(there) > most + 1) + 1
-    out: list[tuple[int, int]] = []
-    for part in np.split(there, breaks):
-        start, end = int(part[0]), int(part[-1]) + 1
-        holes = start + 1 + np.flatnonzero(np.diff(time[start:end]) > step + step // 2)
-        edges = [start, *holes.tolist(), end]
-        out += pairwise(edges)
-    return out
+    rows = np.diff(there)
+    ends = (rows > most + 1) | (np.diff(time[there]) > rows * step + step // 2)
+    parts = np.split(there, np.flatnonzero(ends) + 1)
+    return [(int(part[0]), int(part[-1]) + 1) for part in parts if len(part)]
 
 
 def bridged(rows: Float, columns: Sequence[int]) -> Float:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,8 +22,8 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     Where,
 )
 
-T = TypeVar("T")
-
+Row = list[str]
+_KINDS = ("refused", "kept")
 MOST_TRIALS = 16
 """Shown at once; the rest is folded."""
 MOST_OTHERS = 12
@@ -117,45 +116,41 @@ def _remains(rms: float, symbol: str, floor: float) -> Bars:
 def others_table(others: Sequence[Other]) -> list[Block]:
     """Recordings that nothing was fitted to, those first that the model fits worst."""
     order = sorted(others, key=lambda o: (o.explained is not None, o.explained is True, -o.error / (o.usual or 1)))
-    return _first(order, MOST_OTHERS, _others)
+    heads = ("recording", "channel furthest off", "error, rms", "of the usual", "")
+    return _first("Other recordings", heads, [(bool(o.explained), _other(o)) for o in order], MOST_OTHERS)
 
 
-def _others(some: Sequence[Other]) -> Table:
-    rows = []
-    for other in some:
-        if other.explained is None:
-            rows.append([other.recording, "", "", "", f"not compared: {other.why}"])
-            continue
-        error = f"{fixed(other.error, decimals_for(other.usual))} {unit(other.unit)}"
-        state = Html(f"<span class=tag>{'explained' if other.explained else 'differs'}</span>")
-        ratio = times(other.error / other.usual)
-        rows.append([other.recording, capital(wording.channel_name(other.channel)), error, ratio, state])
-    kinds = ["kept" if other.explained else "refused" for other in some]
-    return Table(
-        "Other recordings", ("recording", "channel furthest off", "error, rms", "of the usual", ""), rows, kinds
-    )
+def _other(other: Other) -> Row:
+    if other.explained is None:
+        return [other.recording, "", "", "", f"not compared: {other.why}"]
+    error = f"{fixed(other.error, decimals_for(other.usual))} {unit(other.unit)}"
+    state, ratio = _tag("explained" if other.explained else "differs"), times(other.error / other.usual)
+    return [other.recording, capital(wording.channel_name(other.channel)), error, ratio, state]
 
 
 def trials(tried: Sequence[Trial]) -> list[Block]:
     """Candidates by evidence, each with the reason why it was kept or refused."""
     order = sorted(tried, key=lambda t: (-t.kept, -t.gain))
     top = max([1.0, *(t.gain for t in tried)])
-    return _first(order, MOST_TRIALS, lambda some: _trials(some, top))
+    heads = ("candidate", "", "evidence, nats", "", "why")
+    return _first("Candidates", heads, [(t.kept, _trial(t, top)) for t in order], MOST_TRIALS)
 
 
-def _first(rows: Sequence[T], most: int, table: Callable[[Sequence[T]], Table]) -> list[Block]:
-    """A table of the first rows, and one of the rest, folded."""
-    shown, folded = rows[:most], rows[most:]
-    more = [Folded(f"{len(folded)} more", [table(folded)])] if folded else []
-    return [table(shown), *more] if shown else []
+def _trial(trial: Trial, top: float) -> Row:
+    share = bar(math.log1p(max(trial.gain, 0)) / math.log1p(top))
+    nats = fixed(trial.gain, 0 if abs(trial.gain) >= 10 else 1)
+    return [capital(wording.named(trial)), share, nats, _tag(_KINDS[trial.kept]), trial.why]
 
 
-def _trials(some: Sequence[Trial], top: float) -> Table:
-    rows = []
-    for trial in some:
-        share = bar(math.log1p(max(trial.gain, 0)) / math.log1p(top))
-        state = Html(f"<span class=tag>{'kept' if trial.kept else 'refused'}</span>")
-        nats = fixed(trial.gain, 0 if abs(trial.gain) >= 10 else 1)
-        rows.append([capital(wording.named(trial)), share, nats, state, trial.why])
-    kinds = ["kept" if trial.kept else "refused" for trial in some]
-    return Table("Candidates", ("candidate", "", "evidence, nats", "", "why"), rows, kinds)
+def _first(title: str, heads: Sequence[str], rows: Sequence[tuple[bool, Row]], most: int) -> list[Block]:
+    """A table of the first rows, each good or not, and one of the rest, folded."""
+    tables = [
+        Table(title, heads, [row for _, row in some], [_KINDS[good] for good, _ in some])
+        for some in (rows[:most], rows[most:])
+        if some
+    ]
+    return [*tables[:1], *(Folded(f"{len(rows) - most} more", [table]) for table in tables[1:])]
+
+
+def _tag(text: str) -> Html:
+    return Html(f"<span class=tag>{text}</span>")

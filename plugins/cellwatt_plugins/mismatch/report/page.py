@@ -28,11 +28,16 @@ TONES: Final[dict[str, Tone]] = {
 
 
 def report(
-    findings: Findings, traces: Sequence[Trace], robot: str, floors: Mapping[str, float], provenance: Provenance
+    findings: Findings,
+    traces: Sequence[Trace],
+    robot: str,
+    floors: Mapping[str, float],
+    provenance: Provenance,
+    moved: Sequence[Section] = (),
 ) -> Report:
     """The page of what was found.
 
-    ``floors`` are the noise floors of all channels by name; ``robot`` is the robot's name.
+    ``floors`` are the noise floors of all channels by name; ``robot`` is the robot's name, ``moved`` how it moved.
     """
     return Report(
         name=robot,
@@ -46,6 +51,7 @@ def report(
         sections=[
             falls.numbers(findings),
             falls.section(findings),
+            *moved,
             Section("What was found", cards.found(findings)),
             Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
             *figures.sections(findings, traces, floors),

@@ -10,13 +10,12 @@ from cellwatt_plugins.mismatch.report.falls import NumberRow, number_rows
 from cellwatt_plugins.mismatch.report.wording import verdict
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Step
 
-WRITTEN = ("findings.json", "model.yaml", "report.html")
 BAR = 30
 """Characters of the longest bar."""
 
 
-def in_words(found: Explained, out: Path) -> str:
-    """The findings as a person reads them at the terminal."""
+def in_words(found: Explained, out: Path, report: bool) -> str:
+    """The findings as a person reads them at the terminal, and what was written into ``out``."""
     findings = found.findings
     with_curves = {curve.channel for curve in findings.curves}
     lines = [verdict(findings), *_numbers(findings), *_cascade(findings)]
@@ -33,8 +32,8 @@ def in_words(found: Explained, out: Path) -> str:
     lines += [f"  = {moved.statement}" for moved in findings.retuned]
     lines += [f"  ~ {curve.statement}" for curve in findings.curves]
     lines += [f"  note: {note}" for note in findings.notes]
-    written = ", ".join(name for name in WRITTEN if (out / name).exists())
-    return "\n".join([*lines, f"written to {out}: {written}"])
+    page = ", report.html" if report else ""
+    return "\n".join([*lines, f"written to {out}: findings.json, model.yaml{page}"])
 
 
 def _numbers(findings: Findings) -> list[str]:

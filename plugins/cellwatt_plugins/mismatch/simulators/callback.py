@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from cellwatt.files import write_file
 from cellwatt_plugins.mismatch.model import FittedTerm
 from cellwatt_plugins.mismatch.simulators.correction import holds
 from cellwatt_plugins.mismatch.simulators.markup import number
@@ -61,8 +63,8 @@ def attach(model):
 
 
 def _drive(model, name):
-    joint = model.joint(name).id
-    return next((i for i in range(model.nu) if model.actuator_trnid[i, 0] == joint), -1)
+    joint, of_joints = model.joint(name).id, model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    return next((i for i in range(model.nu) if of_joints[i] and model.actuator_trnid[i, 0] == joint), -1)
 
 
 LAWS = [
@@ -72,7 +74,10 @@ LAWS = [
 
 
 def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTerm]) -> Path | None:
-    """Writes the module ``NAME_mended.py`` beside a mended file; None where there is nothing for it."""
+    """Writes the module ``NAME_mended.py`` beside a mended file, in characters that Python can import.
+
+    None where there is nothing for it.
+    """
     laws, what = [], []
     for fitted in terms:
         effect, shape = fitted.term.effect, fitted.term.shape
@@ -83,10 +88,11 @@ def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTe
         if effect.name == "asymmetric_friction" and shape[0] < 0:
             c[0] = number(-fitted.coefficients[0])
         name = joints[fitted.term.joint or 0]
-        laws.append(f'    ("{name}", lambda q, w, load, kp, told, turns: {formula.format(c=c, s=s)}),')
+        laws.append(f"    ({name!r}, lambda q, w, load, kp, told, turns: {formula.format(c=c, s=s)}),")
         what.append(f"{effect.name.replace('_', ' ')} of {name}")
     if not what:
         return None
-    path = mended.with_name(mended.name.replace(".mended.xml", "_mended.py").replace("-", "_"))
-    path.write_text(MODULE.format(name=mended.name, module=path.stem, what=", ".join(what), laws="\n".join(laws)))
+    module = re.sub(r"\W|^(?=\d)", "_", mended.stem)
+    path = mended.with_name(f"{module}.py")
+    write_file(path, MODULE.format(name=mended.name, module=module, what=", ".join(what), laws="\n".join(laws)))
     return path

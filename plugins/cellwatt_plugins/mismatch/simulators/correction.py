@@ -106,16 +106,12 @@ EXPRESSED = frozenset(
 
 def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Float:
     """Torque (N, n) Nm of a term along one of ``every`` run that ``Correction`` does not have; W (N, 1) of a supply."""
-    effect, at, shape = fitted.term.effect, fitted.term.joint or 0, fitted.term.shape
     course = fitted.course(states)
-    if effect.place == "supply":
+    if fitted.term.effect.place == "supply":
         return course[:, None]
-    if effect.name == "asymmetric_friction" and shape[0] != 0:
-        course[:, at] -= 0.5 * fitted.coefficients[0] * states.sign[:, at]
-    if effect.name == "nonlinear_viscous_friction" and shape[0] > 1:
-        course[:, at] -= fitted.coefficients[0] * (
-            powers(states.qd[:, at]) @ _polynomial(shape[0], _fastest(every, at))
-        )
+    held = correction(Retuned.nothing(course.shape[1]), [fitted], every)
+    course -= held.friction * states.sign
+    course -= np.einsum("nji,ji->nj", powers(states.qd), held.damping)
     return course
 
 

@@ -8,6 +8,7 @@ consistent inertial parameter identification, 2018).
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -50,17 +51,8 @@ def moved(parameters: Float, frame: Float) -> Float:
 
 def at_centre(parameters: Float) -> tuple[float, Float, Float]:
     """Mass kg, centre (3,) m and inertia xx yy zz xy xz yz (6,) kg m² about that centre of a body (10,)."""
-    mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
-    tensor = np.zeros((3, 3))
-    tensor[_ROWS, _COLUMNS] = tensor[_COLUMNS, _ROWS] = parameters[4:]
-    tensor -= mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
-    return mass, centre, tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-
-
-def about_origin(mass: float, centre: Float, inertia: Float) -> Float:
-    """Ten parameters of a body with ``inertia`` (3, 3) kg m² about its ``centre`` (3,) m."""
-    tensor = inertia + mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
-    return np.concatenate([[mass], mass * centre, tensor[_ROWS, _COLUMNS]])
+    body = pin.Inertia.FromDynamicParameters(parameters)
+    return float(body.mass), body.lever, body.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
 def physical(parameters: Float) -> NDArray[np.bool_]:

@@ -5,27 +5,34 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 
 @dataclass(eq=False)
 class Element:
-    """One element: its start tag at bytes ``start`` to ``end``, its end tag from ``close`` to ``past``."""
+    """One element, its start tag at bytes ``start`` to ``end``, all of it up to ``past``, and its changes to come."""
 
     tag: str
     attributes: dict[str, str]
+    """As they were read."""
     parent: Element | None
     start: int
-    end: int = 0
-    close: int = 0
+    end: int
     past: int = 0
     children: list[Element] = field(default_factory=list)
+    changed: dict[str, str] = field(default_factory=dict)
+    """Attributes to be written."""
+    added: list[str] = field(default_factory=list)
+    """Lines of XML to be written as its first children."""
+    instead: str | None = None
+    """A line of XML to be written in its place."""
 
-    def iter(self, tag: str) -> Iterator[Element]:
-        """All elements of a tag below it, in the order of the text."""
+    def iter(self, tag: str | None = None) -> Iterator[Element]:
+        """All elements of a tag, or all, below it, in the order of the text."""
         for child in self.children:
-            if child.tag == tag:
+            if tag in (None, child.tag):
                 yield child
             yield from child.iter(tag)
 
@@ -33,59 +40,48 @@ class Element:
         """Its first child of a tag."""
         return next((child for child in self.children if child.tag == tag), None)
 
+    def set(self, **attributes: str) -> None:
+        """Write attributes."""
+        self.changed |= attributes
+
 
 class Markup:
-    """An XML text with changes to come. Raises ``expat.ExpatError`` where it is not well formed."""
+    """The XML ``text`` of a file, with changes to come. Raises ``expat.ExpatError`` where it is not well formed."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, path: Path) -> None:
+        self.path = path
         self._bytes = text.encode()
         self.root = _parsed(self._bytes)
-        self._attributes: dict[Element, dict[str, str]] = {}
-        self._edits: list[tuple[int, int, bytes]] = []
-        self._added: dict[Element, list[str]] = {}
 
-    def set(self, element: Element, **attributes: str) -> None:
-        """Write attributes of an element."""
-        self._attributes.setdefault(element, {}).update(attributes)
-
-    def value(self, element: Element, name: str) -> str | None:
-        """An attribute as it will be."""
-        return self._attributes.get(element, {}).get(name, element.attributes.get(name))
-
-    def add(self, parent: Element, *lines: str) -> None:
-        """Write lines of XML as first children of an element."""
-        self._added.setdefault(parent, []).extend(lines)
-
-    def replace(self, element: Element, line: str) -> None:
-        """One line of XML in place of an element."""
-        self._edits.append((element.start, element.past, line.encode()))
+    @property
+    def changed(self) -> bool:
+        """True if it will not stay as it was."""
+        return self.text().encode() != self._bytes
 
     def text(self) -> str:
         """The text with all changes."""
-        edits = [*self._edits, *(self._tag(element) for element in {*self._attributes, *self._added})]
         out = self._bytes
-        for start, end, new in sorted(edits, reverse=True):
-            out = out[:start] + new + out[end:]
+        for element in reversed([self.root, *self.root.iter()]):
+            if element.instead is not None:
+                out = out[: element.start] + element.instead.encode() + out[element.past :]
+            elif element.changed or element.added:
+                out = out[: element.start] + self._tag(element).encode() + out[element.end :]
         return out.decode()
 
-    def _tag(self, element: Element) -> tuple[int, int, bytes]:
+    def _tag(self, element: Element) -> str:
         """The start tag anew, with attributes and first children."""
         tag = self._bytes[element.start : element.end].decode()
-        for name, value in self._attributes.get(element, {}).items():
+        for name, value in element.changed.items():
             tag = _with_attribute(tag, name, value)
-        if lines := self._added.get(element):
-            margin = self._margin(element)
-            inner = "".join(f"\n{margin}  {line}" for line in lines)
-            if tag.endswith("/>"):
-                tag = f"{tag[:-2].rstrip()}>{inner}\n{margin}</{element.tag}>"
-            else:
-                tag += inner
-        return element.start, element.end, tag.encode()
+        if not element.added:
+            return tag
+        margin = self._margin(element)
+        inner = "".join(f"\n{margin}  {line}" for line in element.added)
+        return f"{tag[:-2].rstrip()}>{inner}\n{margin}</{element.tag}>" if tag.endswith("/>") else tag + inner
 
     def _margin(self, element: Element) -> str:
         """The blanks before an element in its line."""
-        before = self._bytes[: element.start].decode()
-        line = before[before.rfind("\n") + 1 :]
+        line = self._bytes[: element.start].decode().rpartition("\n")[2]
         return line[: len(line) - len(line.lstrip())]
 
 
@@ -116,7 +112,6 @@ def _parsed(text: bytes) -> Element:
     def end(tag: str) -> None:
         element, at = open_.pop(), parser.CurrentByteIndex
         empty = text[element.end - 2 : element.end] == b"/>"
-        element.close = element.end if empty else at
         element.past = element.end if empty else text.index(b">", at) + 1
 
     parser.StartElementHandler, parser.EndElementHandler = start, end

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.simulators.inertia import about_origin
 from cellwatt_plugins.robot.mjcf import compiled, library, scalar_types
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.servo.law import actuator_of
 from cellwatt_plugins.robot.units import unit_at
 
 LEFT_OUT = ("mjDSBL_CONTACT", "mjDSBL_LIMIT", "mjDSBL_EQUALITY", "mjDSBL_FRICTIONLOSS")
@@ -54,12 +55,8 @@ class Simulator:
             data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
-        turned = self.turned(velocity, acceleration) if leading else direction(velocity)
+        turned = direction(velocity + self._lead[dof] * acceleration if leading else velocity)
         return np.asarray(out + self.model.dof_frictionloss[dof] * turned)
-
-    def turned(self, velocity: Float, acceleration: Float) -> Float:
-        """Direction (N, n) of dry friction."""
-        return direction(velocity + self._lead[self.places[1]] * acceleration)
 
     @property
     def _lead(self) -> Float:
@@ -82,15 +79,11 @@ class Simulator:
         """The actuator that turns control into a joint's (0-based) torque by its gear alone; None where none does."""
         import mujoco
 
-        model, own = self.model, self.model.joint(self.joints[joint]).id
-        acting = [
-            i
-            for i in range(model.nu)
-            if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[i, 0] == own
-        ]
-        if len(acting) != 1 or model.actuator_gaintype[acting[0]] != mujoco.mjtGain.mjGAIN_FIXED:
+        model = self.model
+        own = actuator_of(model, model.joint(self.joints[joint]).id)
+        if own < 0 or model.actuator_gaintype[own] != mujoco.mjtGain.mjGAIN_FIXED:
             return None
-        return acting[0] if model.actuator_biastype[acting[0]] == mujoco.mjtBias.mjBIAS_NONE else None
+        return own if model.actuator_biastype[own] == mujoco.mjtBias.mjBIAS_NONE else None
 
     def control_gains(self) -> Float:
         """Torque (n,) Nm of one unit of control at each joint; NaN where its actuator takes something else."""
@@ -116,14 +109,11 @@ class Simulator:
 
     def links(self) -> Float:
         """Inertial parameters (n, 10) of those bodies in their own frames."""
-        import mujoco
-
-        turn, out = np.empty(9), []
+        out = []
         for body in self.bodies:
-            mujoco.mju_quat2Mat(turn, self.model.body_iquat[body])
-            axes = turn.reshape(3, 3)
-            inertia = axes @ np.diag(self.model.body_inertia[body]) @ axes.T
-            out.append(about_origin(float(self.model.body_mass[body]), self.model.body_ipos[body], inertia))
+            principal = pin.Inertia(self.model.body_mass[body], np.zeros(3), np.diag(self.model.body_inertia[body]))
+            turn = pin.Quaternion(*self.model.body_iquat[body])
+            out.append(pin.SE3(turn, self.model.body_ipos[body]).act(principal).toDynamicParameters())
         return np.stack(out)
 
 

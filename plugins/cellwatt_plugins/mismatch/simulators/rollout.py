@@ -67,7 +67,7 @@ def _run(path: Path, model: Any, joints: Sequence[str], run: Run) -> RolledOut:
 
 def _windows(run: Run) -> Iterator[tuple[int, int]]:
     """First and last row of each window without gaps."""
-    per = max(2, round(WINDOW / run.step))
+    per = min(max(2, round(WINDOW / run.step)), len(run.time) - 1)
     for first in range(0, len(run.time) - per, per):
         if not run.filled[first : first + per + 1].any():
             yield first, first + per

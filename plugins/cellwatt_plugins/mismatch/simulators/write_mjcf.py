@@ -9,7 +9,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.simulators.files import Files, One
+from cellwatt_plugins.mismatch.simulators.files import Files
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
 from cellwatt_plugins.mismatch.simulators.markup import Element, number
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
@@ -20,17 +20,18 @@ from cellwatt_plugins.robot.servo.law import Servo, actuator_of, servo_of
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
 HARDNESS = (0.05, 0.9999)
 """Least and greatest impedance of dry friction: with little of it, a joint that sticks has no other inertia."""
-SERVO_UNITS = ("N*m/rad", "N*m*s/rad", "N*m", "s")
+SERVO = {"kp": "N*m/rad", "kv": "N*m*s/rad", "forcerange": "N*m", "delay": "s"}
+"""Numbers of a drive, with their units."""
 
 
 def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     """Writes the mended file into ``folder``. Raises ``ConfigError`` where a joint is not written in the text."""
     files = Files(simulator.path)
     done = Written(folder)
-    found = [_joint(files, name) for name in simulator.joints]
-    for at, (one, element) in enumerate(found):
-        _write_joint(simulator, goal, at, one, element, done, _turns(files, simulator, at))
-    _write_links(simulator, goal, [(one, _body(one, e, simulator.path)) for one, e in found], done)
+    joints = [_joint(files, name) for name in simulator.joints]
+    for at, joint in enumerate(joints):
+        _write_joint(simulator, goal, at, joint, done, _turns(files, simulator, at))
+    _write_links(simulator, goal, [_body(joint, simulator.path) for joint in joints], done)
     _write_gravity(files, simulator, goal, done)
     _write_gears(files, simulator, goal, done)
     if goal.servo is not None:
@@ -39,10 +40,10 @@ def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     return done
 
 
-def _joint(files: Files, name: str) -> tuple[One, Element]:
+def _joint(files: Files, name: str) -> Element:
     there = [
-        (one, e)
-        for one, e in files.all("joint")
+        e
+        for e in files.all("joint")
         if e.attributes.get("name") == name and e.parent is not None and e.parent.tag in _KINEMATIC
     ]
     if len(there) != 1:
@@ -52,12 +53,12 @@ def _joint(files: Files, name: str) -> tuple[One, Element]:
     return there[0]
 
 
-def _body(one: One, element: Element, path: Path) -> Element:
-    above = element.parent
+def _body(joint: Element, path: Path) -> Element:
+    above = joint.parent
     while above is not None and above.tag == "frame":
         above = above.parent
     if above is None or above.tag != "body":
-        raise ConfigError(f"{path}: {one.path.name} has a joint outside of a body: cannot mend")
+        raise ConfigError(f"{path}: joint {joint.attributes['name']} is outside of a body: cannot mend")
     return above
 
 
@@ -68,14 +69,12 @@ def _turns(files: Files, simulator: Simulator, at: int) -> float:
     if simulator.model.joint(simulator.joints[at]).type[0] == int(mujoco.mjtJoint.mjJNT_SLIDE):
         return 1.0
     angle = "degree"
-    for _, compiler in files.all("compiler"):
+    for compiler in files.all("compiler"):
         angle = compiler.attributes.get("angle", angle)
     return float(np.pi / 180) if angle == "degree" else 1.0
 
 
-def _write_joint(
-    simulator: Simulator, goal: Target, at: int, one: One, element: Element, done: Written, turn: float
-) -> None:
+def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, done: Written, turn: float) -> None:
     model, name = simulator.model, simulator.joints[at]
     dof, place, own = simulator.places[1][at], simulator.places[0][at], model.joint(name).id
     numbers = (
@@ -85,23 +84,21 @@ def _write_joint(
         ("springref", goal.rest[at], model.qpos_spring[place], "rad", turn),
     )
     if goal.turnover is not None and goal.turnover[at] > 0 < goal.friction[at]:
-        _write_turnover(simulator, float(goal.turnover[at]), goal, at, one, element, done)
+        _write_turnover(simulator, float(goal.turnover[at]), goal, at, joint, done)
     for what, value, was, unit, per in numbers:
         if differs(value, was):
-            one.markup.set(element, **{what: number(value / per)})
+            joint.set(**{what: number(value / per)})
             done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
     wanted, damping = goal.damping[at], damping_of(simulator)[at]
     if differ(wanted, damping):
         # One number, or three where powers of the speed are there.
         if not (np.any(wanted[1:] != 0) or np.any(damping[1:] != 0)):
             wanted, damping = wanted[0], damping[0]
-        one.markup.set(element, damping=" ".join(map(number, np.atleast_1d(wanted))))
+        joint.set(damping=" ".join(map(number, np.atleast_1d(wanted))))
         done.say("damping", f"joint {name}", wanted, damping, simulator.unit(at, "N*m*s/rad"))
 
 
-def _write_turnover(
-    simulator: Simulator, width: float, goal: Target, at: int, one: One, element: Element, done: Written
-) -> None:
+def _write_turnover(simulator: Simulator, width: float, goal: Target, at: int, joint: Element, done: Written) -> None:
     """Softens dry friction so that it grows with the velocity until it is whole, at ``width`` rad/s.
 
     MuJoCo brakes with inertia · 2/time/(1 - impedance) · velocity, up to the friction; its time is two steps or more.
@@ -111,7 +108,7 @@ def _write_turnover(
     way = 2 * inertia * width / goal.friction[at]
     time = max(way / (1 - HARDNESS[0]), 2 * model.opt.timestep)
     hardness = float(np.clip(1 - way / time, *HARDNESS))
-    one.markup.set(element, solreffriction=f"{number(time)} 1", solimpfriction=f"{number(hardness)} {number(hardness)}")
+    joint.set(solreffriction=f"{number(time)} 1", solimpfriction=f"{number(hardness)} {number(hardness)}")
     done.say("solreffriction", where, (time, 1.0), model.dof_solref[dof], "s")
     done.say("solimpfriction", where, (hardness, hardness), model.dof_solimp[dof, :2], "")
 
@@ -124,16 +121,15 @@ def _inertial(parameters: Float) -> str:
     )
 
 
-def _write_links(simulator: Simulator, goal: Target, bodies: Sequence[tuple[One, Element]], done: Written) -> None:
+def _write_links(simulator: Simulator, goal: Target, bodies: Sequence[Element], done: Written) -> None:
     """The inertia of each joint's body, and a body for the payload in the last one."""
-    for (one, body), joint, new, own in zip(bodies, simulator.joints, goal.links, simulator.links(), strict=True):
+    for body, joint, new, own in zip(bodies, simulator.joints, goal.links, simulator.links(), strict=True):
         if differ(new, own):
-            write_inertial(one, body, _inertial(new))
+            write_inertial(body, _inertial(new))
             done.say_inertial(new, own, f"body {body.attributes.get('name', f'of joint {joint}')}")
     if goal.payload is not None:
-        one, body = bodies[-1]
         name = name_of_payload({simulator.model.body(i).name for i in range(simulator.model.nbody)})
-        one.markup.add(body, f'<body name="{name}">{_inertial(goal.payload)}</body>')
+        bodies[-1].added.append(f'<body name="{name}">{_inertial(goal.payload)}</body>')
         done.say_inertial(goal.payload, None, f"body {name}")
 
 
@@ -142,20 +138,19 @@ def _write_gravity(files: Files, simulator: Simulator, goal: Target, done: Writt
     if not differ(goal.gravity, was):
         return
     written = " ".join(map(number, goal.gravity))
-    options = [(one, e) for one, e in files.all("option") if e.parent is not None and e.parent.tag != "default"]
-    stated = [(one, e) for one, e in options if "gravity" in e.attributes] or options[-1:]
-    for one, element in stated:
-        one.markup.set(element, gravity=written)
+    options = [e for e in files.all("option") if e.parent is not None and e.parent.tag != "default"]
+    stated = [e for e in options if "gravity" in e.attributes] or options[-1:]
+    for option in stated:
+        option.set(gravity=written)
     if not stated:
-        main = files.every[0].markup
-        main.add(main.root, f'<option gravity="{written}"/>')
+        files.root.added.append(f'<option gravity="{written}"/>')
     done.say("gravity", "option", goal.gravity, was, "m/s^2")
 
 
 def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
     for at in np.flatnonzero(np.abs(goal.gear - 1) > 1e-9):
         name = simulator.joints[at]
-        motors = [(one, e) for one, e in files.all("motor") if e.attributes.get("joint") == name]
+        motors = [e for e in files.all("motor") if e.attributes.get("joint") == name]
         number_of = simulator.motor(int(at))
         if len(motors) != 1 or number_of is None:
             done.refused.append(("torque_gain", int(at), "the joint has no motor of its own whose gear could carry it"))
@@ -164,7 +159,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
         was = float(gear[0])
         gear[0] *= goal.gear[at]
         last = int(np.flatnonzero(gear)[-1]) + 1
-        motors[0][0].markup.set(motors[0][1], gear=" ".join(map(number, gear[:last])))
+        motors[0].set(gear=" ".join(map(number, gear[:last])))
         done.say("gear", f"motor of joint {name}", gear[0], was, "")
 
 
@@ -174,32 +169,32 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
     assert own is not None
     for at, name in enumerate(simulator.joints):
         acting = [
-            (one, e)
-            for one, e in files.all("actuator")
-            for e in e.children
+            e
+            for actuators in files.all("actuator")
+            for e in actuators.children
             if e.attributes.get("joint") == name and e.tag in ("position", "general")
         ]
-        new = (goal.stiffness[at], goal.damping[at], goal.high[at], goal.delay[at])
-        was = (own.stiffness[at], own.damping[at], own.high[at], own.delay[at])
-        if not any(differs(a, b) for a, b in zip(new, was, strict=True) if np.isfinite(a)):
+        new, was = ((each.stiffness[at], each.damping[at], each.high[at], each.delay[at]) for each in (goal, own))
+        numbers = zip(SERVO, new, was, strict=True)
+        changed = {what: told for what, *told in numbers if np.isfinite(told[0]) and differs(*told)}
+        if not changed:
             continue
-        if len(acting) != 1 or "dampratio" in acting[0][1].attributes:
+        if len(acting) != 1 or "dampratio" in acting[0].attributes:
             done.refused.append(("drive_gain", at, "the joint has no position actuator with kp and kv of its own"))
             continue
-        one, element = acting[0]
+        drive = acting[0]
         gear = float(simulator.model.actuator_gear[actuator_of(simulator.model, simulator.model.joint(name).id), 0])
         stiffness, damping = new[0] / gear**2, new[1] / gear**2
-        if element.tag == "position":
-            one.markup.set(element, kp=number(stiffness), kv=number(damping))
+        if drive.tag == "position":
+            drive.set(kp=number(stiffness), kv=number(damping))
         else:
             pull = number(goal.pull[at] / gear)
-            one.markup.set(element, gainprm=pull, biasprm=f"0 {number(-stiffness)} {number(-damping)}")
-        if np.isfinite(new[2]) and differs(new[2], was[2]):
-            one.markup.set(element, forcerange=f"{number(goal.low[at] / gear)} {number(goal.high[at] / gear)}")
-        if differs(new[3], was[3]):
+            drive.set(gainprm=pull, biasprm=f"0 {number(-stiffness)} {number(-damping)}")
+        if "forcerange" in changed:
+            drive.set(forcelimited="true", forcerange=f"{number(goal.low[at] / gear)} {number(goal.high[at] / gear)}")
+        if "delay" in changed:
             rows = int(np.ceil(new[3] / simulator.model.opt.timestep)) + 2
-            one.markup.set(element, delay=number(new[3]), nsample=str(rows), interp="linear")
-        for what, value, before, unit in zip(("kp", "kv", "forcerange", "delay"), new, was, SERVO_UNITS, strict=True):
-            if np.isfinite(value) and differs(value, before):
-                old = before if np.isfinite(before) else None
-                done.say(what, f"drive of joint {name}", value, old, simulator.unit(at, unit))
+            drive.set(delay=number(new[3]), nsample=str(rows), interp="linear")
+        for what, (value, before) in changed.items():
+            old = before if np.isfinite(before) else None
+            done.say(what, f"drive of joint {name}", value, old, simulator.unit(at, SERVO[what]))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.simulators.files import Files, One
+from cellwatt_plugins.mismatch.simulators.files import Files
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
 from cellwatt_plugins.mismatch.simulators.markup import Element, number
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
@@ -24,26 +24,27 @@ ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     """Writes the mended file into ``folder``. Raises ``ConfigError``."""
     files = Files(simulator.path)
-    main, done = files.every[0], Written(folder)
-    links = {e.attributes.get("name", ""): e for e in main.markup.root.children if e.tag == "link"}
-    joints = {e.attributes.get("name", ""): e for e in main.markup.root.children if e.tag == "joint"}
+    done = Written(folder)
+    links, joints = (
+        {e.attributes.get("name", ""): e for e in files.root.children if e.tag == tag} for tag in ("link", "joint")
+    )
     own = simulator.links()
     for at, name in enumerate(simulator.joints):
-        _write_dynamics(simulator, goal, at, main, joints[name], done)
+        _write_dynamics(simulator, goal, at, joints[name], done)
         child = joints[name].child("child")
         link = links.get("" if child is None else child.attributes.get("link", ""))
         if link is None:
             raise ConfigError(f"{simulator.path}: joint {name} has no child link")
         if differ(goal.links[at], own[at]):
-            write_inertial(main, link, _inertial(goal.links[at]))
+            write_inertial(link, _inertial(goal.links[at]))
             done.say_inertial(goal.links[at], own[at], f"link {link.attributes.get('name', '')}")
         if goal.payload is not None and at == len(own) - 1:
-            _add_payload(goal.payload, main, link, links, done)
+            _add_payload(goal.payload, files.root, link, links, done)
     done.path = files.write(folder)[0]
     return done
 
 
-def _write_dynamics(simulator: Simulator, goal: Target, at: int, one: One, joint: Element, done: Written) -> None:
+def _write_dynamics(simulator: Simulator, goal: Target, at: int, joint: Element, done: Written) -> None:
     model, dof, name = simulator.model, simulator.places[1][at], simulator.joints[at]
     there = joint.child("dynamics")
     wanted = {
@@ -55,9 +56,9 @@ def _write_dynamics(simulator: Simulator, goal: Target, at: int, one: One, joint
         value, was, unit = wanted[what]
         done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
     if there is not None:
-        one.markup.set(there, **new)
+        there.set(**new)
     elif new:
-        one.markup.add(joint, "<dynamics " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>")
+        joint.added.append("<dynamics " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>")
 
 
 def _inertial(parameters: Float) -> str:
@@ -69,14 +70,13 @@ def _inertial(parameters: Float) -> str:
     )
 
 
-def _add_payload(parameters: Float, one: One, link: Element, taken: Collection[str], done: Written) -> None:
+def _add_payload(parameters: Float, root: Element, link: Element, taken: Collection[str], done: Written) -> None:
     name = name_of_payload(taken)
-    one.markup.add(
-        one.markup.root,
+    root.added += [
         f'<link name="{name}">{_inertial(parameters)}</link>',
         f'<joint name="{name}_fixed" type="fixed">'
         f'<parent link="{link.attributes["name"]}"/><child link="{name}"/></joint>',
-    )
+    ]
     done.say_inertial(parameters, None, f"link {name}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.mismatch.simulators.files import One
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
 from cellwatt_plugins.mismatch.simulators.markup import Element
 
@@ -66,17 +66,17 @@ def _told(value: ArrayLike) -> float | tuple[float, ...]:
 
 
 def differs(value: float, was: float) -> bool:
-    """True if a number differs, rounding aside."""
-    return abs(value - was) > SMALL * max(abs(value), abs(was), 1e-12)
+    """True if a number differs, rounding aside; a finite one differs from one without limit."""
+    return not math.isclose(value, was, rel_tol=SMALL, abs_tol=1e-12 * SMALL)
 
 
-def write_inertial(one: One, body: Element, text: str) -> None:
+def write_inertial(body: Element, text: str) -> None:
     """Write a body's inertia in place of what is there."""
     there = body.child("inertial")
     if there is None:
-        one.markup.add(body, text)
+        body.added.append(text)
     else:
-        one.markup.replace(there, text)
+        there.instead = text
 
 
 def name_of_payload(taken: Collection[str]) -> str:

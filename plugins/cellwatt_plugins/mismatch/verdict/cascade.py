@@ -10,13 +10,11 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
+from cellwatt_plugins.mismatch.fit.problem import Place, Problem, Term, said
 from cellwatt_plugins.mismatch.fit.retuning import all_fixed, freed
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.findings import Step, StepKind
 from cellwatt_plugins.robot.curves import Curve
-
-Place = tuple[str, int | None]
 
 LEAST = 0.01
 """Error in units of the noise that a channel counts for at least."""
@@ -32,6 +30,11 @@ class Added:
     drop: float
     """Sum over the channels of the mean square error that it takes off, in units of the noise."""
 
+    @property
+    def curve(self) -> bool:
+        """True of a curve of no known law."""
+        return isinstance(self.term.effect, Curve)
+
 
 @dataclass(frozen=True)
 class Falling:
@@ -39,22 +42,15 @@ class Falling:
 
     problem: Problem
     simulation: Float
-    findings: tuple[Added, ...]
-    """Largest first."""
-    curves: tuple[Added, ...]
+    added: tuple[Added, ...]
+    """Laws, the largest first, then curves."""
     model: Float
     """With the nominal numbers retuned, too."""
 
     @property
     def untuned(self) -> Float:
         """With all terms, before the nominal numbers are retuned."""
-        added = (*self.findings, *self.curves)
-        return added[-1].after if added else self.simulation
-
-    @property
-    def channels(self) -> list[int]:
-        """Channels (0-based) of which anything was measured."""
-        return self.problem.told if self.problem.side == "torque" else [0]
+        return self.added[-1].after if self.added else self.simulation
 
 
 def falling(solution: Solution) -> Falling:
@@ -78,10 +74,7 @@ def falling(solution: Solution) -> Falling:
         after = error(fixed, chosen)
         out.append(Added(term, before, after, float(np.sum(np.square(before / floor) - np.square(after / floor)))))
         before = after
-    findings, curves = tuple(out[: len(laws)]), tuple(out[len(laws) :])
-    return Falling(
-        best.problem, best.problem.rms(best.problem.design.target), findings, curves, error(free, best.terms)
-    )
+    return Falling(best.problem, best.problem.rms(best.problem.design.target), tuple(out), error(free, best.terms))
 
 
 def _once(solution: Solution) -> list[Term]:
@@ -115,17 +108,17 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
 
     ``mounted`` (C,) are the errors of the torques in the simulation's own gravity, where the arm is mounted otherwise.
     """
-    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.channels}
-    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.channels}
+    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.problem.told}
+    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.problem.told}
 
     def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
         ratios = [max(errors[at] / floors[at], LEAST) for at in errors]
         total = float(np.exp(np.mean(np.log(ratios)))) if ratios else 0.0
         named = {sides[i].problem.channel(c)[0]: value for (i, c), value in errors.items()}
-        return Step(kind, label, effect, None if joint is None else joint + 1, total, named, held_out)
+        return Step(kind, label, effect, joint, total, named, held_out)
 
     def put(i: int, values: Float) -> None:
-        errors.update({(i, c): float(values[c]) for c in sides[i].channels})
+        errors.update({(i, c): float(values[c]) for c in sides[i].problem.told})
 
     steps = []
     if mounted is None:
@@ -136,15 +129,11 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
         steps.append(step("simulation", "your simulation", held_out=False))
         put(0, upright[0])
         steps.append(step("finding", "mount of the base", "gravity_tilt", held_out=False))
-    for kind in ("finding", "curve"):
-        parts = [
-            [(i, a) for a in (side.findings if kind == "finding" else side.curves)] for i, side in enumerate(sides)
-        ]
-        for i, added in heapq.merge(*parts, key=lambda pair: -pair[1].drop):
-            put(i, added.after)
-            term = added.term
-            held_out = not term.effect.form.intermittent
-            steps.append(step("finding" if kind == "finding" else "curve", said(term), *term.place, held_out))
+    parts = [[(i, added) for added in side.added] for i, side in enumerate(sides)]
+    for i, added in heapq.merge(*parts, key=lambda pair: (pair[1].curve, -pair[1].drop)):
+        put(i, added.after)
+        term, held_out = added.term, not added.term.effect.form.intermittent
+        steps.append(step("curve" if added.curve else "finding", said(term), term.effect.name, term.number, held_out))
     for i, side in enumerate(sides):
         put(i, side.model)
     return (*steps, step("retuning", "your numbers retuned"))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.problem import Place, Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import confirmed_share
 from cellwatt_plugins.mismatch.input.baseline import Baseline
@@ -40,32 +40,28 @@ def _foreseen(solution: Solution, term: Term) -> Float:
 
 def retuned(torque: Solution, supply: Solution | None) -> Retuned:
     """Return the corrections of the nominal parameters by the fits."""
-    robot = torque.problem.states[0].robot
-    joints = len(robot.joints)
-    values = torque.fit.coefficients
-    friction = []
-    at = 10 * joints
-    for name in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
-        row, there = np.zeros(joints), np.flatnonzero(robot.column(name) > 0)
-        row[there] = values[at : at + len(there)]
-        friction.append(row)
-        at += len(there)
-    standby, resistance = (0.0, np.zeros(joints)) if supply is None else _supply(supply, joints)
-    return Retuned(values[: 10 * joints].copy(), friction[0], friction[1], friction[2], standby, resistance)
+    found = {
+        (number.name, number.joint): solution.fit.coefficients[place]
+        for solution in (torque, supply)
+        if solution is not None
+        for number, place in zip(solution.problem.nuisance, solution.problem.design.slices, strict=True)
+    }
+    joints = range(len(torque.problem.states[0].robot.joints))
+
+    def one(name: str, joint: int | None) -> float:
+        return float(found[name, joint][0]) if (name, joint) in found else 0.0
+
+    return Retuned(
+        np.concatenate([found["link", joint] for joint in joints]),
+        np.array([one("coulomb_friction", joint) for joint in joints]),
+        np.array([one("viscous_friction", joint) for joint in joints]),
+        np.array([one("rotor_inertia", joint) for joint in joints]),
+        one("standby_power", None),
+        np.array([one("winding_resistance", joint) for joint in joints]),
+    )
 
 
-def _supply(supply: Solution, joints: int) -> tuple[float, Float]:
-    """Standby power W and factors of the resistances (n,) that are off."""
-    robot, values = supply.problem.states[0].robot, supply.fit.coefficients
-    standby = float(values[0]) if robot.standby_power > 0 else 0.0
-    resistance = np.zeros(joints)
-    heating = np.flatnonzero((robot.column("winding_resistance") > 0) & (robot.column("torque_constant") > 0))
-    at = 1 if robot.standby_power > 0 else 0
-    resistance[heating] = values[at : at + len(heating)]
-    return standby, resistance
-
-
-def estimates(solution: Solution) -> dict[tuple[str, int | None], Estimate]:
+def estimates(solution: Solution) -> dict[Place, Estimate]:
     """Coefficients and shapes of each term with their joint covariance: Gauss-Newton around the solution."""
     blocks, slopes = list(solution.fit.blocks), []
     for term in solution.terms:

@@ -38,7 +38,9 @@ def findings_of(solution: Solution, steps: Falling, left: Sequence[LackOfFit], g
     beside = LeaveOut(solution.problem, solution.factor)
     last = solution.problem.rms(beside.residual(solution.terms))
     found = [
-        (added, _finding(solution, beside, added, known[added.term.place], last, gain)) for added in steps.findings
+        (added, _finding(solution, beside, added, known[added.term.place], last, gain))
+        for added in steps.added
+        if not added.curve
     ]
     named = [finding for added, finding in found if not _open(added.term, finding)]
     return [finding for finding in named if not _mean_of(left, finding)]
@@ -70,7 +72,7 @@ def _finding(
     if term.joint is not None:
         parameters = {name: replace(p, unit=robot.unit(term.joint, p.unit)) for name, p in parameters.items()}
     described = term.effect.described(robot, term.joint)
-    who = "The robot" if term.joint is None else f"Joint {term.joint + 1}"
+    who = "The robot" if term.joint is None else f"Joint {term.number}"
     statement = _mistuned(who, term, parameters, described) if described else term.effect.statement(who, parameters)
     channels = _channels(solution, term)
     gone = (added.before - added.after) / solution.problem.floor
@@ -84,7 +86,7 @@ def _finding(
         share = max(share, _share(solution, main, without, last))
     return Finding(
         effect=term.effect.name,
-        joint=None if term.joint is None else term.joint + 1,
+        joint=term.number,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
         confidence=min(_confidence(term, own, rivals), _worth(step, share, seen or _seen(main, added))),
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
@@ -217,6 +219,5 @@ def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[
         if rival.gain > NEARLY * own or own - rival.gain < CLOSE:
             why = experiments.get(name, "repeat with slower and faster motion, and with another load")
             close = "fits as well" if own - rival.gain < CLOSE else "fits nearly as well"
-            joint = None if rival.term.joint is None else rival.term.joint + 1
-            out.append(Alternative(name, joint, f"{close}; to tell them apart: {why}"))
+            out.append(Alternative(name, rival.term.number, f"{close}; to tell them apart: {why}"))
     return tuple(out[:3])

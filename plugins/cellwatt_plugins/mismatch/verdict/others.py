@@ -16,7 +16,7 @@ from cellwatt_plugins.mismatch.input.reading import read_one
 from cellwatt_plugins.mismatch.input.sources import Source
 from cellwatt_plugins.mismatch.model import Model, predict_states
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Other
-from cellwatt_plugins.robot.meter import held
+from cellwatt_plugins.robot.meter.held import held
 
 FACTOR = 2.0
 """Error over that in the data left out of the fit from which on a recording is not explained."""
@@ -70,16 +70,21 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
     except RecordingError as error:
         return Other(file.name, None, why=str(error))
     predicted = predict_states(model, states)
-    counts = ~run.filled
-    parts = [(f"tau_{i + 1}", "N*m", run.torque[counts, i], predicted.torque[counts, i]) for i in range(run.joints)]
-    if run.power is not None and held([(run.time, run.power)]) is None:
-        parts.append(("power", "W", run.power[counts], predicted.power[counts]))
-    found = [
-        Other(file.name, _explained(error, usual[name], measured, model), name, unit, error, usual[name])
-        for name, unit, measured, said in parts
-        if name in usual
-        for error in [float(np.sqrt(np.mean(np.square(measured - said))))]
+    parts = [
+        (f"tau_{i + 1}", model.robot.unit(i, "N*m"), run.torque[:, i], predicted.torque[:, i])
+        for i in range(run.joints)
     ]
+    if run.power is not None and held([(run.time, run.power)]) is None:
+        parts.append(("power", "W", run.power, predicted.power))
+    found = []
+    for name, unit, measured, said in parts:
+        read = np.isfinite(measured) & ~run.filled
+        if name in usual and read.any():
+            off = float(np.sqrt(np.mean(np.square(measured - said)[read])))
+            explained = _explained(off, usual[name], measured[read], model)
+            found.append(Other(file.name, explained, name, unit, off, usual[name]))
+    if not found:
+        return Other(file.name, None, why="no channel was read that the others were explained by")
     return max(found, key=lambda other: (other.explained is False, other.error / other.usual))
 
 

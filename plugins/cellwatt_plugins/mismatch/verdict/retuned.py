@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.mismatch.fit.nuisance import Nominal
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.cascade import Falling
 from cellwatt_plugins.mismatch.verdict.findings import Retuned
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import INHERITED
 from cellwatt_plugins.robot.priors import link_prior
@@ -25,8 +27,14 @@ BEYOND = 2.0
 """Tolerances, and standard errors, from which a number is off beyond its tolerance."""
 CERTAIN = 2.0
 """Standard errors by which a number is off for certain."""
-FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
-UNITS = {"coulomb_friction": "N*m", "viscous_friction": "N*m*s/rad", "rotor_inertia": "kg*m^2"}
+NUMBERS = {
+    "coulomb_friction": ("N*m", "friction"),
+    "viscous_friction": ("N*m*s/rad", "friction"),
+    "rotor_inertia": ("kg*m^2", "rotor_inertia"),
+    "standby_power": ("W", "supply"),
+    "winding_resistance": ("Ohm", "supply"),
+}
+"""Unit of each number, and the key of its tolerance."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +63,11 @@ class _Moved:
 def retuned_of(solution: Solution, fall: Falling) -> list[Retuned]:
     """The numbers of one side that are worth telling."""
     best, out = solution.best, list[Retuned]()
-    answers = _answers(fall)
-    for i, moved in enumerate(_moved(best)):
+    answers, covariance = _answers(fall), best.fit.covariance
+    for i, (number, place) in enumerate(zip(best.problem.nuisance, best.problem.design.slices, strict=True)):
+        moved = _moved(best.problem.states[0].arm, number, best.fit.coefficients[place], covariance[place, place])
+        if not moved:
+            continue
         explained = [c for c, gone in answers.items() if _share(best, i, c) > OWN * gone]
         most = max(moved, key=lambda m: abs(m.off) / max(m.tolerance, m.std, 1e-12))
         named = [m for m in moved if m.beyond or (explained and (m is most or abs(m.off) > CERTAIN * m.std))]
@@ -70,7 +81,9 @@ def _answers(fall: Falling) -> dict[int, float]:
     beyond = np.square(fall.simulation) - np.square(floor)
     gone = np.square(fall.untuned) - np.square(fall.model)
     return {
-        c: float(gone[c]) for c in fall.channels if fall.simulation[c] > SEEN * floor[c] and gone[c] > MOST * beyond[c]
+        c: float(gone[c])
+        for c in fall.problem.told
+        if fall.simulation[c] > SEEN * floor[c] and gone[c] > MOST * beyond[c]
     }
 
 
@@ -83,35 +96,21 @@ def _share(best: Solution, block: int, channel: int) -> float:
     return float(np.mean(np.square(left + added)) - np.mean(np.square(left)))
 
 
-def _moved(best: Solution) -> Iterator[Sequence[_Moved]]:
-    """The numbers of each block of the nominal parameters, in the order of the blocks."""
-    covariance = best.fit.covariance
-    robot, places = best.problem.states[0].robot, iter(best.problem.design.slices)
-
-    def alone(
-        place: slice, name: str, joint: int | None, was: float, unit: str, share: float, scale: float = 1.0
-    ) -> Sequence[_Moved]:
-        off, std = float(best.fit.coefficients[place][0]), float(np.sqrt(covariance[place, place][0, 0]))
-        return [_Moved(name, joint, was, scale * off, scale * std, unit, share * was)]
-
-    if best.problem.side == "supply":
-        share = robot.tolerances.supply
-        if robot.standby_power > 0:
-            yield alone(next(places), "standby_power", None, robot.standby_power, "W", share)
-        heating = np.flatnonzero((robot.column("winding_resistance") > 0) & (robot.column("torque_constant") > 0))
-        for joint, place in zip(heating.tolist(), places, strict=False):
-            was = robot.joints[joint].winding_resistance
-            yield alone(place, "winding_resistance", joint, was, "Ohm", share, was)
-        return
-    links = best.problem.states[0].arm.body.parameters().reshape(-1, PER_LINK)
-    for joint, own in enumerate(links):
-        place = next(places)
-        yield _link(joint, own, best.fit.coefficients[place], covariance[place, place], robot.tolerances.link)
-    for name in FRICTION:
-        share = robot.tolerances.rotor_inertia if name == "rotor_inertia" else robot.tolerances.friction
-        for joint, was in enumerate(robot.column(name).tolist()):
-            if was > 0:
-                yield alone(next(places), name, joint, was, robot.unit(joint, UNITS[name]), share)
+def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[_Moved]:
+    """A link's numbers, or one of a joint or the supply, fitted with covariance ``spread``; none without a number."""
+    robot, name, joint = arm.description, number.name, number.joint
+    if name == "link" and joint is not None:
+        own = arm.body.parameters().reshape(-1, PER_LINK)[joint]
+        return _link(joint, own, off, spread, robot.tolerances.link)
+    if name not in NUMBERS:
+        return []
+    unit, tolerance = NUMBERS[name]
+    was = float(getattr(robot if joint is None else robot.joints[joint], name))
+    # Of a resistance the share is fitted by which it is off.
+    scale = was if name == "winding_resistance" else 1.0
+    std, share = float(np.sqrt(spread[0, 0])), getattr(robot.tolerances, tolerance)
+    unit = unit if joint is None else robot.unit(joint, unit)
+    return [_Moved(name, joint, was, scale * float(off[0]), scale * std, unit, share * was)]
 
 
 def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -> list[_Moved]:

@@ -12,8 +12,8 @@ import numpy as np
 
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.noise import hum
-from cellwatt_plugins.mismatch.fit.problem import encoder_floor, rattling
 from cellwatt_plugins.mismatch.fit.rows import Filtered
+from cellwatt_plugins.mismatch.fit.sides import encoder_floor, rattling
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Improvement, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, between

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cellwatt.files import Place, Places, paths_of
+from cellwatt.files import Place, Places, paths_of, write_file
 from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
@@ -90,14 +90,14 @@ class PowerModel:
     def save(self, folder: Place) -> list[Path]:
         """Write model.onnx (the best), nls.onnx and scg.onnx (the paper's) and power.json; return the files.
 
-        Raises ``ModelError``.
+        Raises ``ModelError``, ``CellwattError``.
         """
         out, trained = Path(folder), self.trained
         write(out / "model.onnx", trained.fitted, self.moves, self.arm)
         published = {name: m for name, m in (("nls.onnx", trained.nls), ("scg.onnx", trained.scg)) if m is not None}
         for name, model in published.items():
             write_published(out / name, model, trained.tuning, self.moves, self.arm)
-        (out / "power.json").write_text(json.dumps(self.as_json()))
+        write_file(out / "power.json", json.dumps(self.as_json()))
         return [out / name for name in ("model.onnx", *published, "power.json")]
 
     def report(self, path: Place) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.smoothing import Smoother
@@ -61,7 +61,7 @@ class Rows:
             kept = np.arange(len(moves))
         kept = kept[:: spacing(moves, most, len(kept))]
         torque = moves.current * constant
-        rows = cls(q, qd, qdd, torque, moves.move, moves.payload, None, Shown.of(moves, kept)).part(kept)
+        rows = rows_of(cls(q, qd, qdd, torque, moves.move, moves.payload, None, Shown.of(moves, kept)), kept)
         if moves.temperature is None:
             return rows
         return rows.with_temperature(moves.temperature[kept], mean_temperature(moves.temperature))
@@ -69,14 +69,6 @@ class Rows:
     def with_temperature(self, temperature: Float, mean: Float) -> Rows:
         """Warmth from joint temperatures (N, n) beyond a training's mean (n,), °C."""
         return replace(self, warmth=(temperature - mean) / PER_WARMTH)
-
-    def part(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Rows:
-        """Some of them."""
-        kept: dict[str, Any] = {}
-        for each in fields(self):
-            value = getattr(self, each.name)
-            kept[each.name] = value[rows] if isinstance(value, np.ndarray) else value
-        return Rows(**kept)
 
 
 def mean_temperature(temperature: Float) -> Float:
@@ -102,6 +94,13 @@ class Design:
         """All ``names`` as columns beside ``shared`` ones; ``inertial`` (R,) makes the load that some depend on."""
         motion = Motion(rows.q, rows.qd, rows.qdd, shared @ inertial, np.tanh(rows.qd / width), rows.warmth)
         return cls(shared, np.stack([TORQUE[name](motion) for name in names], axis=2), tuple(names), width)
+
+    @classmethod
+    def stated(cls, rows: Rows, body: Body, width: float, names: Sequence[str]) -> tuple[Design, Float]:
+        """The same where the load is that of the URDF and of the payload as stated; and these numbers, (R,)."""
+        links, carrying = body.parameters(), rows.payload is not None
+        inertial = np.concatenate([links, CARRIED_AS_STATED]) if carrying else links
+        return cls.of(rows, shared_columns(rows, body, carrying), inertial, width, names), inertial
 
 
 @dataclass(frozen=True)

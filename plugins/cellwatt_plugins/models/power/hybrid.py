@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
 from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shared_columns
 from cellwatt_plugins.models.power.leftover import Leftover
@@ -85,7 +85,7 @@ class Hybrid:
         """Power (N,) W, NaN where the model has none, and currents (N, n) A of smoothed rows."""
         power, current = np.full(len(rows), np.nan), np.empty_like(rows.q)
         for first in range(0, len(rows), AT_ONCE):
-            part = rows.part(slice(first, first + AT_ONCE))
+            part = rows_of(rows, slice(first, first + AT_ONCE))
             motion = self.motion(part, shared_columns(part, body, self.carries(body.joints)))
             watts, amperes = self.outputs(self.torque(motion), part.qd)
             current[first : first + AT_ONCE] = amperes

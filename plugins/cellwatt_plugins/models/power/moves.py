@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
 from cellwatt_plugins.models.predict import starts_of
-from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
+from cellwatt_plugins.robot.meter.file import power_beside, with_meters
+from cellwatt_plugins.robot.meter.held import onto
+from cellwatt_plugins.robot.meter.model import Meter
 from cellwatt_plugins.robot.samples import interpolated
 
 POWER = ("supply.power", "bus.power")
-"""Channels that a model of the supply power may be trained on; the first that is there counts."""
+"""Channels that a model of the supply power may be trained on; the first that holds numbers counts."""
 UNEVEN = 0.02
 """Steps that differ by more than this share are put on an even grid."""
 SHORTEST = 10
@@ -77,10 +79,8 @@ class Moves:
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
         """Some whole moves, numbered anew."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        kept: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
-        kept["move"] = np.unique(kept["move"], return_inverse=True)[1].astype(np.int64)
-        return replace(self, **kept)
+        kept = rows_of(self, rows)
+        return replace(kept, move=np.unique(kept.move, return_inverse=True)[1].astype(np.int64))
 
     def only(self, moves: Iterable[int]) -> Moves:
         """Some moves."""
@@ -132,11 +132,10 @@ def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, F
     """The fields of ``Moves`` that a file has, beside the time."""
     missing = np.full(len(table), np.nan)
     current = _each(table, "current", joints)
-    power = metered
-    for name in POWER:
-        power = table.whole(name) if power is None else power
+    known = [metered] if metered is not None else [table.whole(name) for name in POWER]
+    power = next((each for each in known if each is not None and np.isfinite(each).any()), None)
     if current is None and power is None:
-        raise table.lacks(f"power, nor of {usual('current', 1)} …")
+        raise table.lacks(f"power, nor of {usual('current', 1)} …, that holds numbers")
     optional = {"payload": table.whole("tool.payload"), "temperature": _each(table, "temperature", joints)}
     return {
         "q": table.needed("position", joints),

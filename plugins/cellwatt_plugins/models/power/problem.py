@@ -10,14 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.power import torque as torques
-from cellwatt_plugins.models.power.design import (
-    CARRIED_AS_STATED,
-    Belief,
-    Design,
-    Rows,
-    possible,
-    shared_columns,
-)
+from cellwatt_plugins.models.power.design import Belief, Design, Rows, possible
 from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
@@ -57,11 +50,7 @@ class Problem:
         constant = arm.column("torque_constant")
         rows = Rows.of(moves, tuning.smoother, constant, MOST)
         able = possible(rows, tuning.width) if effects is None else effects
-        inertial = arm.body.parameters()
-        if rows.payload is not None:
-            inertial = np.concatenate([inertial, CARRIED_AS_STATED])
-        shared = shared_columns(rows, arm.body, rows.payload is not None)
-        design = Design.of(rows, shared, inertial, tuning.width, terms_of(able))
+        design, inertial = Design.stated(rows, arm.body, tuning.width, terms_of(able))
         scale = _scale(rows, design, inertial, constant)
         noise = np.nan_to_num(noise_of(moves.current * constant), nan=1e-6)
         variance = np.broadcast_to((0.05 * scale) ** 2 + noise**2, rows.q.shape)

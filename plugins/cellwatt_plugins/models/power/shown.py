@@ -13,7 +13,10 @@ from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.meter import Course, Readings, find, held, kinds_of_power
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.held import held
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_power
+from cellwatt_plugins.robot.meter.model import Readings
 from cellwatt_plugins.robot.motion import differentiate
 
 PER_WINDOW: Final = 3

@@ -20,6 +20,8 @@ from cellwatt_plugins.noise import white_noise
 DIFFERENCES = 4
 """Noise is read off differences of this order, which leave nothing of a smooth motion."""
 LEAST_NOISE = 1e-8
+AT_ONCE = 20_000
+"""Rows whose windows are in memory together."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,12 @@ class Smoother:
         """q, q̇, q̈ (N, n) each; beyond the ends of a move its first and last row are held."""
         out = np.empty((3, *moves.q.shape))
         for first, end in moves.bounds():
-            rows = np.arange(first, end)[:, None] + np.arange(1 - self.window, 1) + self.delay
-            rows = np.clip(rows, first, end - 1)
-            seen = np.stack([moves.q[rows], moves.qd[rows]], axis=2).reshape(end - first, 2 * self.window, -1)
-            out[:, first:end] = (self.weights @ seen).transpose(1, 0, 2)
+            for some in range(first, end, AT_ONCE):
+                last = min(some + AT_ONCE, end)
+                rows = np.arange(some, last)[:, None] + np.arange(1 - self.window, 1) + self.delay
+                rows = np.clip(rows, first, end - 1)
+                seen = np.stack([moves.q[rows], moves.qd[rows]], axis=2).reshape(last - some, 2 * self.window, -1)
+                out[:, some:last] = (self.weights @ seen).transpose(1, 0, 2)
         return out[0], out[1], out[2]
 
     def trace(self, graph: Graph, joints: int, columns: int, seen: str | None = None) -> list[Tensor]:

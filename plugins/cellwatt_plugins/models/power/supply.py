@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.folds import GAIN, grown
 from cellwatt_plugins.models.power.terms import DRIVE_ALWAYS, LOSSES
@@ -184,7 +184,7 @@ def _score(
     drive, power, fold, robot, meter = measured
 
     def part(kept: NDArray[np.bool_]) -> tuple[Drives, csr_array | None]:
-        return (drive.rows(kept), None) if meter is None else (drive, meter[kept])
+        return (rows_of(drive, kept), None) if meter is None else (drive, meter[kept])
 
     belief = believed(drive, power, *trial, robot)
     out = []

@@ -25,7 +25,7 @@ from cellwatt_plugins.models.power.shown import through_its_meter
 from cellwatt_plugins.models.power.smoothing import noise_of
 from cellwatt_plugins.models.power.tuning import Tuning, tune
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.meter import Meter
+from cellwatt_plugins.robot.meter.model import Meter
 
 Predictions = dict[str, tuple[Float, Float]]
 """Power (N,) W and currents (N, n) A by method."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from cellwatt.scheduler import spread
-from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, shared_columns
+from cellwatt_plugins.models.power.design import Belief, Design, Rows
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 from cellwatt_plugins.models.power.torque import solve, sums_of
@@ -94,11 +94,7 @@ def _left(trial: Trial, known: _Known) -> float:
     velocity, acceleration, width = trial
     arm, smoother = known.arm, known.smoother(velocity, acceleration)
     rows = Rows.of(known.moves, smoother, arm.column("torque_constant"), TRIED, whole=False)
-    shared = shared_columns(rows, arm.body, rows.payload is not None)
-    inertial = arm.body.parameters()
-    if rows.payload is not None:
-        inertial = np.concatenate([inertial, CARRIED_AS_STATED])
-    design = Design.of(rows, shared, inertial, width, TERMS)
+    design, _ = Design.stated(rows, arm.body, width, TERMS)
     scale = np.nanstd(rows.torque, axis=0) + 1e-9
     belief = Belief.of(arm, design, scale, DOUBT)
     variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)

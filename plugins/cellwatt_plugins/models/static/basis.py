@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -55,15 +55,8 @@ class Basis:
 
     def rows(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Basis:
         """Some of the poses."""
-        return Basis(
-            self.vertical[which],
-            self.sideways[:, which],
-            self.slopes[:, which],
-            self.share[which],
-            self.direction[which],
-            self.payload[which],
-            self.half,
-        )
+        kept = {name: getattr(self, name)[which] for name in ("vertical", "share", "direction", "payload")}
+        return replace(self, sideways=self.sideways[:, which], slopes=self.slopes[:, which], **kept)
 
     def __len__(self) -> int:
         return len(self.share)

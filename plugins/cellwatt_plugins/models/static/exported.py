@@ -17,7 +17,7 @@ from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, 
 from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
 from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
-from cellwatt_plugins.models.static.paper import Perceptron
+from cellwatt_plugins.models.static.paper import Sigmoids
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot.drive import copper_gain
 
@@ -78,7 +78,7 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, pose
     write_model(path, content, metadata)
 
 
-def write_paper(path: Path, network: Perceptron | None, arm: HeldArm, poses: Poses, with_gravity: bool) -> None:
+def write_paper(path: Path, network: Sigmoids | None, arm: HeldArm, poses: Poses, with_gravity: bool) -> None:
     """One of the paper's methods: gravity alone, a network alone, or the network on top of gravity."""
     n = arm.arm.body.joints
     graph = Graph(n)

@@ -65,14 +65,9 @@ class Curve:
         return f"More poses would no longer help: {self.enough} are as good as all {self.poses}; the error is {error}."
 
 
-def sizes_for(count: int) -> tuple[int, ...]:
-    """Numbers of poses to try for a collection of ``count``."""
-    return tuple(size for size in SIZES if size <= _LARGEST * count)
-
-
 def learning_curve(poses: Poses, basis: Basis, effects: Effects, floor: float, reached: float, seed: int) -> Curve:
     """Trains on part of the poses, ``REPEATS`` times each; physics alone."""
-    sizes = sizes_for(len(poses))
+    sizes = [size for size in SIZES if size <= _LARGEST * len(poses)]
     draws = [(seed, size, repeat) for size in sizes for repeat in range(REPEATS)]
     errors = spread(_error, draws, "models of fewer poses", shared=(poses, basis, effects))
     points = []

@@ -29,7 +29,7 @@ _BATCH: Final = 32
 
 
 @dataclass(frozen=True)
-class Perceptron:
+class Sigmoids:
     """One hidden layer of sigmoids; scaling of inputs (N, k) and of the output (N,) included."""
 
     centre: Float
@@ -70,13 +70,13 @@ Pair = tuple[Float, Float]
 """Inputs (N, k) and targets (N,)."""
 
 
-def searched(pairs: Sequence[Pair], seed: int) -> list[Perceptron]:
+def searched(pairs: Sequence[Pair], seed: int) -> list[Sigmoids]:
     """For each of some ``pairs`` the network with the number of neurons that tree-structured Parzen estimators find
     best, trained on all rows."""
     return spread(_best, pairs, "networks of the best size", shared=seed)
 
 
-def _best(pair: Pair, seed: int) -> Perceptron:
+def _best(pair: Pair, seed: int) -> Sigmoids:
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -95,7 +95,7 @@ def _error(inputs: Float, target: Float, neurons: int, seed: int) -> float:
     return float(np.mean((learnt(inputs[held]) - target[held]) ** 2))
 
 
-def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int = EPOCHS) -> Perceptron:
+def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int = EPOCHS) -> Sigmoids:
     """One network, trained with Adam: the same as with fewer ``epochs`` up to there."""
     from sklearn.exceptions import ConvergenceWarning  # type: ignore[import-untyped]
     from sklearn.neural_network import MLPRegressor  # type: ignore[import-untyped]
@@ -119,6 +119,6 @@ def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int =
     return _plain(network, centre, scale, middle, width)
 
 
-def _plain(network: Any, centre: Float, scale: Float, middle: float, width: float) -> Perceptron:
+def _plain(network: Any, centre: Float, scale: Float, middle: float, width: float) -> Sigmoids:
     (hidden, out), (bias, last) = network.coefs_, network.intercepts_
-    return Perceptron(centre, scale, hidden, bias, out[:, 0] * width, float(last[0]) * width + middle)
+    return Sigmoids(centre, scale, hidden, bias, out[:, 0] * width, float(last[0]) * width + middle)

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cellwatt.arrays import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
@@ -24,6 +23,7 @@ FEWEST: Final = 12
 _LIGHT: Final = 0.05  # kg: payloads that differ by less teach nothing
 COLUMNS: Final = ("q", "torque", "approach", "payload")
 """Fields of ``Poses`` with a row a pose."""
+_ALIKE: Final = 1e-3  # rad: poses in which no joint differs by more are one
 _SHORT: Final = 0.25
 """Poses with less than this share of the usual number of samples are left out."""
 
@@ -44,11 +44,6 @@ class Poses:
 
     def __len__(self) -> int:
         return len(self.q)
-
-    def rows(self, which: NDArray[np.intp]) -> Poses:
-        """Some of the poses."""
-        kept: dict[str, Any] = {name: getattr(self, name)[which] for name in COLUMNS}
-        return replace(self, **kept)
 
     @property
     def payload_known(self) -> bool:
@@ -126,9 +121,16 @@ def _grouped(pose: Float, q: Float, torque: Float, known: Float, payload: Float)
 def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     whole = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
-    finite = np.isfinite(np.hstack([whole.q, whole.torque]))
-    whole = whole.rows(np.flatnonzero(finite.all(axis=1)))
+    finite = np.isfinite(np.hstack([whole.q, whole.torque])).all(axis=1)
+    if not finite.all():
+        note = f"{int(np.sum(~finite))} poses have samples that are no numbers and are left out"
+        whole = replace(rows_of(whole, np.flatnonzero(finite)), notes=(*whole.notes, note))
+    where = ", ".join(map(str, paths))
     if len(whole) < FEWEST:
-        where = ", ".join(map(str, paths))
-        raise RecordingError(f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model")
+        left_out = "".join(f"; {note}" for note in whole.notes)
+        raise RecordingError(
+            f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model{left_out}"
+        )
+    if np.ptp(whole.q, axis=0).max() < _ALIKE or not whole.torque.any():
+        raise RecordingError(f"{where}: all poses are the same, or all torques are 0: a model learns nothing from them")
     return whole

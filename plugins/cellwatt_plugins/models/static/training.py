@@ -24,7 +24,7 @@ from cellwatt_plugins.models.static.identify import (
     with_leftover,
 )
 from cellwatt_plugins.models.static.learning import Curve, learning_curve
-from cellwatt_plugins.models.static.paper import Perceptron
+from cellwatt_plugins.models.static.paper import Sigmoids
 from cellwatt_plugins.models.static.poses import Poses
 
 
@@ -99,7 +99,7 @@ class Trained:
     poses: Poses
     residual: Float
     """(N, n) Nm: measured less modelled torque, of all poses."""
-    networks: tuple[Perceptron, Perceptron]
+    networks: tuple[Sigmoids, Sigmoids]
     """The paper's plain network, and that of its hybrid."""
 
     @property
@@ -178,7 +178,7 @@ def write(trained: Trained, arm: HeldArm, out: Path) -> list[Path]:
     return files
 
 
-def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Method], tuple[Perceptron, Perceptron]]:
+def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Method], tuple[Sigmoids, Sigmoids]]:
     """The paper's methods on its 80/20 split."""
     rows, test = paper.split(len(poses), SEED)
     gravity = basis.vertical @ effects.cad

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -21,7 +21,6 @@ from cellwatt_plugins.robot.effects.declaration import (
     Relations,
     Uncertainty,
 )
-from cellwatt_plugins.robot.effects.possible import plausible
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
@@ -29,6 +28,8 @@ Shape = tuple[float, ...]
 """Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
 Names = tuple[tuple[str, str], ...]
 """Names of parameters, with their units."""
+Plausible = tuple[Callable[[Float], float], float, float]
+"""A number of the coefficients (m,), and the least and the greatest that it can physically be."""
 UNIT_SPREAD = 0.05
 """Standard deviation from 1 of the coefficient of an effect that is simulated to scale."""
 WIDE = 10.0
@@ -100,6 +101,8 @@ class Effect(ABC):
     coefficients_are: ClassVar[Names] = ()
     shape_is: ClassVar[Names] = ()
     """Its first coefficients, and its shape, as parameters; a number without a name is not told."""
+    plausible: ClassVar[Plausible | None] = None
+    """Where it could otherwise stand for anything."""
     sentence: ClassVar[str] = ""
     """One plain sentence with ``{who}`` (``{joint}`` inside it) and parameters, as ``{force}`` or ``{speed:.2g}``."""
 
@@ -133,7 +136,10 @@ class Effect(ABC):
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         """True if coefficients (m,) are this effect, not a plainer fact that looks the same (0-based joint)."""
-        return plausible(self.name, coefficients)
+        if self.plausible is None:
+            return True
+        number, low, high = self.plausible
+        return low <= number(coefficients) <= high
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
         """True if the simulation lacks it at all (0-based joint)."""

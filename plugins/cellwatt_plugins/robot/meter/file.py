@@ -39,8 +39,9 @@ def with_meters(recordings: Sequence[Path], meters: Sequence[Path]) -> list[tupl
 def power_beside(path: Path, time: Float, position: Float) -> Float:
     """Power (N,) W in the rows of a recording, each value of the meter's file held from when it came to the next.
 
-    ``path`` is a table with time and power; ``time`` (N,) s and ``position`` (N, n) rad are the recording's. The
-    clocks may differ by up to ``FURTHEST`` s: the motion tells by how much. Raises ``RecordingError``.
+    ``path`` is a table with time and power; ``time`` (N,) s and ``position`` (N, n) rad, NaN where not known, are the
+    recording's. The clocks may differ by up to ``FURTHEST`` s: the motion tells by how much. Raises
+    ``RecordingError``.
     """
     readings = _read(path, float(np.median(np.diff(time))))
     inside = (readings.time > time[0] - FURTHEST) & (readings.time < time[-1] + FURTHEST)
@@ -50,7 +51,9 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
             f"give files of the same time, of {SHORTEST:g} s or more"
         )
     known = Readings(readings.time[inside], readings.value[inside], readings.interval)
-    meter = find([known], [_course(time, position)], latest=FURTHEST, earliest=-FURTHEST)
+    there = np.isfinite(position).all(axis=1)
+    course = [_course(time, time[there], position[there])] if there.any() else []
+    meter = find([known], course, latest=FURTHEST, earliest=-FURTHEST) if course else None
     if meter is None:
         raise RecordingError(
             f"{path}: its power does not follow the motion of the recording: do the two files belong together, with "
@@ -80,8 +83,8 @@ def _read(path: Path, step: float) -> Readings:
     return Readings(time, power, interval * count)
 
 
-def _course(time: Float, position: Float) -> Course:
-    """Kinds of power as far as positions alone tell."""
+def _course(time: Float, known: Float, position: Float) -> Course:
+    """Kinds of power as far as positions alone tell, which are ``known`` at some of the times."""
     even = np.linspace(time[0], time[-1], len(time))
-    path = interpolated(even, time, position)
+    path = interpolated(even, known, position)
     return Course(even, kinds_of_motion(path, float(even[1] - even[0])))

@@ -106,7 +106,7 @@ def find(
     earliest: float = 0.0,
     usual: float | None = None,
 ) -> Meter | None:
-    """The meter of all segments; None where they are too few, or do not follow the motion.
+    """The meter of all segments; None where they are too few, all the same, or do not follow the motion.
 
     Its values are taken as means of a sum of the kinds, each with a weight of its own, and a level: window and delay
     are where least is left, first on a grid between ``earliest`` and ``latest``, then by Gauss-Newton. Their standard
@@ -114,14 +114,14 @@ def find(
     out: as long as from one value to the next.
     """
     shown, sums = _Shown.of(readings), _Sums.of(courses)
-    if len(shown.time) < FEWEST * (sums.sums.shape[1] + 3):
+    # Beyond a segment its ends are held: recordings begin and end at rest, and short ones would lose too much.
+    kept = np.arange(len(shown.time)) % max(1, -(-len(shown.time) // MOST)) == 0
+    value = shown.value[kept]
+    if len(shown.time) < FEWEST * (sums.sums.shape[1] + 3) or not np.ptp(value):
         return None
     windows = [w for share in WINDOWS if sums.step <= (w := share * shown.interval) <= LONGEST] or [shown.interval]
     delays = np.arange(earliest, latest, max(shown.interval / 5, FINEST))
-    # Beyond a segment its ends are held: recordings begin and end at rest, and short ones would lose too much.
-    kept = np.arange(len(shown.time)) % -(-len(shown.time) // MOST) == 0
     window, late = min(product(windows, delays), key=lambda wd: _left(shown, sums, kept, *wd))
-    value = shown.value[kept]
     free = max(1, len(value) - sums.sums.shape[1] - 3)
     unexplained = _left(shown, sums, kept, window, float(late)) / free / float(np.var(value))
     if not unexplained < 1 - ALIKE:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 
 
 @dataclass(frozen=True)
@@ -60,10 +60,6 @@ class Windows:
         """True (M,) for those within ``time`` (N,) s."""
         return np.asarray((self.start >= time[0]) & (self.end <= time[-1]))
 
-    def part(self, which: NDArray[np.bool_]) -> Windows:
-        """Some of them."""
-        return Windows(self.start[which], self.end[which])
-
 
 @dataclass(frozen=True)
 class Meter:
@@ -92,7 +88,7 @@ class Meter:
         """Of those whose whole window lies within ``time`` (N,) s: what they stand for, and their values (M,) W."""
         windows = self.windows(readings)
         inside = windows.inside(time)
-        return windows.part(inside), readings.value[inside]
+        return rows_of(windows, inside), readings.value[inside]
 
     @property
     def told(self) -> str:

@@ -83,7 +83,7 @@ class MeterStage(Stage[MeterSettings]):
         there = frames.quality[:, list(self._meters)] != Quality.MISSING
         self._seen.append((frames.time, frames.values, stamps, there))
         now = int(frames.time[-1])
-        while now - self._seen[0][0][0] > MEMORY * 1e9:
+        while len(self._seen) > 1 and now - self._seen[0][0][0] > MEMORY * 1e9:
             self._seen.popleft()
         if self._looked is None:
             self._looked = now
@@ -119,14 +119,10 @@ class MeterStage(Stage[MeterSettings]):
         positions, efforts = values[:, arm.positions], values[:, arm.efforts]
         if np.isnan(efforts).all():
             efforts = efforts[:, :0]
-        segments = [
-            s
-            for s in _whole(time, np.hstack([positions, efforts]), self.layout.step)
-            if (s.stop - s.start) * self.layout.step >= SHORTEST * 1e9
-        ]
+        least = SHORTEST * 1e9 / self.layout.step
         origin, readings, courses = int(time[0]), [], []
-        for s in segments:
-            inside = _readings(*shown, time[s], origin)
+        for s in _whole(time, np.hstack([positions, efforts]), self.layout.step):
+            inside = _readings(*shown, time[s], origin) if s.stop - s.start >= least else None
             if inside is not None:
                 readings.append(inside)
                 courses.append(_course(time[s] - origin, positions[s], efforts[s]))

@@ -19,7 +19,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.motion import Moved
-from cellwatt_plugins.robot.servo.motion import held
+from cellwatt_plugins.robot.servo.filtered import held
 
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Parts of a row at which a drive is looked at."""

@@ -13,7 +13,7 @@ from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, S
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.regression import Prior
-from cellwatt_plugins.robot.servo.motion import derivatives
+from cellwatt_plugins.robot.servo.filtered import derivatives
 
 WIDTHS = (0.02, 0.06, 0.15, 0.4)
 """Shares of the load's spread within which the drive crosses the gap."""

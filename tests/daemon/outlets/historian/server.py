@@ -30,7 +30,7 @@ class Fake(Loopback):
         self.requests.append(request)
         if self.answers:
             status, text, headers = self.answers.popleft()
-            return web.Response(status=status, text=text, headers=headers)
+            return packed(web.Response(status=status, text=text, headers=headers))
         raw = (
             gzip.decompress(body)
             if request.headers.get("Content-Encoding") == "gzip" and body[:2] == b"\x1f\x8b"
@@ -42,12 +42,19 @@ class Fake(Loopback):
         for point in map(parse, (line for line in lines if line not in bad)):
             self.points[point.measurement, tuple(sorted(point.tags.items())), point.time] = point
         if bad:
-            return web.json_response({"error": f"partial write: field type conflict dropped={len(bad)}"}, status=400)
+            told = {"error": f"partial write: field type conflict dropped={len(bad)}"}
+            return packed(web.json_response(told, status=400))
         return web.Response(status=204)
 
     @property
     def rows(self) -> list[Point]:
         return sorted((p for p in self.points.values() if p.measurement == "cellwatt"), key=lambda p: p.time)
+
+
+def packed(answer: web.Response) -> web.Response:
+    """As InfluxDB answers those who let it."""
+    answer.enable_compression()
+    return answer
 
 
 def fake() -> AbstractAsyncContextManager[Fake]:

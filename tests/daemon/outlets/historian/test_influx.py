@@ -6,18 +6,35 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from cellwatt import RecordingError
 from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
-from cellwatt.outlets.historian.client import LONGEST_WAIT, outcome_of, place_of, reason_of, wait_of
-from cellwatt.outlets.historian.outlet import REFUSED, HistorianOutlet
-from tests.daemon.outlets.historian.made import CELL, SESSION, SITE, Recorded, S, alarm, energy, frames, row_truth, task
+from cellwatt.outlets.historian.client import REFUSED, outcome_of, place_of, reason_of
+from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.remote import LONGEST_WAIT, wait_of
+from tests.daemon.outlets.historian.made import (
+    ANOTHER,
+    CELL,
+    SESSION,
+    SITE,
+    Recorded,
+    S,
+    alarm,
+    energy,
+    frames,
+    row_truth,
+    task,
+)
+from tests.daemon.outlets.historian.parsing import parse
 from tests.daemon.outlets.historian.server import Fake, fake
+from tests.daemon.outlets.notify.servers import certificates
 from tests.daemon.outlets.zenoh.fake_cell import FakeView
 from tests.doing import doing
 from tests.patience import eventually
@@ -186,6 +203,35 @@ async def test_a_server_that_asks_to_wait_is_waited_for(record: Path) -> None:
             await eventually(lambda: len(server.requests) == 7, "the seventh request", 20)
             told = "503: busy; trying again in 3600.0 s"
             await eventually(lambda: str(outlet.trouble()).endswith(told), "the trouble")
+
+
+async def test_a_certificate_that_is_not_trusted_is_told(tmp_path: Path) -> None:
+    async with Fake().open(certificates(tmp_path).context) as server, running(outlet_of(server.url, None)) as outlet:
+        outlet.offer(frames(0, 50))
+        await eventually(lambda: outlet.trouble(), "the trouble")
+        assert "its certificate is not trusted" in str(outlet.trouble())
+
+
+async def test_a_row_that_new_channels_cut_is_sent_in_two() -> None:
+    end = str(row_truth(1)["time"])
+    async with fake() as server:
+        outlet = outlet_of(server.url, None)
+        for block in (frames(0, 75), frames(75, 0), frames(75, 25, layout=ANOTHER)):
+            outlet.offer(block)
+        async with running(outlet):
+            await eventually(lambda: outlet.account.snapshot()["received"] == 3, "the rows")
+    cut = [parse(line) for line in chain(*server.batches) if line.endswith(end)]
+    means = [float(np.mean(np.arange(*span) / 7)) for span in ((50, 75), (75, 100))]
+    assert [point.fields["arm.joint_1.position"] for point in cut] == pytest.approx(means)
+
+
+async def test_what_comes_between_two_settings_is_sent_by_the_later() -> None:
+    async with fake() as server:
+        before, after = outlet_of(server.url, None), outlet_of(server.url, None)
+        before.offer(frames(0, 100))
+        after.succeed(before)
+        async with running(after):
+            await settled(server, 2)
 
 
 async def test_version_2(record: Path) -> None:

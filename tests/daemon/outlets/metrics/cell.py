@@ -11,6 +11,7 @@ import numpy as np
 from cellwatt import FrameChannel, Frames, Layout
 from cellwatt.door.settings import tls_context
 from cellwatt.outlets.metrics import MetricsSettings
+from cellwatt.outlets.metrics.catalogue import Family
 from cellwatt.outlets.metrics.outlet import MetricsOutlet
 from cellwatt.outlets.metrics.serving import Endpoint
 from cellwatt.results import Energy
@@ -24,6 +25,11 @@ LAYOUT = Layout(
     ),
     50.0,
 )
+
+
+def told(family: Family) -> str:
+    """The name that a metric's samples have."""
+    return family.name + {"counter": "_total", "info": "_info", "gauge": ""}[family.type]
 
 
 def frames(*rows: tuple[float, float, float]) -> Frames:

@@ -11,6 +11,7 @@ import yaml
 
 from cellwatt.config import load
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
+from tests.daemon.outlets.metrics.cell import told
 from tests.docs.pages import ROOT, Block, blocks
 from tests.docs.test_blocks import NEEDED
 
@@ -43,7 +44,7 @@ def test_every_metric_is_in_the_table() -> None:
     text = (ROOT / "docs" / PAGE).read_text()
     for family in CATALOGUE.values():
         labels = ", ".join(f"`{label}`" for label in family.labels)
-        assert f"| `{family.told}` | {labels} | {family.help} |" in text
+        assert f"| `{told(family)}` | {labels} | {family.help} |" in text
 
 
 def test_the_folder_of_what_is_shipped(capsys: pytest.CaptureFixture[str]) -> None:

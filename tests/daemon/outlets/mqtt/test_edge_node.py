@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import suppress
 
 import pytest
 from hypothesis import settings
@@ -269,13 +268,6 @@ def test_a_state_that_is_none_changes_nothing(wrong: bytes) -> None:
 def test_names_that_topics_cannot_hold_are_escaped() -> None:
     node = EdgeNode(SparkplugSettings(), "plant/1", "a+b#c", AlarmBook())
     assert node.connect().topic == "spBv1.0/plant%2F1/NDEATH/a%2Bb%23c"
-
-
-@pytest.mark.parametrize("size", range(0, 60, 7))
-def test_bytes_that_are_no_payload_are_refused_or_read(size: int) -> None:
-    whole = encode([metric(DataType.BOOLEAN, True, 7, "Node Control/Rebirth", 4)], 9, 1)
-    with suppress(ProtocolError):
-        decode(whole[:size] + b"\x0f\xff" * (size % 3))
 
 
 def test_results_have_units_and_their_own_time() -> None:

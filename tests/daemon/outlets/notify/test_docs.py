@@ -17,7 +17,7 @@ from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
 from tests.docs.pages import Block, blocks
 from tests.patience import eventually
 
-PAGE = "notify.md"
+PAGE = "outlets/notify.md"
 NEEDED = {"site": "plant-1", "cell": "weld-3", "sources": {"arm": {"driver": "ur", "host": "192.0.2.10"}}}
 SECRETS = dict.fromkeys(("MAIL_PASSWORD", "HOOK_SECRET", "NTFY_TOKEN", "HOME_TOKEN"), "not-a-real-secret")
 

@@ -55,14 +55,6 @@ async def test_strange_lines_are_counted_and_passed_over(tmp_path: Path) -> None
     assert read(path).unreadable == 0
 
 
-async def test_former_recipients_are_forgotten(tmp_path: Path) -> None:
-    path = tmp_path / "notify.jsonl"
-    made = await write(path)
-    assert made.keep(["others"]) == {"shift": 2}
-    await made.flush()
-    assert path.read_bytes() == b""
-
-
 def test_undelivered_files_are_bounded(tmp_path: Path) -> None:
     path = tmp_path / UNDELIVERED
     line = undelivered(ABOUT, "shift", Message("1f", EPOCH, (ITEM,)), "550 no", "2026-11-24T10:00:00+00:00")

@@ -130,6 +130,18 @@ async def test_new_settings_go_on_where_the_old_ones_were(tmp_path: Path, record
             await eventually(lambda: ("raised", 2) in told(server, "/new"))
 
 
+async def test_alarms_for_one_who_is_no_recipient_any_more_are_counted(tmp_path: Path) -> None:
+    async with web_server() as server:
+        before = outlet(View(tmp_path), {"desk": hook(server), "old": hook(server, "old", group=3600.0)})
+        async with running(before):
+            before.offer(alarm(1))
+            await eventually(lambda: before.account.counters["desk: sent"])
+        after = outlet(View(tmp_path), {"desk": hook(server)})
+        after.succeed(before)
+        async with running(after):
+            await eventually(lambda: after.account.counters["old, no recipient any more: alarms not told"] == 1)
+
+
 async def test_the_journal_fills_what_a_process_that_ended_did_not_tell(tmp_path: Path) -> None:
     journal = Journal(alarm(1), alarm(2))
     async with web_server() as server:

@@ -14,12 +14,12 @@ import aiohttp
 import numpy as np
 
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
-from cellwatt.outlets.page.access import Gate, proof_of
 from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.cells import Cell, OneCell, prefix
 from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
+from cellwatt.outlets.page.gate import Gate, proof_of
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.sessions import Sessions, hash_of
 from cellwatt.outlets.page.streams import Browsers, Hub

@@ -212,6 +212,7 @@ async def test_what_cannot_be_answered_is_one_line(browser: aiohttp.ClientSessio
     wrong = (
         f"{API}/stream?rate=nan",
         f"{API}/curves?from=5&to=1",
+        f"{API}/alarms?from=5&to=9e13",
         f"{API}/curves?from=1e400",
         f"{API}/curves?channels={','.join(map(str, range(101)))}",
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
+import io
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -113,12 +116,15 @@ async def test_a_table_is_drawn_and_what_is_no_recording_is_refused_in_words(
 async def explained(browser: Browser, name: str, chosen: Mapping[str, Any]) -> Any:
     """The answer once explain has ended."""
     assert await browser.ask("POST", f"/{name}/explain", json=chosen) == (200, {})
+    return await ended(browser, name)
 
-    async def ended() -> Any:
+
+async def ended(browser: Browser, name: str) -> Any:
+    async def look() -> Any:
         found = (await browser.ask("GET", f"/{name}"))[1]["answer"]
         return None if found["running"] else found
 
-    return await eventually(ended, "the end of explain")
+    return await eventually(look, "the end of explain")
 
 
 async def test_explain_gets_what_was_chosen_and_its_files_can_be_had(tmp_path: Path, echo: None) -> None:
@@ -127,7 +133,9 @@ async def test_explain_gets_what_was_chosen_and_its_files_can_be_had(tmp_path: P
         assert await browser.drop({"arm.xml": b"<mujoco/>"}, into=name) == name
         chosen = {"recordings": ["run.csv"], "simulations": ["arm.xml"], "robot": None}
 
-        found = await explained(browser, name, chosen)
+        twice = (browser.ask("POST", f"/{name}/explain", json=chosen) for _ in range(2))
+        assert sorted(status for status, _ in await asyncio.gather(*twice)) == [200, 409]
+        found = await ended(browser, name)
         assert found["said"] == "explain ./run.csv --out result --simulation ./arm.xml --mend ./arm.xml"
         assert (found["error"], found["files"]) == ("", ["arm.mended.xml", "report.html"])
         assert (await browser.ask("GET", f"/{name}/result/report.html"))[1] == "<html>found</html>"
@@ -152,6 +160,30 @@ async def test_only_files_that_were_announced_are_taken(tmp_path: Path, monkeypa
             assert (await browser.ask("PUT", f"/{name}/files/{path}", data=content))[0] == 409, path
         assert (await browser.ask("GET", f"/{name}"))[1]["items"] == []
         assert (await browser.ask("GET", "/7"))[0] == 404
+        await browser.drop({"c.csv": CSV}, into=name)
+        await browser.ask("POST", json={"files": {"c.csv/d.csv": 1}, "into": name})
+        assert (await browser.ask("PUT", f"/{name}/files/c.csv/d.csv", data=b"a"))[0] == 409
+
+
+class FullDisk(io.BytesIO):
+    """A file that takes nothing."""
+
+    def write(self, data: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+async def test_a_file_that_the_disk_has_no_room_for_is_not_among_the_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begun(file: Path) -> FullDisk:
+        file.touch()
+        return FullDisk()
+
+    monkeypatch.setattr(dropped, "_begun", begun)
+    async with browsing(tmp_path) as browser:
+        name = (await browser.ask("POST", json={"files": {"a.csv": 1}}))[1]["name"]
+        assert (await browser.ask("PUT", f"/{name}/files/a.csv", data=b"a"))[0] == 409
+        assert (await browser.ask("GET", f"/{name}"))[1]["items"] == []
 
 
 async def test_the_oldest_drop_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: Path) -> None:

@@ -128,6 +128,21 @@ def test_levels_read_are_few_for_each_point(start, length, points):
         assert grid.step >= 3 * STEPS[level]
 
 
+def test_what_a_killed_process_left_of_its_level_files_goes_and_nothing_else(tmp_path: Path) -> None:
+    recording(tmp_path, [[interval(1, SESSION, SESSION + S)]])
+    reader = Store(tmp_path, CELL)
+    reader.look(lambda: None)
+    (file,) = (tmp_path / "levels").iterdir()
+    other = file.with_name(f"{file.name.replace(CELL, 'other')}.7-7.new")
+    left = file.with_name(f"{file.name}.7-7.new")
+    left.touch()
+    other.touch()
+    reader.start()
+    wait_until(lambda: not left.exists(), "the end of what was left")
+    reader.close()
+    assert {*file.parent.iterdir()} == {file, other}
+
+
 # spans ----------------------------------------------------------------------------------------------
 
 

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt import report
-from cellwatt.outlets.page.reports import EXPLAINED, list_reports, newest_mismatch, report_file
+from cellwatt.outlets.page.reports import list_reports, newest_mismatch, report_file
 from cellwatt_plugins.mismatch.report import figures
 from cellwatt_plugins.mismatch.report import page as explain_page
 from cellwatt_plugins.mismatch.verdict.findings import (
@@ -180,11 +180,6 @@ def test_the_newest_comparison_tells_before_and_after(tmp_path):
         ("standby", None, 41.0, 4.2, "W"),
     ]
     assert report_file([tmp_path], found["path"]) == tmp_path / "new" / "report.html"
-
-
-def test_the_kind_of_these_pages_is_what_the_explainer_writes(tmp_path):
-    explained(tmp_path)
-    assert list_reports([tmp_path])["reports"][0]["kind"] == EXPLAINED
 
 
 @pytest.mark.parametrize("text", [None, "no json", "[" * 100_000, '{"fit": [{"channel": 3}]}'])

@@ -11,14 +11,7 @@ from cellwatt import Alarm, Batch, Frames
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.subscriber import Gap, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import frames
-
-_one_at_a_time = threading.Lock()
-
-
-def say(what: Any) -> None:
-    """Print a line; two threads do, and print writes its end apart from the line."""
-    with _one_at_a_time:
-        print(json.dumps(what), flush=True)
+from tests.orders import say
 
 
 def summary(message: Message) -> dict[str, Any]:

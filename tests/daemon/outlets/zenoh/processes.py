@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +24,14 @@ def free_port() -> int:
 
 
 class Child:
-    """A module run as a process; what it prints, one JSON value a line, is in ``said``."""
+    """A module run as a process, ``within`` a command; what it prints, one JSON value a line, is in ``said``."""
 
-    def __init__(self, module: str, **settings: Any) -> None:
-        self.said: list[Any] = []
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", f"tests.daemon.outlets.zenoh.{module}", json.dumps(settings)],
-            cwd=ROOT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+    def __init__(self, module: str, within: Sequence[str] = (), /, **settings: Any) -> None:
+        self.said: Any = []
+        self._name = module
+        package = "tests.daemon.outlets.zenoh"
+        command = [*within, sys.executable, "-m", f"{package}.{module}", json.dumps(settings)]
+        self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self._reader = threading.Thread(target=self._read)
         self._reader.start()
 
@@ -42,7 +39,10 @@ class Child:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             if line.endswith("\n"):  # or it was killed while it spoke
-                self.said.append(json.loads(line))
+                self.hear(json.loads(line))
+
+    def hear(self, said: Any) -> None:
+        self.said.append(said)
 
     @property
     def pid(self) -> int:
@@ -54,9 +54,13 @@ class Child:
         self._process.stdin.flush()
 
     def wait_for(self, condition: Callable[[Any], bool], what: str, timeout: float = PATIENCE) -> Any:
+        return self.until(lambda: next((s for s in list(self.said) if condition(s)), None), what, timeout)
+
+    def until(self, condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
         def found() -> Any:
-            assert self._process.poll() is None or any(map(condition, self.said)), f"ended before: {what}"
-            return next((s for s in list(self.said) if condition(s)), None)
+            ended, value = self._process.poll() is not None, condition()
+            assert value or not ended, f"{self._name} ended before: {what}"
+            return value
 
         return wait_until(found, what, timeout)
 

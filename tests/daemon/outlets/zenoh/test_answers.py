@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from cellwatt import CellwattError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
-from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Turns
+from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Answer, Turns
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import ALARMS_KEPT, Backlog
 from cellwatt.outlets.zenoh.keys import CellKeys
@@ -42,7 +42,9 @@ def backlog() -> Backlog:
 
 @pytest.fixture
 def answers(view: FakeView, backlog: Backlog) -> Answers:
-    return Answers(view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: (HEALTH, b'{"status": {}}'))
+    return Answers(
+        view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: Answer(b'{"status": {}}', mark=HEALTH)
+    )
 
 
 def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView) -> None:
@@ -107,8 +109,8 @@ def test_frames_are_kept_up_to_a_number_of_bytes() -> None:
     kept = Backlog(EPOCH, 3 * size)
     for first in range(0, 50, 10):
         kept.add_frames(frames(first, 10))
-    assert [m.sequence for m, _ in kept.frames(EPOCH, 0, 99)] == [20, 30, 40]
-    assert [m.sequence for m, _ in kept.frames(EPOCH, 35, 5)] == [30]
+    assert [f.sequence for f in kept.frames(EPOCH, 0, 99)] == [20, 30, 40]
+    assert [f.sequence for f in kept.frames(EPOCH, 35, 5)] == [30]
     assert kept.frames(EPOCH + 1, 0, 99) == []
 
 
@@ -116,10 +118,10 @@ def test_frames_of_a_outlet_that_was_ended_are_still_given_by_the_one_after_it()
     before, after = Backlog(EPOCH, 1e6), Backlog(EPOCH, 1e6)
     kept = before.add_frames(frames(10, 5))
     after.succeed(before)
-    assert [mark for mark, _ in after.frames(EPOCH, 12, 1)] == [kept]
+    assert [f.sequence for f in after.frames(EPOCH, 12, 1)] == [10]
     following = after.add_frames(frames(15, 5))
     assert (following.session, following.sequence) == (kept.session, kept.end)
-    assert [mark for mark, _ in after.frames(EPOCH, 0, 99)] == [kept, following]
+    assert [f.sequence for f in after.frames(EPOCH, 0, 99)] == [10, 15]
 
 
 # The pace of answers about the past, and who comes first ---

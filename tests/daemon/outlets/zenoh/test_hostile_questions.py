@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from cellwatt import CellwattError, OutletError
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import CellKeys
@@ -60,7 +61,9 @@ def filled() -> Answers:
     for number in range(5):
         backlog.add(alarm(number))
         backlog.add(alarm(number, active=False))
-    return Answers(view, CellKeys(SITE, CELL), backlog, lambda _: None, lambda: (Mark(EPOCH, 3, 1, EPOCH), b"{}"))
+    return Answers(
+        view, CellKeys(SITE, CELL), backlog, lambda _: None, lambda: Answer(b"{}", mark=Mark(EPOCH, 3, 1, EPOCH))
+    )
 
 
 VALUES = st.one_of(

@@ -164,6 +164,8 @@ def test_a_cell_that_listens_everywhere_is_reached_on_this_pc(tmp_path: Path) ->
     assert (link.mode, link.connect, link.listen, link.namespace) == ("client", ("tcp/127.0.0.1:7447",), (), "eu")
     assert link_to(config, "tcp/other:1").connect == ("tcp/other:1",)
     assert link_to(config, "tcp/other:1").namespace == "eu"
+    routers = written(tmp_path, "zenoh: {mode: client, connect: [tcp/one:7447, tcp/two:7447]}\n")
+    assert link_to(load(routers)).connect == ("tcp/one:7447", "tcp/two:7447"), "as the daemon: whichever is up"
 
 
 def test_a_cell_that_is_not_on_the_bus_is_told_with_its_file(tmp_path: Path) -> None:

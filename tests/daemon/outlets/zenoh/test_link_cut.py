@@ -82,20 +82,6 @@ def start_consumer(port: int, **more: Any) -> Child:
     return consumer
 
 
-def test_cut_of_two_seconds(cell: tuple[Child, int]) -> None:
-    publisher, port = cell
-    with Link(port) as link, start_consumer(link.port) as consumer:
-        publish(publisher, 1.0)
-        wait_until(lambda: reached(consumer, "raw/arm/samples", 250), "half a second of data")
-        link.cut()
-        publish(publisher, 2.0, begin=1.0)
-        link.restore()
-        publish(publisher, 1.0, begin=3.0)
-        counts = check_all(publisher, consumer, 4.0)
-    assert counts["backfilled"] >= 2 * RATE
-    assert counts["live"] > RATE / 4
-
-
 def test_cut_beside_a_router() -> None:
     port = free_port()
     with Child("router_process", listen=[f"tcp/127.0.0.1:{port}"]) as router, Link(port) as link:

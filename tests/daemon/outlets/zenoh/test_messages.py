@@ -39,25 +39,6 @@ def test_results_survive_the_wire(item: Any) -> None:
     assert json.loads(payload)["mark"] == {"session": EPOCH, "sequence": 17}
 
 
-def test_alarm_is_the_object_that_the_docs_show() -> None:
-    assert json.loads(encode_item(alarm(2), MARK)) == {
-        "mark": {"session": EPOCH, "sequence": 17},
-        "id": "alarm-2",
-        "kind": "joint_fault",
-        "severity": "error",
-        "active": True,
-        "since": EPOCH,
-        "time": EPOCH + 2,
-        "statement": "Joint 2 needs more power than it should.",
-        "source": None,
-        "joint": 2,
-        "alternatives": [],
-        "interval": None,
-        "evidence": {"residual_W": 12.5},
-        "stage": None,
-    }
-
-
 def test_what_is_not_finite_is_null_and_comes_back_as_nan() -> None:
     found = decode_item("interval", encode_item(Interval("a", 1, 2, 3, (1,), (math.nan,), (math.inf,), (1.0,)), MARK))
     assert isinstance(found, Interval)

@@ -139,7 +139,7 @@ asyncio.run(main())
     assert done.returncode == 0, done.stderr
 
 
-# The programs of docs/zenoh.md and docs/alarms.md, run as they are printed ---
+# The programs of docs/outlets/zenoh.md and docs/alarms.md, run as they are printed ---
 
 
 def programs(page: str) -> list[str]:
@@ -148,8 +148,8 @@ def programs(page: str) -> list[str]:
 
 
 PRINTED = {
-    "subscriber": (programs("zenoh.md")[0], r"raw/arm/samples \d+ \[|needs more power"),
-    "plain": (programs("zenoh.md")[1], r"\d{19} \{'joint_1.position \[rad\]': \d+\.\d"),
+    "subscriber": (programs("outlets/zenoh.md")[0], r"raw/arm/samples \d+ \[|needs more power"),
+    "plain": (programs("outlets/zenoh.md")[1], r"\d{19} \{'joint_1.position \[rad\]': \d+\.\d"),
     "alarms": (programs("alarms.md")[0], r"raised joint_fault Joint \d+ needs more power"),
 }
 
@@ -182,7 +182,7 @@ def test_program_of_the_docs_runs(name: str, tmp_path: Path) -> None:
 def test_every_setting_is_in_the_docs() -> None:
     from cellwatt.outlets.zenoh import ZenohSettings
 
-    text = (ROOT / "docs" / "zenoh.md").read_text()
+    text = (ROOT / "docs" / "outlets" / "zenoh.md").read_text()
     table = text[text.index("## Settings") : text.index("## What can be lost")]
     assert set(re.findall(r"`(\w+)`", table)) >= set(ZenohSettings.model_fields)
 

@@ -1,4 +1,4 @@
-"""The example of docs/zenoh.md for a network that nobody trusts, as it is printed: real sessions, and attacks on it."""
+"""The example of docs/outlets/zenoh.md for an untrusted network, as it is printed: real sessions, attacks on it."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from tests.daemon.outlets.zenoh.test_processes import programs
 from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
-PAGE = (ROOT / "docs" / "zenoh.md").read_text()
+PAGE = (ROOT / "docs" / "outlets" / "zenoh.md").read_text()
 SECTION = PAGE[PAGE.index("## On a network that you do not trust") : PAGE.index("## Signatures")]
 EXAMPLE = re.findall(r"^cellwatt secure (.*)$", SECTION, re.MULTILINE)
-PROGRAM = next(p for p in programs("zenoh.md") if "anna/zenoh.yaml" in p)
+PROGRAM = next(p for p in programs("outlets/zenoh.md") if "anna/zenoh.yaml" in p)
 ALARMS = f"cellwatt/{SITE}/{CELL}/alarm/**"
 FORGED = f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault"
 

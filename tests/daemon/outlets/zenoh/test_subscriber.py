@@ -87,17 +87,6 @@ async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
     assert messages["alarm"].content == alarm(1)
 
 
-async def test_a_hole_is_filled_from_the_record_first(cell: Cell) -> None:
-    async with cell.subscriber(want=("raw",)) as subscriber:
-        await joined(subscriber)
-        cell.give(0, 5)
-        cell.give(5, 7, live=False)
-        cell.give(12, 5)
-        messages = await read(subscriber, 3)
-        assert subscriber.counts == {"live": 10, "backfilled": 7, "duplicates": 0}
-    assert [(m.sequence, m.count, m.backfilled) for m in messages] == [(0, 5, False), (5, 7, True), (12, 5, False)]
-
-
 async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
     async with cell.subscriber(want=("raw",)) as subscriber:
         await joined(subscriber)

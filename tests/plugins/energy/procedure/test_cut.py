@@ -121,7 +121,9 @@ def test_missing_samples_spoil_their_repetition_alone(cut, programme, plant, sou
 def test_an_arm_that_never_moves(cut, programme):
     rows, watts = programme
     with pytest.raises(RecordingError, match="payload 0 kg: the arm does not come back"):
-        cut(rows[:1000], watts[:1000])
+        cut(rows[:1100], watts[:1100])
+    with pytest.raises(RecordingError, match="10 samples of arm in it, expected 20"):
+        cut(rows[:10], watts[:1000])
 
 
 def test_a_reading_at_rest_is_cut_with_its_mean(plant, programme, tmp_path):

@@ -1,9 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known
-from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
+from cellwatt_plugins.faults.recordings import frames_of_table
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
 
 
@@ -131,3 +135,19 @@ def test_a_cycle_without_power_is_not_judged(known):
     found = judge_recording(Recording(measured.time, measured.position, measured.power), known)
     assert [(cycle.status, cycle.faults) for cycle in found] == [("healthy", ()), ("changed", ()), ("healthy", ())]
     assert "power is missing" in found[1].note
+
+
+def test_power_that_no_healthy_cycle_has_is_refused(healthy, robot):
+    with pytest.raises(ModelError, match="power is missing at the same point of every healthy cycle"):
+        learn_known(replace(healthy, power=np.full_like(healthy.power, np.nan)), robot)
+
+
+def test_days_between_files_take_no_memory_and_times_stay(known):
+    measured = run([Cycle("A"), Cycle("B")], seed=20)
+    late = np.where(measured.time > measured.spans[0][1] + 0.4, 300_000.0, 0.0)
+    frames = frames_of_table(measured.time + late, measured.position, measured.power)
+    recording = recording_of([frames], None, "supply.power")
+    assert len(recording.time) < len(frames) + 6100
+    one, two = judge_recording(recording, known)
+    assert [one.status, two.status] == ["healthy", "healthy"]
+    assert two.start == pytest.approx(300_000.0 + measured.spans[1][0] + 0.1, abs=0.1)

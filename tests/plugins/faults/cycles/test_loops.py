@@ -1,3 +1,4 @@
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -24,3 +25,13 @@ def test_tasks_are_found_among_moves_between_them():
 def test_loops_of_an_unknown_task_are_cut_into_turns():
     assert closed_spans(runs_of(9, 0, 1, 2, 0, 1, 2, 0, 8), 3) == [(1, 3), (4, 6)]
     assert closed_spans(runs_of(0, 1, 2, 3), 3) == []
+
+
+def test_a_day_of_an_unknown_task_takes_little_memory():
+    runs = runs_of(*[0, 1, 2] * 500, 0)
+    tracemalloc.start()
+    spans = closed_spans(runs, 3)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert spans == [(k, k + 2) for k in range(0, 1500, 3)]
+    assert peak < 5e6

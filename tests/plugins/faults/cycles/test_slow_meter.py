@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from cellwatt_plugins.faults.cycles.findings import judge_recording
+from cellwatt_plugins.faults.cycles.findings import TOO_SLOW, judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
@@ -71,3 +73,12 @@ def test_live_as_in_a_recording(known, recording):
     over += [each.finding for each in watch.close() if each.over]
     assert named(over) == NAMED
     assert watch.behind == pytest.approx(WINDOW + LATE, abs=0.02)
+
+
+def test_a_meter_slower_than_a_cycle_is_told_as_such(known, recording):
+    slow = replace(known, meter=replace(known.meter, window=9.0, interval=9.0))
+    held = Recording(recording.time, recording.position, shown(recording.time, recording.power, 9.0, LATE))
+    watch = CycleWatch(slow, recording.step)
+    told = [*watch.feed(held.time, held.position, held.power), *watch.close()]
+    assert {each.finding.note for each in told} == {TOO_SLOW}
+    assert {cycle.note for cycle in judge_recording(held, slow)} == {TOO_SLOW}

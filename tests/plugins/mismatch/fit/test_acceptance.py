@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.fit.acceptance import unconfirmed
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
-from cellwatt_plugins.robot.effects.possible import plausible
 from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
@@ -48,9 +48,9 @@ def test_a_ripple_that_is_not_there_does_not(problem, ripple):
 
 
 @pytest.mark.parametrize(("centre", "sound"), [(0.3, True), (1.8, False)])
-def test_a_load_far_from_the_flange_is_none(centre, sound):
+def test_a_load_far_from_the_flange_is_none(problem, centre, sound):
     coefficients = np.array([2.0, 0.0, 0.0, 2.0 * centre, *np.zeros(6)])
-    assert plausible("payload", coefficients) == sound
+    assert BY_NAME["payload"].sensible(coefficients, (), problem.states[0].robot, None) == sound
 
 
 def test_samples_that_tell_little_do_not_hide_what_is_left(problem):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.fit.leave_out import FOLDS, LeaveOut, compared, folds_of, rms
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.problem import Problem, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Problem
 from cellwatt_plugins.mismatch.fit.retuning import FIXED, confirmed, freed, looseness
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.states import States

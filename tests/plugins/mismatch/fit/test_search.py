@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.rows import Thinned
 from cellwatt_plugins.mismatch.fit.search import search
+from cellwatt_plugins.mismatch.fit.sides import supply_problem, torque_problem
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import (
     chi2_at_rest,

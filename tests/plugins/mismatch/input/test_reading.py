@@ -7,6 +7,7 @@ from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.mismatch.input.reading import read_motion
+from cellwatt_plugins.mismatch.input.signals import read_signals
 from tests.plugins.mismatch.input.reading import read_runs
 from tests.plugins.mismatch.recorded_arm import CONSTANT, JOINTS, load, write_robot
 
@@ -246,6 +247,20 @@ def test_many_unusable_values_are_refused(tmp_path, arm):
     assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
 
 
+def test_a_temperature_that_is_empty_leaves_the_temperatures_out(tmp_path, arm):
+    t = times()
+    columns = recording(t, **numbered("temperature", 30 + motion(t)[0]))
+    columns["temperature_3"] = np.full(len(t), np.nan)
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    assert run.temperature is None
+    assert run.notes == ("a.parquet: temperature_3 has no usable number: no temperature is used",)
+
+
+def test_means_are_left_of_a_recording_that_is_short_beside_others(tmp_path, arm):
+    short = read_signals(parquet(tmp_path / "a.parquet", recording(times(0.2))), arm.description)
+    assert len(short.slower(2.0).time) >= 8
+
+
 def changed(**changes):
     def change(columns):
         columns.update({name: function(columns) for name, function in changes.items()})
@@ -271,6 +286,10 @@ TAU = tuple(f"tau_{i + 1}" for i in range(JOINTS))
         (without("qd_6"), "5 joints in the columns qd_1 … qd_5, but the robot's description has 6 (axis_1, axis_2"),
         (changed(t=lambda c: np.minimum(c["t"], 5.0)), "374 of 1000 rows have no new time"),
         (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
+        (
+            changed(t=lambda c: c["t"] + 1.7e9 * (c["t"] > 1)),
+            "leaps from 1.000 to 1700000001.008 s in row 127: was",
+        ),
         (changed(t=lambda c: 1000 * c["t"]), "rises by 8 from row to row, in whole numbers: is it in milliseconds"),
     ],
 )

@@ -104,6 +104,23 @@ def test_no_torque_at_all_is_refused(tmp_path, run, arm):
         examine([read(tmp_path, run, arm, **nothing)], arm)
 
 
+def test_a_run_whose_drives_nobody_read_is_named_among_others(run, arm):
+    silent = replace(run, name="silent", torque=np.full_like(run.torque, np.nan))
+    with pytest.raises(RecordingError, match=r"silent: no torque goes with the motion: .*were the drives read"):
+        examine([run, silent], arm)
+
+
+def test_a_law_of_servos_is_not_mixed_with_torques_that_were_read(run, arm):
+    with pytest.raises(RecordingError, match=r"commanded: .* explain it by itself"):
+        examine([run, replace(run, name="commanded", drive=object())], arm)
+
+
+def test_torques_that_were_never_read_together_are_taken_each_for_itself(run, arm):
+    torque, half = run.torque.copy(), len(run.time) // 2
+    torque[half:, 2] = torque[:half, 4] = np.nan
+    assert not any("torque" in note for note in examine([replace(run, torque=torque)], arm)[1])
+
+
 def resting(described, joint):
     """A recording in which a joint rests while its encoder makes velocities of up to 0.037 rad/s."""
     moves = excitation(seed=5)

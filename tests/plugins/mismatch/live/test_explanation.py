@@ -165,6 +165,12 @@ def test_it_gives_way_and_ends_by_itself(watch):
     assert child.rlimit(psutil.RLIMIT_CPU) == (46, 46)
 
 
+def test_the_newest_stay_and_the_new_one_whatever_the_clock_says(tmp_path):
+    for name in ("weld-3-20260104T000000Z", "weld-3-20260105T000000Z", "weld-3-20260101T000000Z"):
+        explanation.new_folder(tmp_path, name, keep=2)
+    assert explanations(tmp_path) == ["weld-3-20260101T000000Z", "weld-3-20260105T000000Z"]
+
+
 def said(verdict, findings=(), unexplained=()):
     return {"verdict": verdict, "findings": list(findings), "unexplained": list(unexplained)}
 

@@ -7,9 +7,11 @@ import pytest
 
 from cellwatt.results import Interval
 from cellwatt_plugins.mismatch.live.band import Band, Reading
+from cellwatt_plugins.mismatch.live.explainer import Explainer
+from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import Judged
-from cellwatt_plugins.mismatch.live.motions import Motions
-from cellwatt_plugins.mismatch.live.settings import BandSettings
+from cellwatt_plugins.mismatch.live.motions import MOST, Motions
+from cellwatt_plugins.mismatch.live.settings import BandSettings, ExplainSettings
 from cellwatt_plugins.mismatch.live.watch import STALE, ChannelWatch
 
 ELBOW = Judged("arm.joint_3.torque", "Nm", 3, "The torque of joint 3")
@@ -80,6 +82,20 @@ def test_what_is_another_motion(other):
     motions = Motions()
     assert motions.number(interval(1)) == 0
     assert motions.number(other) == 1
+
+
+def test_motions_that_never_come_back_are_not_remembered_for_ever():
+    band = Band(BandSettings(learn=1), [ELBOW], 0.02)
+    rows = np.zeros((50, 1))
+    assert not any(band.read(motion, (3,), rows, rows) for motion in range(MOST + 1))
+    assert [len(band.read(motion, (3,), rows, rows)) for motion in (MOST, 0)] == [1, 0], "the first is learned anew"
+
+
+def test_nothing_is_explained_of_what_was_not_compared():
+    watching = Watching(confirm=1)
+    watching.see([0], lambda motion: True)
+    explainer = Explainer("mismatch", "weld-3", ExplainSettings(after=1), None, None, ())
+    assert explainer.step(100 * 10**9, watching.watch, History(10, 1)) == []
 
 
 def test_a_reading_is_measured_minus_simulated_against_noise_and_share():

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from cellwatt.report import Provenance
-from cellwatt_plugins.mismatch.report import Trace, report
-from cellwatt_plugins.mismatch.report.trace import worst_first
+from cellwatt_plugins.mismatch.report.page import report
+from cellwatt_plugins.mismatch.report.trace import Trace, worst_first
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Span, Where
 from tests.daemon.report.reading import Page, check, numbers
 from tests.plugins.mismatch import reported

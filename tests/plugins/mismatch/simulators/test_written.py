@@ -10,6 +10,7 @@ from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
 from cellwatt_plugins.mismatch.simulators import load_simulator
 from cellwatt_plugins.mismatch.simulators.correction import correction
+from cellwatt_plugins.mismatch.simulators.files import Files
 from cellwatt_plugins.mismatch.simulators.placing import placing
 from cellwatt_plugins.mismatch.simulators.target import target
 from cellwatt_plugins.mismatch.simulators.write_mjcf import write_mjcf
@@ -18,6 +19,7 @@ from cellwatt_plugins.robot import Arm, Body, Joint, RobotDescription
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import exact
+from cellwatt_plugins.robot.servo.law import servo_of
 from tests.plugins.mismatch.simulators.arms import FULL, TwoLinks, moves
 
 pytest.importorskip("mujoco")
@@ -113,6 +115,18 @@ def test_a_gain_goes_into_the_gear(tmp_path):
     same(written, FULL)
 
 
+def test_a_limit_is_written_where_the_drive_had_none(tmp_path):
+    servos = re.sub(r'<motor name="m\d" joint="(\w+)" gear="50"/>', r'<position joint="\1" kp="9"/>', FULL.mjcf())
+    cell = Cell(tmp_path, servos)
+    simulator, goal = cell.goal()
+    limited = replace(servo_of(cell.path, JOINTS), low=np.array([-47, -np.inf]), high=np.array([47, np.inf]))
+    written = write_mjcf(simulator, replace(goal, servo=limited), tmp_path / "out")
+    assert (
+        '<position joint="shoulder" kp="9" kv="0" forcelimited="true" forcerange="-47 47"/>' in written.path.read_text()
+    )
+    assert [(change.what, change.value, change.was) for change in written.applied] == [("forcerange", 47.0, None)]
+
+
 def test_friction_with_powers_of_the_speed(tmp_path):
     """2 Nm w³ is one of the terms that MuJoCo's damping has."""
     cell = Cell(tmp_path, FULL.mjcf())
@@ -152,13 +166,31 @@ def test_included_files_and_meshes_are_found_from_the_new_folder(tmp_path):
     arm = FULL.mjcf().replace('autolimits="true"', 'autolimits="true" meshdir="shapes"')
     (tmp_path / "only_arm.xml").write_text(arm)
     scene = (
-        '<mujoco>\n  <include file="only_arm.xml"/>\n  <asset><mesh name="rock" file="rock.obj"/></asset>\n</mujoco>\n'
+        '<mujoco>\n  <include file="only_arm.xml"/>\n  <asset><mesh name="rock" file="rock.obj"/>'
+        '<model name="grip" file="grip.xml"/></asset>\n</mujoco>\n'
+    )
+    (tmp_path / "grip.xml").write_text(
+        '<mujoco><worldbody><body name="g"><geom size=".01"/></body></worldbody></mujoco>'
     )
     written = Cell(tmp_path, scene).mended(*CASES[0][0], out="far/away")
     same(written, replace(FULL, **CASES[0][1]))
     assert written.path == tmp_path / "far" / "away" / "arm.mended.xml"
     assert (tmp_path / "only_arm.xml").read_text() == arm
     assert 'meshdir="../../shapes"' in (tmp_path / "far" / "away" / "only_arm.mended.xml").read_text()
+
+
+def test_included_files_of_one_name_stay_two_files(tmp_path):
+    for arm, step in (("left", "1"), ("right", "2")):
+        (tmp_path / arm).mkdir()
+        (tmp_path / arm / "arm.xml").write_text(f'<mujoco><option timestep="{step}"/></mujoco>')
+    (tmp_path / "arm.xml").write_text('<mujoco><include file="left/arm.xml"/><include file="right/arm.xml"/></mujoco>')
+    files = Files(tmp_path / "arm.xml")
+    for option in files.all("option"):
+        option.set(gravity="0 0 0")
+    main, *included = files.write(tmp_path / "out")
+    assert main.name == "arm.mended.xml"
+    assert [path.read_text().count(f'timestep="{i + 1}"') for i, path in enumerate(included)] == [1, 1]
+    assert all(f'file="{path.name}"' in main.read_text() for path in included)
 
 
 def test_axes_that_lie_a_little_elsewhere_are_said(tmp_path):

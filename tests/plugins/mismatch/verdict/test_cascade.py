@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.verdict.cascade import cascade, falling

@@ -2,8 +2,8 @@ from functools import partial
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.fit.problem import torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
+from cellwatt_plugins.mismatch.fit.sides import torque_problem
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import lack_of_fit, unexplained_channel
 from cellwatt_plugins.robot.effects.states import States

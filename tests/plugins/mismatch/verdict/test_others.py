@@ -27,9 +27,17 @@ def pushed(t: np.ndarray, q: np.ndarray, qd: np.ndarray, run: str) -> np.ndarray
     return column(25 * np.exp(-0.5 * ((t - 3) / 0.2) ** 2), 2)
 
 
+def dying(torque: np.ndarray) -> np.ndarray:
+    torque = offset(torque)
+    torque[len(torque) // 2 :, 0] = np.nan
+    return torque
+
+
 OTHERS = {
     "same": (Missing(read=offset), "explained"),
     "pushed": (Missing(read=offset, added=pushed), "differs"),
+    "silent": (Missing(read=lambda torque: offset(torque) * np.array([1, 1, np.nan])), "explained"),
+    "dying": (Missing(read=dying), "explained"),
     "turned": (Missing(read=lambda torque: offset(torque) * np.array([1, -1, 1])), "not compared"),
 }
 """Each repeats a motion of those that are looked at."""
@@ -58,6 +66,7 @@ def test_each_other_recording_is_judged(found: Explained, name: str) -> None:
     (other,) = [other for other in found.findings.others if other.recording == name]
     said = {True: "explained", False: "differs", None: "not compared"}
     assert said[other.explained] == OTHERS[name][1]
+    assert np.isfinite(other.error)
 
 
 def test_the_odd_ones_are_named_with_the_reason(found: Explained) -> None:
@@ -65,8 +74,8 @@ def test_the_odd_ones_are_named_with_the_reason(found: Explained) -> None:
     assert findings.verdict == "partly_explained"
     notes = "\n".join(findings.notes)
     assert (
-        "6 of 9 recordings, those whose motions differ most, were looked at closely; 1 of the others differs from what "
-        "was found in them" in notes
+        "6 of 11 recordings, those whose motions differ most, were looked at closely; 1 of the others differs from "
+        "what was found in them" in notes
     )
     (pushed,) = [other for other in findings.others if other.explained is False]
     assert pushed.channel == "tau_2"
@@ -81,6 +90,6 @@ def test_the_report_lists_them(found: Explained, tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text()
     section = page[page.index("<h2>Other recordings</h2>") :]
     assert "6 recordings (" in page
-    assert "3 more compared with the model" in page
+    assert "5 more compared with the model" in page
     order = [section.index(f">{name}<") for name in ("turned", "pushed", "same")]
     assert order == sorted(order)

@@ -71,3 +71,11 @@ def test_what_is_missing_is_said(tmp_path, gone, said):
     table = {name: values for name, values in columns().items() if name not in gone}
     with pytest.raises(RecordingError, match=said):
         read_moves([written(tmp_path, table)], 2)
+
+
+def test_power_is_the_first_channel_that_holds_numbers(tmp_path):
+    dead = columns() | {"power": np.full(40, np.nan), "bus.power": np.full(40, 7.0)}
+    assert set(read_moves([written(tmp_path, dead)], 2).power) == {7.0}
+    none = dead | {name: np.full(40, np.nan) for name in ("bus.power", "current_1", "current_2")}
+    with pytest.raises(RecordingError, match="that holds numbers; there are: "):
+        read_moves([written(tmp_path, none)], 2)

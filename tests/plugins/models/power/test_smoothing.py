@@ -7,6 +7,7 @@ import onnxruntime
 import pytest
 
 from cellwatt_plugins.models.graph import Graph
+from cellwatt_plugins.models.power import smoothing
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 
@@ -28,7 +29,8 @@ def polynomial(rows=200):
 
 
 @pytest.mark.parametrize("ahead", [True, False])
-def test_a_parabola_is_passed_on_as_it_is(ahead):
+def test_a_parabola_is_passed_on_as_it_is(ahead, monkeypatch):
+    monkeypatch.setattr(smoothing, "AT_ONCE", 64)
     q, qd, qdd = polynomial()
     smoother = Smoother.design(NOISE, STEP, Span(11, 2), Span(21, 3), ahead)
     moves = moves_of(q, qd, [200])

@@ -183,7 +183,7 @@ def write_robot(folder: Path, cad: Arm, name="mh12") -> Path:
         for i in range(6)
     ]
     (folder / "robot.urdf").write_text("\n".join([*text, "</robot>"]))
-    lines = [f"robot: {name}", "urdf: robot.urdf", "sample_rate: 50", "joints:"]
+    lines = [f"robot: {name}", "urdf: robot.urdf", "joints:"]
     for i in range(6):
         low, high = cad.limits[i]
         lines += [f"- name: joint_{i + 1}", f"  rated_torque: {cad.rated[i]}"]

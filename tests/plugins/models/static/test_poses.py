@@ -61,12 +61,23 @@ def test_a_recording_without_a_whole_row_is_refused(tmp_path, robot):
         read_poses([save(tmp_path, columns)], robot)
 
 
+def test_poses_with_samples_that_are_no_numbers_are_told(tmp_path, robot):
+    table = arms.samples(arms.Arm(), np.random.default_rng(1), 15)
+    table["torque_percent_2"] = table["torque_percent_2"].astype(float)
+    table["torque_percent_2"][[250, 260]] = np.nan
+    poses = read_poses([save(tmp_path, table)], robot)
+    assert len(poses) == 14
+    assert poses.notes == ("1 poses have samples that are no numbers and are left out",)
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [
         (lambda t: t.pop("torque_percent_5"), r"no column torque_percent_5; there are torque_percent_1"),
         (lambda t: t.update({k: v[:500] for k, v in t.items()}), "5 poses; a training needs 12, and 40"),
         (lambda t: (t.pop("pose"), t.pop("t")), r"expected a column pose, or t \(s\)"),
+        (lambda t: t.update({k: 0 * v for k, v in t.items() if "torque" in k}), "all torques are 0"),
+        (lambda t: t.update({k: 0 * v for k, v in t.items() if k.startswith("q_")}), "all poses are the same"),
     ],
 )
 def test_what_cannot_be_used_is_said(tmp_path, robot, change, text):

@@ -48,7 +48,7 @@ def curves(
     has what may not be recorded yet. ``complete`` is false where something is left out, for want of time or because
     it is too much. Never call it on an event loop.
 
-    Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
+    Raises ``RecordingError`` where the folder cannot be read.
     """
     start, end = span_of(start_ms, end_ms)
     recordings, pace = store.recordings(), ends_at(time.monotonic() + PATIENCE)

@@ -184,7 +184,7 @@ def alarm_history(
     Without a record they are those of ``memory``. ``evidence_page`` is the path of the page below the route of reports.
     ``complete`` is false where older ones are left out. Never call it on an event loop.
 
-    Raises ``CellwattError`` for a span that is none, and where the folder cannot be read.
+    Raises ``RecordingError`` where the folder cannot be read.
     """
     start, end = span_of(start_ms, end_ms)
     recordings = store.recordings()

@@ -12,7 +12,7 @@ import threading
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -31,6 +31,8 @@ from cellwatt.results import Alarm, Event
 FOLDER: Final = "levels"
 """Folder of the level files, in that of the recordings."""
 SUFFIX: Final = ".levels"
+_NEW: Final = ".new"
+"""At the end of the name of one that is being written."""
 VERSION: Final = 3
 _HEAD_NAME, _INTERVALS = "head", "intervals"
 _LARGEST_HEAD: Final = 1 << 26  # bytes, unpacked
@@ -69,7 +71,7 @@ def write(recording: RecordFile, digest: Digest) -> None:
     about = (VERSION, recording.path.name, recording.size, digest.start, digest.end)
     path = path_of(recording.path)
     path.parent.mkdir(exist_ok=True)
-    new = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.new")
+    new = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}{_NEW}")
     try:
         with zipfile.ZipFile(new, "w") as archive:
             archive.writestr(
@@ -141,6 +143,14 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
             raise ValueError(f"is damaged: {error}") from None
 
 
+def remove_begun(folder: Path, cell: str) -> None:
+    """Remove what a process that was killed has left of level files of a cell. Raises ``OSError``."""
+    for path in (folder / FOLDER).glob(f"*{SUFFIX}.*{_NEW}"):
+        name = FileName.parse(f"{path.name.partition(SUFFIX)[0]}.mcap")
+        if name is not None and name.cell == plain_cell(cell):
+            path.unlink(missing_ok=True)
+
+
 def listing(folder: Path, cell: str) -> list[RecordFile]:
     """The level files of a cell's recordings in ``folder``, oldest first, each with the name of its recording.
 
@@ -150,6 +160,7 @@ def listing(folder: Path, cell: str) -> list[RecordFile]:
     for path in (folder / FOLDER).glob(f"*{SUFFIX}"):
         name = FileName.parse(f"{path.stem}.mcap")
         if name is not None and name.cell == plain_cell(cell):
-            status = path.stat()
-            found.append(RecordFile(path, status.st_size, status.st_mtime, True, name))
+            with suppress(FileNotFoundError):
+                status = path.stat()
+                found.append(RecordFile(path, status.st_size, status.st_mtime, True, name))
     return sorted(found, key=lambda kept: kept.name)

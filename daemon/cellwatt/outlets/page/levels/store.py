@@ -13,6 +13,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -21,7 +22,7 @@ from cellwatt.outlets.page.levels import level_file
 from cellwatt.outlets.page.levels.following import Growing, Pace, Places, gather, places_in
 from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Digest
 from cellwatt.outlets.page.levels.level_file import LevelFile
-from cellwatt.record.folder import RecordFile, listing, remove, surplus
+from cellwatt.record.folder import RecordFile, files_of, remove, surplus
 from cellwatt.record.header import FileName
 from cellwatt.record.survey import ATTEMPTS
 
@@ -87,6 +88,8 @@ class Store:
             self._thread.join()
 
     def _run(self) -> None:
+        with suppress(OSError):  # it will be told of what is written next
+            level_file.remove_begun(self.folder, self.cell)
         while not self._closing.is_set():
             try:
                 self.look(self._rest)
@@ -122,13 +125,13 @@ class Store:
             return []
         except OSError as error:
             raise RecordingError(f"record.folder {self.folder} cannot be read: {why(error)}") from error
-        return [kept for kept in found if not kept.closed or kept.path.suffix == ".mcap"]
+        return found
 
     def _settled(self) -> list[RecordFile]:
         """A listing that no rename has disturbed, as far as that can be had: a file is missing in one of them."""
         before: list[Path] | None = None
         for _ in range(ATTEMPTS):
-            found = listing(self.folder, self.cell)
+            found = files_of(self.folder, self.cell)
             names = [kept.path for kept in found]
             if names == before:
                 break

@@ -9,17 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.mismatch.fit.problem import MOVES, Problem, Term
+from cellwatt_plugins.mismatch.fit.problem import Place, Problem, Term
 from cellwatt_plugins.mismatch.fit.retuning import loose
 from cellwatt_plugins.mismatch.fit.search.budget import now
+from cellwatt_plugins.mismatch.fit.sides import MOVES
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.mismatch.fit.thresholds import Thresholds
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
 
-Place = tuple[str, int | None]
-"""Name of an effect and its joint (0-based), as ``Term.place``."""
 Make = Callable[[Float, float], Problem]
 """Makes the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign, read so many s
 late."""

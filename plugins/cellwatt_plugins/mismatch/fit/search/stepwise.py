@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cellwatt.progress import steps
-from cellwatt_plugins.mismatch.fit.problem import Term, said
+from cellwatt_plugins.mismatch.fit.problem import Place, Term, said
 from cellwatt_plugins.mismatch.fit.retuning import confirmed, freed, looseness
 from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_ambiguous,
@@ -27,7 +27,7 @@ from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
 from cellwatt_plugins.mismatch.fit.search.plain import plain_terms
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve
-from cellwatt_plugins.mismatch.fit.search.state import Make, Place, SearchState
+from cellwatt_plugins.mismatch.fit.search.state import Make, SearchState
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.mismatch.fit.thresholds import DEFAULT, Thresholds
 from cellwatt_plugins.robot.effects import EFFECTS

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt.arrays import Float
@@ -14,10 +13,12 @@ from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.motion import Moved
+from cellwatt_plugins.robot.motion import Moved, Plan
 
 SAMPLES = 200
 """Samples of a run that are looked at: enough for what is wrong by a factor."""
+TOGETHER = 20
+"""Samples of all torques together from which they are compared."""
 MOST = 2.0
 """Misfit that counts at most: one joint that is far off is no more than wrong."""
 MEAN_OF_NORMAL = 0.8
@@ -42,7 +43,7 @@ class Torques:
 
     def shares(self) -> Float:
         """Share (n,) of each column's mean square that is no noise."""
-        size = np.array([spread(column) for column in self.torque.T])
+        size = np.array([deviation(column) for column in self.torque.T])
         return np.asarray(np.maximum(1 - np.square(self.noise / np.maximum(size, 1e-12)), 0.0))
 
 
@@ -76,7 +77,7 @@ class Expected:
 
     def _misfit(self, read: Torques, column: int, joint: int) -> float:
         torque, noise = read.torque[:, column], read.noise[column]
-        if spread(torque) <= noise:
+        if deviation(torque) <= noise:
             return 0.0
         rest = torque - self.torque[:, joint]
         if not self.strict:
@@ -84,7 +85,7 @@ class Expected:
             ones = np.ones_like(speed)
             terms = np.column_stack([np.tanh(speed / STOPPED), speed, ones, -ones])
             rest = rest - terms @ nnls(terms, rest)[0]
-        return _beyond(spread(rest), noise) / _beyond(spread(torque), noise)
+        return _beyond(deviation(rest), noise) / _beyond(deviation(torque), noise)
 
 
 @dataclass(frozen=True)
@@ -93,36 +94,32 @@ class Sample:
 
     arm: Arm
     read: Torques
-    position: Float
-    velocity: Float
-    acceleration: Float
+    motion: Plan
 
     def expected(self, factor: Float | float = 1.0, order: Sequence[int] | None = None) -> Expected:
         """Torque by the description for this motion times ``factor``, its columns in ``order``."""
-        motion = (self.position, self.velocity, self.acceleration)
         columns = slice(None) if order is None else list(order)
-        q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in motion)
+        q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in self.motion.courses)
         return Expected(self.arm.torque(q, qd, qdd), qd)
 
 
 def sample_of(run: Run, motion: Moved, arm: Arm) -> Sample:
     """Evenly spread samples of a run, none of them filled in.
 
-    Torques that were not read are 0 throughout: they speak for no reading of the columns.
+    Torques that were not read, or not together with the others, are 0 throughout: they speak for no reading of the
+    columns.
     """
-    kept = usable(run, SAMPLES)
-    torque = run.torque[kept]
-    kept, torque = (kept, torque) if np.isfinite(torque).all() else _heard(kept, torque)
+    rows = usable(run)
+    heard = np.isfinite(run.torque[rows])
+    counts = heard.sum(axis=0)
+    # Joints that were hardly ever read together with the others are left out, the one with the fewest samples first.
+    while counts.any() and heard[:, counts > 0].all(axis=1).sum() < TOGETHER:
+        counts[np.argmin(np.where(counts > 0, counts, len(rows) + 1))] = 0
+    rows = rows[heard[:, counts > 0].all(axis=1)]
+    rows = rows[:: max(1, len(rows) // SAMPLES)]
+    torque = np.where(counts > 0, run.torque[rows], 0.0)
     noise = MEAN_OF_NORMAL * np.nan_to_num(white_noise(run.torque))
-    parts = (motion.position, motion.velocity, motion.acceleration)
-    return Sample(arm, Torques(torque, noise), *(part[kept] for part in parts))
-
-
-def _heard(kept: NDArray[np.intp], torque: Float) -> tuple[NDArray[np.intp], Float]:
-    """Samples in which all torques that were read at all are there, and 0 for the others."""
-    silent = np.isnan(torque).all(axis=0)
-    there = np.isfinite(torque[:, ~silent]).all(axis=1)
-    return kept[there], np.where(silent, 0.0, torque[there])
+    return Sample(arm, Torques(torque, noise), Plan(*(part[rows] for part in motion.courses)))
 
 
 def _beyond(size: float, noise: float) -> float:
@@ -130,7 +127,7 @@ def _beyond(size: float, noise: float) -> float:
     return float(np.sqrt(max(size**2 - noise**2, 0.0)))
 
 
-def spread(values: Float) -> float:
+def deviation(values: Float) -> float:
     """Mean absolute distance from the median; numpy's own median takes three times as long for so few values."""
     count = len(values)
     half = count // 2

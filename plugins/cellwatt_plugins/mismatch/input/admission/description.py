@@ -25,9 +25,9 @@ def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
         return []
     simulated = base.arm.description
     said = _completed(arm.description, simulated)
-    law = Baseline(replace(arm, description=said))
+    law = replace(arm, description=said)
     torque = np.concatenate([each.torque for each in told])
-    size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(each.plan) for each in told]))
+    size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(*each.plan.courses) for each in told]))
     parts = [
         f"joint {i + 1} by {off[i]:.2g} {said.unit(i, 'Nm')}{_how(said, simulated, i)}"
         for i in range(len(off))

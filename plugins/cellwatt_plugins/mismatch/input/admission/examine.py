@@ -101,6 +101,7 @@ def _spread(run: Run) -> float:
 def check_run(run: Run, arm: Arm) -> Moved:
     """The motion of a run that is looked at by itself. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
+    check_read((run,))
     _check(run, arm)
     return _moved(run, arm)
 
@@ -132,16 +133,23 @@ def _moved(run: Run, arm: Arm) -> Moved:
 
 
 def check_read(runs: Sequence[Run]) -> None:
-    """Raises ``RecordingError`` where no run has the torque of any joint."""
-    if all(unread(run).all() for run in runs):
-        if runs[0].command is not None:
+    """Raises ``RecordingError`` where a run has no torque of any joint, or only some runs have their servos' law."""
+    for run in runs:
+        if not unread(run).all():
+            continue
+        if run.command is not None:
             raise RecordingError(
-                f"{runs[0].name}: commands and positions, but no torque: what the drives do with a command must be "
+                f"{run.name}: commands and positions, but no torque: what the drives do with a command must be "
                 "known; give --simulation an MJCF whose joints have <position> actuators with their kp and kv"
             )
         raise RecordingError(
-            f"{runs[0].name}: no torque goes with the motion: every torque or current is empty, constant, or noise: "
+            f"{run.name}: no torque goes with the motion: every torque or current is empty, constant, or noise: "
             "were the drives read?"
+        )
+    driven = [run.name for run in runs if run.drive is not None]
+    if 0 < len(driven) < len(runs):
+        raise RecordingError(
+            f"{driven[0]}: commands and positions, but no torque, which other recordings have: explain it by itself"
         )
 
 

@@ -42,7 +42,7 @@ FACTOR = 2.0
 """Velocity and derivative of the position do not differ by this for any physical reason."""
 
 
-def spread(values: Float) -> Float:
+def span(values: Float) -> Float:
     """Span (n,) of each column (N, n), without its extreme hundredths."""
     low, high = np.percentile(values, [1, 99], axis=0)
     return np.asarray(high - low, np.float64)
@@ -50,7 +50,7 @@ def spread(values: Float) -> Float:
 
 def travel(run: Run) -> Float:
     """Span (n,) rad of each joint in the samples that were not filled in."""
-    return spread(run.position[usable(run)])
+    return span(run.position[usable(run)])
 
 
 def check_moving(runs: Sequence[Run]) -> None:
@@ -67,7 +67,7 @@ def check_moving(runs: Sequence[Run]) -> None:
 def check_stuck(run: Run) -> None:
     """Raises ``RecordingError`` where a signal stays at one value though the joint moves."""
     moves = travel(run) > MOVES
-    wanted = np.zeros(run.joints, bool) if run.plan is None else spread(run.plan.position) > MOVES
+    wanted = np.zeros(run.joints, bool) if run.plan is None else span(run.plan.position) > MOVES
     if run.velocity is not None:
         wanted |= _travelled(run.velocity, run.step)
         _stuck(run, "qd", run.velocity, moves, "the joint moves")
@@ -168,7 +168,7 @@ def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> Non
 def _travelled(velocity: Float, step: float) -> Bool:
     """(n,) true where velocities (N, n) rad/s are of a joint that goes somewhere, not the flicker of one at rest."""
     way = np.cumsum(velocity - velocity.mean(axis=0), axis=0) * step
-    return np.asarray((spread(velocity) > FLICKER) & (np.ptp(way, axis=0) > MOVES), np.bool_)
+    return np.asarray((span(velocity) > FLICKER) & (np.ptp(way, axis=0) > MOVES), np.bool_)
 
 
 def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None:

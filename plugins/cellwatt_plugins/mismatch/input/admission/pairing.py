@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission.motion import MOVES, spread
+from cellwatt_plugins.mismatch.input.admission.motion import MOVES, span
 from cellwatt_plugins.mismatch.input.alignment import LATE, delay
 from cellwatt_plugins.mismatch.input.factors import (
     DEGREES,
@@ -45,8 +45,8 @@ class _Pair:
     moving: NDArray[np.intp]
 
     def errors(self) -> Float:
-        """Of the joints that move; see ``FOLLOWS``."""
-        return _error(self.position, self.plan)[self.moving]
+        """Of each joint that moves: rms of the difference over rms of the plan, both about their means."""
+        return np.asarray((np.std(self.position - self.plan, axis=0) / _scale(self.plan))[self.moving])
 
     def slopes(self) -> tuple[Float, Float]:
         """Recorded over planned motion, and their correlation, of the joints that move."""
@@ -64,7 +64,7 @@ def check_pairing(run: Run, robot: RobotDescription) -> list[str]:
         return []
     kept = usable(run)
     q, plan = run.position[kept], run.plan.position[kept]
-    moving = np.flatnonzero(np.maximum(spread(q), spread(plan)) > MOVES)
+    moving = np.flatnonzero(np.maximum(span(q), span(plan)) > MOVES)
     if not len(moving):
         return []
     pair = _Pair(run.name, q, plan, moving)
@@ -158,8 +158,3 @@ def _centred(values: Float) -> Float:
 
 def _scale(plan: Float) -> Float:
     return np.asarray(np.maximum(np.std(plan, axis=0), MOVES), np.float64)
-
-
-def _error(position: Float, plan: Float) -> Float:
-    """Of each joint: rms of the difference over rms of the plan, both about their means."""
-    return np.asarray(np.std(position - plan, axis=0) / _scale(plan), np.float64)

@@ -16,7 +16,7 @@ from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expecte
 from cellwatt_plugins.mismatch.input.factors import DEGREES, joints_text, order_text, recognised, times_text
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.motion import Moved
+from cellwatt_plugins.robot.motion import Moved, Plan
 
 Order = tuple[int, ...]
 
@@ -56,12 +56,14 @@ def check_simulated(run: Run, arm: Arm) -> None:
     if said is None:
         return
     thin = max(1, len(said.time) // SAMPLES)
-    parts = (said.plan.position, said.plan.velocity, said.plan.acceleration)
     read = Torques(said.torque[::thin], np.zeros(run.joints))
-    _check(f"{run.name}: its simulation's torque", False, Sample(arm, read, *(part[::thin] for part in parts)))
+    plan = Plan(*(part[::thin] for part in said.plan.courses))
+    _check(f"{run.name}: its simulation's torque", False, Sample(arm, read, plan))
 
 
 def _check(place: str, current: bool, sample: Sample) -> None:
+    if not sample.read.torque.any():
+        return
     expected = sample.expected()
     poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, sample.arm.joints))
     friction = HELD * _rms(sample.arm.gravity(poses))
@@ -120,7 +122,7 @@ def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float)
 
 def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) -> None:
     """A torque of the wrong sign also takes energy out of friction, which none can."""
-    gained = np.mean(sample.read.torque * sample.velocity, axis=0) < 0
+    gained = np.mean(sample.read.torque * sample.motion.velocity, axis=0) < 0
     turned = _better(expected.misfits(sample.read * -1.0), misfit) & gained
     if turned.any():
         raise RecordingError(

@@ -22,6 +22,8 @@ class LoadDependentFriction(Friction):
     acceptance = Acceptance(above=0.0)
     uncertainty = Uncertainty({"coefficient": 0.015})
     """A share of the load, which is as uncertain as the links."""
+    plausible = (lambda c: float(c[0])), 0.0, 0.6
+    """A gear that loses more than this under load would not turn back."""
     trained = MappingProxyType({"friction by load": ()})
     doubt = 0.1, ()
     confusions = (

@@ -22,6 +22,8 @@ class GravityTilt(Effect):
     acceptance = Acceptance(several_channels=True)
     uncertainty = Uncertainty({"roll": 0.015, "pitch": 0.015, "yaw": 0.015})
     """The weight that tilts is as uncertain as the links."""
+    plausible = (lambda c: float(np.hypot(c[0], c[1]))), 0.0, 0.18
+    """A base that leans by more than 10 degrees is meant to: it is a mount."""
     confusions = (
         Confusion("payload", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),
         Confusion("link_inertial_error", "turn joint 1 about its vertical axis"),

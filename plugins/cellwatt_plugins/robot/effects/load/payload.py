@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations, Uncertainty
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Plausible, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import body_prior
 from cellwatt_plugins.robot.regression import Prior
@@ -30,6 +30,12 @@ class Payload(Effect):
     acceptance = Acceptance(above=0.0)
     relations = Relations(plainer=10.0)
     uncertainty = Uncertainty(torque_gain=("mass",))
+    plausible: ClassVar[Plausible | None] = (
+        (lambda c: float(np.linalg.norm(c[1:4]) / c[0]) if c[0] > 0 else np.inf),
+        0.0,
+        1.0,
+    )
+    """A load whose centre is more than a metre from the flange is an error of the links."""
     confusions: ClassVar[tuple[Confusion, ...]] = (
         Confusion("link_inertial_error", "weigh with the tool off, then on: an error of the last link stays"),
         Confusion("gravity_tilt", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),

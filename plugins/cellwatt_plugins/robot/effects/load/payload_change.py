@@ -27,6 +27,7 @@ class PayloadChange(Payload):
     depends_on = "residual"
     form = Form(intermittent=True)
     relations = Relations()
+    plausible = None
     confusions = (Confusion("external_contact", "repeat the same program without the part"),)
     sentence = (
         "The flange carries {mass} during parts of the recording, first from "

@@ -22,6 +22,8 @@ class SpringLoad(Effect):
 
     name = "spring_load"
     acceptance = Acceptance(above=0.0)
+    plausible = (lambda c: float(-c[1] / c[0]) if c[0] else np.inf), -3 * np.pi, 3 * np.pi
+    """A hose or balancer rests within a turn of where the joint goes."""
     relations = Relations(contains=("torque_offset",), along="position", beats=("torque_offset",))
     confusions = (
         Confusion("link_inertial_error", "move the joint over its whole range: gravity turns back, a spring does not"),

@@ -16,6 +16,8 @@ class TorqueGain(Effect):
     name = "torque_gain"
     acts_on = "reading"
     depends_on = "fitted torque"
+    plausible = (lambda c: float(c[0])), -0.35, 0.35
+    """A torque constant that is more than a third off is another drive's or unit's."""
     confusions = (
         Confusion(
             "link_inertial_error", "compare with the supply's power at constant speed: a wrong gain draws no power"

@@ -25,6 +25,8 @@ class ConverterEfficiency(Effect):
     acts_on = "supply"
     depends_on = "fitted torque"
     acceptance = Acceptance(above=0.015)
+    plausible = (lambda c: float(c[0])), 0.0, 1.5
+    """A converter that passes on less than 40 % would burn."""
     confusions = (
         Confusion("copper_loss", "hold the arm at several loads: at rest only copper heats"),
         Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency leaves it alone"),

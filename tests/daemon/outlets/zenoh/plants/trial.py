@@ -2,59 +2,35 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
-import sys
-import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tests.daemon.outlets.zenoh.processes import Child
+
 from . import site
 from .network import PLANTS, Network, network
 
-ROOT = Path(__file__).resolve().parents[5]
 PATIENCE = 120.0
 WIDTH = 13
 """Channels of the cells."""
 
 
-class Process:
+class Process(Child):
     """A module of this package in a namespace; ``said`` is its last line of each kind, by its first key."""
 
     def __init__(self, net: Network, place: str, module: str, order: dict[str, Any]) -> None:
-        command = [
-            *net.inside(place),
-            sys.executable,
-            "-m",
-            f"tests.daemon.outlets.zenoh.plants.{module}",
-            json.dumps(order),
-        ]
-        self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self.said: dict[str, Any] = {}
-        self._name = f"{module} in {place}"
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
+        self._last: dict[str, Any] = {}
+        super().__init__(f"plants.{module}", net.inside(place), **order)
+        self.said, self._name = self._last, f"{module} in {place}"
 
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            if not line.endswith("\n"):  # it was killed while it spoke
-                return
-            said = json.loads(line)
-            if isinstance(said, str):
-                self.said[said] = True
-                continue
-            self.said[next(iter(said))] = said
-
-    def send(self, **order: Any) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(order) + "\n")
-        self._process.stdin.flush()
+    def hear(self, said: Any) -> None:
+        self._last[said if isinstance(said, str) else next(iter(said))] = said
 
     def answer(self, key: str, patience: float = PATIENCE, **order: Any) -> dict[str, Any]:
         """Give an order and wait for the line that begins with ``key``."""
@@ -65,28 +41,10 @@ class Process:
     def wait(self, key: str, patience: float = PATIENCE) -> Any:
         return self.until(lambda: self.said.get(key), key, patience)
 
-    def until(self, condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
-        end = time.monotonic() + patience
-        while not (found := condition()):
-            if self._process.poll() is not None:
-                raise RuntimeError(f"{self._name} ended before: {what}")
-            if time.monotonic() > end:
-                raise TimeoutError(f"{self._name}: not within {patience:g} s: {what}")
-            time.sleep(0.01)
-        return found
-
     def end(self) -> None:
         """Close its input; one that does not end by itself is killed."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(20.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._reader.join()
-        self._process.stdout.close()
+        with self, suppress(subprocess.TimeoutExpired):
+            self.finish(20.0)
 
 
 @dataclass

@@ -14,8 +14,8 @@ import aiohttp
 import pytest
 
 from cellwatt.door.settings import tls_context
-from cellwatt.outlets.page.access import HEADERS, POLICY
 from cellwatt.outlets.page.app import names_in
+from cellwatt.outlets.page.gate import HEADERS, POLICY
 from cellwatt.outlets.page.outlet import PageSettings
 from tests.daemon.outlets.page.cell import (
     API,

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.noise import step_noise
 from cellwatt_plugins.robot.motion import Moved, differentiate, expected_sign, from_encoders, smooth
 
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
@@ -28,8 +29,6 @@ EDGE = 0.25
 """s at both ends of a run that a filter does not know."""
 WINDOW = 25
 """Samples of a window in which noise is taken."""
-LEVELS = 0.2
-"""Different positions as a share of all, up to which an encoder's steps are seen."""
 
 
 def filtered(encoders: Float, step: float) -> tuple[Moved, Float]:
@@ -72,12 +71,8 @@ def resolution(encoders: Float) -> Float:
     count = max(1, (len(encoders) - 3) // WINDOW)
     jumps = np.diff(encoders, n=3, axis=0)[: count * WINDOW]
     squares = np.mean(np.square(jumps.reshape(count, -1, encoders.shape[1])), axis=1) / 20.0
-    out = np.maximum(np.sqrt(np.median(squares, axis=0)), 1e-9)
-    for joint, values in enumerate(encoders.T):
-        levels = np.unique(values)
-        if 1 < len(levels) < LEVELS * len(values):
-            out[joint] = max(out[joint], float(np.min(np.diff(levels))) / np.sqrt(12.0))
-    return np.asarray(out)
+    noise = np.maximum(np.sqrt(np.median(squares, axis=0)), 1e-9)
+    return np.asarray(np.maximum(noise, step_noise(encoders)))
 
 
 def compared(step: float) -> float:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.fit.problem import _until, rattling
 from cellwatt_plugins.mismatch.fit.rows import Filtered
+from cellwatt_plugins.mismatch.fit.sides import _until, rattling
 
 
 def test_a_joint_that_rattles_counts_for_little_while_it_does():

@@ -1,0 +1,62 @@
+"""The server that an outlet sends to: whom we trust, why nothing came of it, and when it may be tried again."""
+
+from __future__ import annotations
+
+import math
+import socket
+import ssl
+from datetime import datetime
+from email.utils import parsedate_to_datetime
+from pathlib import Path
+from typing import Final
+
+from cellwatt.errors import OutletError, why
+
+LONGEST_WAIT: Final = 3600.0
+"""Most of what a server may ask us to wait, s."""
+
+
+class NotNowError(OutletError):
+    """The peer takes nothing now; ``wait`` is the time, s, after which to try again, where the peer says so."""
+
+    def __init__(self, reason: str, wait: float | None = None) -> None:
+        super().__init__(reason)
+        self.wait = wait
+
+
+def trust(ca: Path | None) -> ssl.SSLContext:
+    """TLS that trusts an authority (PEM), or those of the system. Reads files. Raises ``NotNowError``."""
+    try:
+        context = ssl.create_default_context(cafile=ca)
+    except ssl.SSLError as error:
+        raise NotNowError(f"ca: {ca} is no certificate authority: {error.reason}") from None
+    except OSError as error:
+        raise NotNowError(f"ca: {ca} cannot be read: {why(error)}") from None
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    return context
+
+
+def unreached(error: Exception) -> str:
+    """Reason why a connection failed, in words. aiohttp's errors have the system's within them."""
+    inner = getattr(error, "certificate_error", None) or getattr(error, "os_error", error)
+    if isinstance(inner, socket.gaierror):
+        return "the host name is not known"
+    if isinstance(inner, ssl.SSLCertVerificationError):
+        return f"its certificate is not trusted: {inner.verify_message}"
+    if isinstance(inner, ssl.SSLError):
+        return f"TLS failed: {inner.reason or inner.strerror}"
+    return (why(inner) if isinstance(inner, OSError) else "") or f"the connection broke: {type(inner).__name__}"
+
+
+def wait_of(header: str | None, now: datetime) -> float | None:
+    """Time in s that a ``Retry-After`` asks for: seconds, or a date; ``None`` where it asks for none."""
+    if header is None:
+        return None
+    try:
+        seconds = float(header)
+    except ValueError:
+        try:
+            seconds = (parsedate_to_datetime(header) - now).total_seconds()
+        except (ValueError, TypeError, OverflowError):
+            return None
+    return min(max(seconds, 0.0), LONGEST_WAIT) if math.isfinite(seconds) else None
