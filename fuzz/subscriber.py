@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Gap, Part
+from cellwatt.outlets.zenoh.order import Gap, MessagePart
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Event
 from fuzz.items import SESSION
@@ -38,7 +38,7 @@ def run(data: bytes) -> None:
 
 def _step(
     state: Following, kind: int, topic: str, mark: Mark, asked: list[Question], now: float
-) -> list[tuple[str, Part]]:
+) -> list[tuple[str, MessagePart]]:
     content = Event(0, None, "k", "t")
     if kind == 0:
         return [(topic, part) for part in state.message(topic, mark, content)]
@@ -64,7 +64,7 @@ def _step(
     return []
 
 
-def _in_order(parts: list[tuple[str, Part]], state: Following, reached: dict[str, tuple[int, int]]) -> None:
+def _in_order(parts: list[tuple[str, MessagePart]], state: Following, reached: dict[str, tuple[int, int]]) -> None:
     seen: Counter[str] = Counter()
     for topic, part in parts:
         session, following = reached.get(topic) or state.begun[topic]

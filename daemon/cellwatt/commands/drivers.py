@@ -12,7 +12,7 @@ import click
 
 from cellwatt.channel import Channel, Stream
 from cellwatt.commands import EXIT_USAGE, completion
-from cellwatt.config.installed import Part, installed
+from cellwatt.config.installed import Installed, installed
 from cellwatt.config.reference import Field, reference
 from cellwatt.config.wording import did_you_mean
 from cellwatt.progress.terminal import show_table
@@ -45,7 +45,7 @@ def _channel(channel: Channel) -> dict[str, str]:
     return {"name": channel.name, "unit": channel.unit, "kind": channel.kind, "method": channel.method}
 
 
-def _list(parts: list[Part], as_json: bool) -> None:
+def _list(parts: list[Installed], as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps([_summary(p) for p in parts], indent=2, ensure_ascii=False))
         return
@@ -53,7 +53,7 @@ def _list(parts: list[Part], as_json: bool) -> None:
     show_table(("kind", "name", "package", "what it is"), rows)
 
 
-def _summary(part: Part) -> dict[str, Any]:
+def _summary(part: Installed) -> dict[str, Any]:
     return {
         "kind": part.kind,
         "name": part.name,
@@ -64,7 +64,7 @@ def _summary(part: Part) -> dict[str, Any]:
     }
 
 
-def _details(part: Part) -> dict[str, Any]:
+def _details(part: Installed) -> dict[str, Any]:
     return {
         **_summary(part),
         "about": _about(part),
@@ -78,7 +78,7 @@ def _details(part: Part) -> dict[str, Any]:
     }
 
 
-def _page(part: Part) -> None:
+def _page(part: Installed) -> None:
     click.echo(f"{part.name} ({part.kind}, {part.package} {part.version}): {part.title}")
     if part.found is None:
         return
@@ -101,7 +101,7 @@ def _page(part: Part) -> None:
         click.echo(f"\nTry it without the device: cellwatt emulate {part.name}")
 
 
-def _show_channels(part: Part) -> None:
+def _show_channels(part: Installed) -> None:
     streams = typical_streams(part)
     if not streams:
         click.echo("\nIts channels depend on its settings; they are shown by: cellwatt check FILE")
@@ -116,11 +116,11 @@ def rate_of(stream: Stream) -> str:
     return f"{stream.rate:g} Hz" if stream.rate else "on change"
 
 
-def _about(part: Part) -> str:
+def _about(part: Installed) -> str:
     """Docstrings of the settings class and of the part's class."""
     texts = [inspect.cleandoc(c.__doc__) for c in (part.found, part.settings) if c is not None and c.__doc__]
     return "\n\n".join(dict.fromkeys(texts)).replace("``", "")
 
 
-def _fields(part: Part) -> list[Field]:
+def _fields(part: Installed) -> list[Field]:
     return [] if part.settings is None else reference(part.settings)

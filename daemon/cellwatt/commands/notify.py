@@ -18,7 +18,7 @@ from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.outlets.notify.channels import Channel, cleaned
 from cellwatt.outlets.notify.courier import channel_to
 from cellwatt.outlets.notify.quiet import zone_of
-from cellwatt.outlets.notify.rules import Message
+from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About
 
@@ -62,7 +62,7 @@ async def _try_all(to: Mapping[str, RecipientSettings], about: About, patience: 
 
 async def _try(to: RecipientSettings, channel: Channel) -> str | None:
     try:
-        answer = await channel.send(Message(uuid.uuid4().hex, time.time_ns()))
+        answer = await channel.send(Notification(uuid.uuid4().hex, time.time_ns()))
     except CellwattError as error:
         return cleaned(str(error), to.secrets)
     missing = {**answer.refused, **answer.later}

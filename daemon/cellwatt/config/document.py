@@ -30,7 +30,7 @@ from cellwatt.config.marks import (
     shortened,
     text_of,
 )
-from cellwatt.config.places import KeyPath, Mark, Place
+from cellwatt.config.places import KeyPath, Location, Mark
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.host import HIDDEN, blank, secrets_of, without
 
@@ -55,7 +55,7 @@ class Document:
     file: Path
     text: str
     value: Any
-    places: Mapping[KeyPath, Place]
+    places: Mapping[KeyPath, Location]
     environment: dict[KeyPath, str]
     secrets: dict[str, str]
     mistakes: Mapping[KeyPath, tuple[Problem, ...]]
@@ -155,14 +155,14 @@ class _Builder:
     def __init__(self, file: Path, environ: Mapping[str, str]) -> None:
         self.file = file
         self.environ = environ
-        self.places: dict[KeyPath, Place] = {}
+        self.places: dict[KeyPath, Location] = {}
         self.environment: dict[KeyPath, str] = {}
         self.secrets: dict[str, str] = {}
         self.mistakes: dict[KeyPath, list[Problem]] = {}
 
     def build(self, node: yaml.Node, path: KeyPath, key: Mark) -> Any:
         written = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
-        self.places[path] = Place(key, mark_of(node), written, (node.start_mark.index, node.end_mark.index))
+        self.places[path] = Location(key, mark_of(node), written, (node.start_mark.index, node.end_mark.index))
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, path)
         if isinstance(node, yaml.MappingNode):

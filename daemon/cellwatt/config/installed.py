@@ -14,7 +14,7 @@ PART_KINDS: tuple[PartKind, ...] = ("driver", "stage", "outlet")
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Installed:
     """One driver, stage or outlet. ``found`` is its class, or ``None`` with the reason in ``error``."""
 
     kind: PartKind
@@ -36,17 +36,17 @@ class Part:
         return found
 
 
-def installed(*kinds: PartKind) -> list[Part]:
+def installed(*kinds: PartKind) -> list[Installed]:
     """All parts of these kinds (all kinds when none is named), by kind and name."""
     return [_part(kind, name) for kind in kinds or PART_KINDS for name in available(f"cellwatt.{kind}s")]
 
 
-def _part(kind: PartKind, name: str) -> Part:
+def _part(kind: PartKind, name: str) -> Installed:
     group = f"cellwatt.{kind}s"
     distribution = available(group)[name].dist
     package = distribution.name if distribution is not None else ""
     version = distribution.version if distribution is not None else ""
     try:
-        return Part(kind, name, package, version, load(group, name))
+        return Installed(kind, name, package, version, load(group, name))
     except Exception as error:  # whatever a package does when imported is its own; the list must still come
-        return Part(kind, name, package, version, None, f"cannot be loaded: {' '.join(str(error).split())}")
+        return Installed(kind, name, package, version, None, f"cannot be loaded: {' '.join(str(error).split())}")

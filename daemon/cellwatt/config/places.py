@@ -27,7 +27,7 @@ class Mark(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Location:
     """Place of a value and its key; ``written`` is the text of a scalar as it stands in the file, else ``""``.
 
     ``span`` holds the characters of the value, with anchor and tag.

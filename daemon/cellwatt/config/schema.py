@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 from pydantic.config import JsonDict
 
 from cellwatt.config.cell import CellName, FrameSettings
-from cellwatt.config.installed import Part, installed
+from cellwatt.config.installed import Installed, installed
 from cellwatt.config.reference import written
 from cellwatt.record.settings import RecordSettings
 from cellwatt.units import Units
@@ -50,13 +50,13 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "http://json-schema.org/draft-07/schema#", **schema}
 
 
-def _chosen(key: str, parts: Sequence[Part]) -> Any:
+def _chosen(key: str, parts: Sequence[Installed]) -> Any:
     """Settings whose shape ``key`` decides."""
     choices = [_with(key, part) for part in parts]
     return Annotated[reduce(or_, choices), Field(discriminator=key)] if len(choices) > 1 else choices[0]
 
 
-def _with(key: str, part: Part) -> Any:
+def _with(key: str, part: Installed) -> Any:
     """A part's settings beside the key that chooses it."""
     chosen: dict[str, Any] = {key: (Literal[part.name], Field(description=part.title))}
     return create_model(f"{part.kind} {part.name}", __base__=_settings(part), __doc__=part.title, **chosen)
@@ -68,7 +68,7 @@ class _Anything(BaseModel):
     model_config = ConfigDict(extra="allow")
 
 
-def _settings(part: Part) -> Any:
+def _settings(part: Installed) -> Any:
     return part.settings or _Anything
 
 

@@ -15,7 +15,7 @@ from cellwatt.channel import Stream
 from cellwatt.config import FrameSettings
 from cellwatt.config.cell import CellName
 from cellwatt.config.document import read
-from cellwatt.config.installed import Part, installed
+from cellwatt.config.installed import Installed, installed
 from cellwatt.config.loading import NAME, load_document
 from cellwatt.config.reference import Field, reference
 from cellwatt.config.wording import first_sentence
@@ -187,7 +187,7 @@ def _stages(arms: tuple[str, ...]) -> Iterator[str]:
         yield from _line(indent, f"{off}{part.name}: {_required(part)}", part.title)
 
 
-def _required(part: Part) -> str:
+def _required(part: Installed) -> str:
     fields = [] if part.settings is None else reference(part.settings)
     keys = [f"{f.key}: {'FILE' if 'path' in f.type else '…'}" for f in fields if f.required and "." not in f.key]
     return f"{{{', '.join(keys)}}}"

@@ -56,12 +56,12 @@ def open_recording(source: Places) -> Recording:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     recording = Recording.open(folder)
-    recording.keeps = kept = _Kept()
+    recording.keeps = kept = _TemporaryCopy()
     weakref.finalize(kept, shutil.rmtree, folder, ignore_errors=True)
     return recording
 
 
-class _Kept:
+class _TemporaryCopy:
     """Goes with the last copy of a recording."""
 
 

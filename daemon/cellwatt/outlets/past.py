@@ -32,7 +32,7 @@ WRITTEN: Final = 60.0
 
 
 @dataclass(slots=True)
-class Part:
+class RecordedSpan:
     """What the record has of a span up to ``until``, in order, its rows in ``units``.
 
     ``whole``: there is no more; ``waits``: the record has not got as far yet.
@@ -48,7 +48,7 @@ class Part:
 
 def read(
     folder: Path, cell: str, selection: Selection, after: int, until: int, most: int, *, results: bool = False
-) -> Part:
+) -> RecordedSpan:
     """Rows after ``after`` up to ``until`` UTC ns, the first ``most`` of them, and the results up to the last.
 
     Raises ``OSError`` where the folder cannot be read, and ``RecordingError`` where that is so of the recording that is
@@ -62,8 +62,8 @@ def read(
     return part
 
 
-def _rows(recordings: list[Recording], selection: Selection, after: int, until: int, most: int) -> Part:
-    part, picker, last = Part(after), None, after
+def _rows(recordings: list[Recording], selection: Selection, after: int, until: int, most: int) -> RecordedSpan:
+    part, picker, last = RecordedSpan(after), None, after
     for frames in (f for r in recordings for f in r.between(after + 1, until + BEYOND).frames()):
         inside = int(np.searchsorted(frames.time, until, side="right"))
         if picker is None or picker.layout != frames.layout:

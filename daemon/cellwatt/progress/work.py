@@ -38,7 +38,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Told:
+class WorkState:
     """State of the work as it is shown: ``fraction`` of the outermost stage, and ``left`` s until that ends.
 
     None where its total is not known.
@@ -70,7 +70,7 @@ class Display:
         """s between two calls of ``show``."""
         return 0.2 if self._live else 5.0
 
-    def show(self, told: Told) -> None:
+    def show(self, told: WorkState) -> None:
         """Write e.g. "25 s: fold 3 of 5; 45 %, 25 s left", or draw a bar."""
         if self._live:
             line = " ".join(filter(None, (f"{'━' * round(16 * (told.fraction or 0)):<16}", told.figures, told.text)))
@@ -137,7 +137,7 @@ class Work:
         """The stage that began last."""
         return self._open[-1] if self._open else None
 
-    def told(self) -> Told | None:
+    def told(self) -> WorkState | None:
         """State of the work now; None where no stage is open."""
         stages = self._open
         if not stages:
@@ -147,7 +147,7 @@ class Work:
             fraction = min((stage.done + inside) / stage.total, 1.0) if stage.total else None
             inside = stage.share * (fraction or 0.0)
         left = (self._clock() - stages[0].began) * (1 / fraction - 1) if fraction else None
-        return Told(", ".join(stage.name for stage in stages if stage.name), fraction, left)
+        return WorkState(", ".join(stage.name for stage in stages if stage.name), fraction, left)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

@@ -19,7 +19,7 @@ class Html(str):
     __slots__ = ()
 
 
-class Part(Protocol):
+class HtmlBlock(Protocol):
     """A block with markup of its own."""
 
     def html(self) -> Html:
@@ -27,7 +27,7 @@ class Part(Protocol):
         ...
 
 
-Block = str | Part
+Block = str | HtmlBlock
 _TAG = re.compile("<[^>]*>")
 _NUMBER = re.compile(r"[(−<>×\s]*\d.{,30}$|–$|not told$")
 

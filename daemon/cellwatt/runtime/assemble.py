@@ -14,7 +14,7 @@ from cellwatt.account import Account
 from cellwatt.align import Aligner
 from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, FrameSettings, SourceConfig, StageConfig
-from cellwatt.config.installed import Part
+from cellwatt.config.installed import Installed
 from cellwatt.config.places import first
 from cellwatt.driver import Inlet, SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, Problem
@@ -76,7 +76,7 @@ def streams_of(source: SourceConfig) -> tuple[Stream, ...]:
     return streams
 
 
-def typical_streams(part: Part) -> tuple[Stream, ...]:
+def typical_streams(part: Installed) -> tuple[Stream, ...]:
     """Streams of an installed driver with default settings; empty where these alone do not make a source."""
     if part.kind != "driver" or part.settings is None:
         return ()

@@ -26,7 +26,7 @@ from cellwatt.outlets.zenoh.encode import schema_in
 from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, KINDS, Address, parse
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Gap, Part
+from cellwatt.outlets.zenoh.order import Gap, MessagePart
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.outlets.zenoh.received import (
     Health,
@@ -285,7 +285,7 @@ class Inbox:
 
     # to the consumer --------------------------------------------------------------------------------
 
-    def _deliver(self, topic: str, parts: list[Part]) -> None:
+    def _deliver(self, topic: str, parts: list[MessagePart]) -> None:
         for part in parts:
             message = Message(topic, part.session, part.sequence, part.backfilled, part.content)
             self.mailbox.put(message, part.size)

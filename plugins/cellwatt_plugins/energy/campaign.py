@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cellwatt.errors import RecordingError
 from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
@@ -22,23 +23,35 @@ from cellwatt_plugins.energy.identify import Belief, Identified, Observed, begin
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.energy.repetitions import find_repetitions
 from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
-from cellwatt_plugins.energy.run_energy import Learnt, edges, run_energy, total_energy
+from cellwatt_plugins.energy.run_energy import Learnt, edges, run_energy, shared, total_energy
 from cellwatt_plugins.robot import Arm
 
 
 def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
     """Find the repetitions of a run, and its clocks' offset with a first guess of the arm's drive.
 
-    Raises ``RecordingError`` where no repetition is complete, or power does not follow the motion.
+    Raises ``RecordingError`` where no repetition is complete and measured, or power does not follow the motion.
     """
     arm, guess = known
     kept, notes = find_repetitions(run.motion)
     feature = motion_features(arm, run.motion)
     one = Observed(run, feature, Offset(0.0, 0.0), tuple(kept), tuple(notes))
     kinds = feature.reshape(len(feature), -1, arm.joints).sum(axis=2)  # each kind of power, of all joints
-    return replace(one, offset=align(run.reading, one.modelled(guess), one.integral(kinds)))
+    one = replace(one, offset=align(run.reading, one.modelled(guess), one.integral(kinds)))
+    measured = shared(one).sum(axis=1) >= MEASURED * np.array([repetition.seconds for repetition in kept])
+    if not measured.any():
+        raise RecordingError(f"{run.reading.place}: it was silent in each repetition: record this run again")
+    notes += [
+        f"the repetition at t = {repetition.start:.1f} s: the analyzer was silent for a part of it: left out"
+        for repetition, seen in zip(kept, measured, strict=True)
+        if not seen
+    ]
+    kept = [repetition for repetition, seen in zip(kept, measured, strict=True) if seen]
+    return replace(one, repetitions=tuple(kept), notes=tuple(notes))
 
 
+MEASURED = 0.95
+"""Share of a repetition's time for which the analyzer must have values."""
 HOLD = (0.3, 0.6)
 """W: what motors draw to hold an arm at its pose of least gravity, expected and one standard deviation."""
 UNPLUGGED = 0.05

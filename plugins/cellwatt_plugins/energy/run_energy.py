@@ -32,6 +32,12 @@ def edges(one: Observed) -> tuple[Float, Float]:
     return np.array([r.start for r in one.repetitions]), np.array([r.end for r in one.repetitions])
 
 
+def shared(one: Observed) -> Float:
+    """Time (R, M) s that each repetition has in common with each value of the analyzer."""
+    (starts, ends), (low, high) = edges(one), one.windows
+    return np.asarray(np.maximum(np.minimum(high, ends[:, None]) - np.maximum(low, starts[:, None]), 0.0))
+
+
 def mechanical(one: Observed, drive: Drive) -> dict[str, Float]:
     """Groups (R,) J, one a repetition, that do not depend on the analyzer's reading (eqs 4, 5, 10, 11, 18)."""
     n = len(drive.torque)
@@ -53,10 +59,7 @@ def total_energy(one: Observed, drive: Drive) -> Float:
     The analyzer's values do not begin and end with the repetitions: within a value the model says how its energy
     is spread, and what the model misses of the value is spread evenly.
     """
-    (starts, ends), (low, high) = edges(one), one.windows
-    shared = np.minimum(high, ends[:, None]) - np.maximum(low, starts[:, None])
-    spread = np.maximum(shared, 0.0) @ one.residual(drive)
-    return np.asarray(one.modelled(drive).between(starts, ends) + spread)
+    return np.asarray(one.modelled(drive).between(*edges(one)) + shared(one) @ one.residual(drive))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A secret that is written into the file is told nowhere; ``tests/system/test_secrets.py`` looks at a whole daemon."""
+"""A secret that is written into the file is told nowhere."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from cellwatt.progress import Told, Work, aside, listening, show_progress, stage, steps
+from cellwatt.progress import WorkState, Work, aside, listening, show_progress, stage, steps
 from cellwatt.progress.work import Display, duration
 
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
@@ -76,7 +76,7 @@ def test_a_loop_in_a_loop(work, clock):
         for _ in steps(["a", "b"], "epoch"):
             told.append(work.told())
             clock.now += 3.0
-    assert told[0] == Told("fold 1 of 5, epoch 1 of 2", 0.0, None)
+    assert told[0] == WorkState("fold 1 of 5, epoch 1 of 2", 0.0, None)
     # Half of the second of five folds: 3 of 10 epochs of 3 s.
     assert told[3].text == "fold 2 of 5, epoch 2 of 2"
     assert told[3].fraction == pytest.approx(0.3)
@@ -89,7 +89,7 @@ def test_labels_and_loops_of_unknown_length(work):
         "trying spring (1 of 2)",
         "trying gap (2 of 2)",
     ]
-    assert [work.told() for _ in steps(iter("ab"), "part")] == [Told("part 1", None, None), Told("part 2", None, None)]
+    assert [work.told() for _ in steps(iter("ab"), "part")] == [WorkState("part 1", None, None), WorkState("part 2", None, None)]
     with stage("searching"):
         assert [work.told().fraction for _ in steps(range(2), "trying")] == [None, None]
 
@@ -98,12 +98,12 @@ def test_stages_do_their_share_of_what_is_around_them(work, clock):
     with stage("", 100.0):
         with stage("reading", 1, share=20.0):
             clock.now = 1.0
-        assert work.told() == Told("", 0.2, pytest.approx(4.0))
+        assert work.told() == WorkState("", 0.2, pytest.approx(4.0))
         with stage("writing", 8, share=80.0) as told:
             told.advance(2, "writing frames")
-            assert work.told() == Told("writing frames", pytest.approx(0.4), pytest.approx(1.5))
+            assert work.told() == WorkState("writing frames", pytest.approx(0.4), pytest.approx(1.5))
             told.advance(15)
-            assert work.told() == Told("writing frames", 1.0, 0.0)
+            assert work.told() == WorkState("writing frames", 1.0, 0.0)
 
 
 def test_stages_end_however_they_are_left(work):

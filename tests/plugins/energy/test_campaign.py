@@ -1,9 +1,15 @@
 """Whole campaigns of arms whose energies are known; the plant shares no code with the product."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from energy.arms import make_arm
 
+from cellwatt_plugins.energy.campaign import observed
+from cellwatt_plugins.energy.identify import begin
+from cellwatt_plugins.energy.recordings import Reading, read_runs
+from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import run_on, worst_error
 
 
@@ -79,3 +85,17 @@ def test_an_arm_without_brakes_that_cannot_be_unplugged(variant):
     assert all(run.brakes == 0 for run in findings.runs)
     assert any("cannot be unplugged" in note for note in findings.fixed.notes)
     assert worst_error(key, findings) < 1.0
+
+
+def test_a_repetition_in_which_the_analyzer_fell_silent_is_left_out(measured):
+    arm = Arm.load(measured[1])
+    run = read_runs(measured[1] / "runs", arm.joints)[0]
+    whole = observed(run, (arm, begin(arm, 50.0)))
+    (*_, last) = whole.repetitions
+    early = run.reading.time - whole.offset.seconds < (last.start + last.end) / 2
+    reading = Reading("analyzer", run.reading.time[early], run.reading.power[early])
+    cut = observed(replace(run, reading=reading), (arm, begin(arm, 50.0)))
+    assert cut.repetitions == whole.repetitions[:-1]
+    assert cut.notes == (
+        f"the repetition at t = {last.start:.1f} s: the analyzer was silent for a part of it: left out",
+    )

@@ -35,14 +35,11 @@ def test_it_learns_and_says_what(healthy, tmp_path):
     assert load(tmp_path / "ref.yaml").robot == "plant"
 
 
-def test_it_reports_as_json(healthy, tmp_path):
-    result = called(healthy, "--out", tmp_path / "ref.yaml", "--json")
-    report = json.loads(result.stdout)
-    assert report["cycles_left_out"] == 1
-    assert [v["cycles"] for v in report["tasks"][0]["variants"]] == [5, 3]
-
-
-def test_the_robot_may_be_a_description(healthy, tmp_path):
+def test_it_reports_as_json_and_the_robot_may_be_a_description(healthy, tmp_path):
     (tmp_path / "robot.yaml").write_text("robot: irb1200\njoints: []\n")
-    called(healthy, "--out", tmp_path / "ref.yaml", "--robot", tmp_path / "robot.yaml")
+    report = json.loads(
+        called(healthy, "--out", tmp_path / "ref.yaml", "--robot", tmp_path / "robot.yaml", "--json").stdout
+    )
+    assert (report["robot"], report["cycles_left_out"]) == ("irb1200", 1)
+    assert [v["cycles"] for v in report["tasks"][0]["variants"]] == [5, 3]
     assert load(tmp_path / "ref.yaml").robot == "irb1200"

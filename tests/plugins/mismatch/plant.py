@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.mismatch.model import Model, Prediction, predict_states
 from cellwatt_plugins.robot import Arm as DescribedArm
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Plan, exact
+from tests.plugins.mismatch.logs import measured, numbered
 from tests.plugins.mismatch.robot_file import write_description
 
 JOINTS = 3
@@ -295,22 +297,14 @@ def column(values: np.ndarray, joint: int) -> np.ndarray:
     return np.outer(values, np.eye(JOINTS)[joint - 1])
 
 
-def tables(run: Run) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Columns of the run's recording and of its simulation, as the files have them."""
-
-    def numbered(stem: str, values: np.ndarray) -> dict[str, np.ndarray]:
-        return {f"{stem}_{i + 1}": values[:, i] for i in range(values.shape[1])}
-
-    recorded = {"t": run.time, **numbered("q", run.position), **numbered("tau", run.torque)}
-    if run.velocity is not None:
-        recorded |= numbered("qd", run.velocity)
-    if run.power is not None:
-        recorded |= {"power": run.power}
+def write(folder: Path, run: Run) -> None:
+    """The run's recording and its simulation as files, under the names that the contract gives them."""
     said = run.simulated
     assert said is not None
     table = {"t": said.time, **numbered("q", said.plan.position), **numbered("qd", said.plan.velocity)}
     table |= {**numbered("qdd", said.plan.acceleration), **numbered("tau", said.torque), "power": said.power}
-    return recorded, table
+    write_table(folder / f"{run.name}.recording.parquet", measured(run))
+    write_table(folder / f"{run.name}.simulation.parquet", table)
 
 
 def predict(model: Model, time: np.ndarray, *motion: np.ndarray) -> Prediction:

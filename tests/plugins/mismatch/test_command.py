@@ -25,9 +25,7 @@ def cell(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cell")
     plant.write_robot(folder)
     for seed, name in ((1, "run_01"), (2, "run_02")):
-        recorded, simulated = plant.tables(plant.record(name, seed, OFFSET, 8.0))
-        parquet(folder / f"{name}.recording.parquet", recorded)
-        parquet(folder / f"{name}.simulation.parquet", simulated)
+        plant.write(folder, plant.record(name, seed, OFFSET, 8.0))
     return folder
 
 

@@ -3,17 +3,17 @@
 import json
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch.command import explain
 from cellwatt_plugins.mismatch.input.driven import driven
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.simulators import load_simulator
 from cellwatt_plugins.mismatch.simulators.rollout import WINDOW, rms_of, rolled_out
 from cellwatt_plugins.robot.servo.law import servo_of
+from tests.plugins.mismatch.logs import numbered
 from tests.plugins.mismatch.servos import KP, PLANTS, integrated, mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -27,11 +27,8 @@ def logs():
 def explained(folder, log, *words):
     if isinstance(log, tuple):
         time, told, seen = log
-        columns = {"t": time}
-        for j in range(2):
-            columns |= {f"command_{j + 1}": told[:, j], f"q_{j + 1}": seen[:, j]}
         log = folder / "log.parquet"
-        pq.write_table(pa.table(columns), log)
+        write_table(log, {"t": time, **numbered("command", told), **numbered("q", seen)})
     (folder / "arm.xml").write_text(mjcf())
     given = [str(log), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
     words = words or ("--no-report",)

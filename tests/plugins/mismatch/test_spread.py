@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import RecordingError
@@ -31,9 +29,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cell")
     plant.write_robot(folder)
     for seed in (1, 2, 3):
-        recorded, simulated = plant.tables(plant.record(f"run_{seed}", seed, OFFSET, 6.0))
-        pq.write_table(pa.table(recorded), folder / f"run_{seed}.recording.parquet")
-        pq.write_table(pa.table(simulated), folder / f"run_{seed}.simulation.parquet")
+        plant.write(folder, plant.record(f"run_{seed}", seed, OFFSET, 6.0))
     return folder
 
 

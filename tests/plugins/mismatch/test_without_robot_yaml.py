@@ -1,15 +1,14 @@
 """``cellwatt explain LOG --simulation arm.xml``, and its model without MuJoCo's file."""
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import yaml
 from click.testing import CliRunner
 
-from cellwatt.tables import read_table
+from cellwatt.tables import read_table, write_table
 from cellwatt_plugins.mismatch.command import explain, simulate
 from tests.plugins.mismatch.input.test_simulators_log import GRIPPER, LINKS, logged, motion
+from tests.plugins.mismatch.logs import numbered
 
 pytest.importorskip("mujoco")
 
@@ -29,11 +28,9 @@ def test_the_simulators_file_is_enough(tmp_path, monkeypatch):
     model = yaml.safe_load((tmp_path / "out" / "model.yaml").read_text())["robot"]
     assert [joint["name"] for joint in model["joints"]] == ["shoulder", "elbow"]
     (tmp_path / "arm.xml").unlink()
-    time, *parts = motion()
-    columns = {"t": time}
-    for name, values in zip(("q", "qd", "qdd"), parts, strict=True):
-        columns |= {f"{name}_{i + 1}": values[:, i] for i in range(2)}
-    pq.write_table(pa.table(columns), "motion.parquet")
+    time, q, qd, qdd = motion()
+    planned = {"t": time, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
+    write_table(tmp_path / "motion.parquet", planned)
     words = ["--model", "out", "--motion", "motion.parquet", "--out", "said.parquet"]
     assert CliRunner().invoke(simulate, words, catch_exceptions=False).exit_code == 0
     assert np.max(np.abs(read_table(tmp_path / "said.parquet").joints("torque") - torque)) < 0.2

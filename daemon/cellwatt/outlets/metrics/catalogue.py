@@ -99,7 +99,7 @@ Body = Mapping[str, Any]
 STATES: Final = ("green", "amber", "red")
 
 
-class Reading(NamedTuple):
+class SeriesValue(NamedTuple):
     """Value of one series; ``metric`` is a name of the catalogue without ``cellwatt_``, ``labels`` in its order.
 
     ``part`` names what counts, where its count may be taken back; see ``Ratchet``.
@@ -129,15 +129,15 @@ _FIGURES: Final[Mapping[str, tuple[tuple[str, str, float], ...]]] = {
 """Metrics of parts of health: name, key there, and factor to the metric's unit."""
 
 
-def of_health(status: Body) -> Iterator[Reading]:
+def of_health(status: Body) -> Iterator[SeriesValue]:
     """All that a health message tells."""
     for state in STATES:
-        yield Reading("state", (state,), float(status.get("state") == state))
-    yield Reading("utc_error_seconds", (), 1e-3 * status.get("utc_error_ms", 0.0))
-    yield Reading("results", (), status.get("results", 0))
+        yield SeriesValue("state", (state,), float(status.get("state") == state))
+    yield SeriesValue("utc_error_seconds", (), 1e-3 * status.get("utc_error_ms", 0.0))
+    yield SeriesValue("results", (), status.get("results", 0))
     for kind, up in (("sources", "source_up"), ("stages", "stage_up"), ("sinks", "sink_up")):
         for name, part in status.get(kind, {}).items():
-            yield Reading(up, (name,), float(part["state"] == "ok"))
+            yield SeriesValue(up, (name,), float(part["state"] == "ok"))
             yield from _figures(kind, (name,), part)
     for name, source in status.get("sources", {}).items():
         yield from _of_account("samples", "source", name, source)
@@ -147,53 +147,53 @@ def of_health(status: Body) -> Iterator[Reading]:
     for name, outlet in status.get("sinks", {}).items():
         yield from _of_account("sink", "outlet", name, outlet)
     for name, process in status.get("processes", {}).items():
-        yield Reading("process_up", (name,), float(not process["down"]))
+        yield SeriesValue("process_up", (name,), float(not process["down"]))
         yield from _figures("processes", (name,), process)
     frames = status.get("frames", {})
-    yield Reading("frames", (), frames.get("count", 0))
+    yield SeriesValue("frames", (), frames.get("count", 0))
     for stream, counts in frames.get("streams", {}).items():
         for reason, n in counts.items():
-            yield Reading("frame_samples_unused", (stream, reason), n)
+            yield SeriesValue("frame_samples_unused", (stream, reason), n)
     if (recorder := status.get("recorder")) is not None:
         yield from _of_recorder(recorder)
     yield from _of_alarms(status)
 
 
-def _figures(kind: str, labels: tuple[str, ...], part: Body) -> Iterator[Reading]:
+def _figures(kind: str, labels: tuple[str, ...], part: Body) -> Iterator[SeriesValue]:
     """The figures that a part has."""
     for metric, key, factor in _FIGURES.get(kind, ()):
         if (value := part.get(key)) is not None:
-            yield Reading(metric, labels, factor * value)
+            yield SeriesValue(metric, labels, factor * value)
 
 
-def _of_account(kind: str, part: str, name: str, account: Body) -> Iterator[Reading]:
+def _of_account(kind: str, part: str, name: str, account: Body) -> Iterator[SeriesValue]:
     life = f"{part} {name}"
     missed, dropped = account.get("missed", {}), account.get("dropped", {})
-    yield Reading(f"{kind}_received", (name,), account.get("received", 0))
-    yield Reading(f"{kind}_lost", (name,), sum(missed.values()) + sum(dropped.values()), life)
+    yield SeriesValue(f"{kind}_received", (name,), account.get("received", 0))
+    yield SeriesValue(f"{kind}_lost", (name,), sum(missed.values()) + sum(dropped.values()), life)
     for reason, n in missed.items():
-        yield Reading(f"{kind}_missed", (name, reason), n, life)
+        yield SeriesValue(f"{kind}_missed", (name, reason), n, life)
     for where, n in dropped.items():
-        yield Reading(f"{kind}_dropped", (name, where), n)
+        yield SeriesValue(f"{kind}_dropped", (name, where), n)
     for what, n in account.get("counters", {}).items():
-        yield Reading("source_occurrences" if part == "source" else "sink_occurrences", (name, what), n)
+        yield SeriesValue("source_occurrences" if part == "source" else "sink_occurrences", (name, what), n)
 
 
-def _of_recorder(recorder: Body) -> Iterator[Reading]:
-    yield Reading("record_up", (), float(recorder["state"] == "ok"))
-    yield Reading("record_bytes", (), recorder.get("bytes", 0))
-    yield Reading("record_queue_bytes", (), recorder.get("queue", {}).get("bytes", 0))
-    yield Reading("record_flush_age_seconds", (), recorder.get("flush_age", 0.0))
+def _of_recorder(recorder: Body) -> Iterator[SeriesValue]:
+    yield SeriesValue("record_up", (), float(recorder["state"] == "ok"))
+    yield SeriesValue("record_bytes", (), recorder.get("bytes", 0))
+    yield SeriesValue("record_queue_bytes", (), recorder.get("queue", {}).get("bytes", 0))
+    yield SeriesValue("record_flush_age_seconds", (), recorder.get("flush_age", 0.0))
     for topic, n in recorder.get("drops", {}).items():
-        yield Reading("record_dropped", (topic,), n)
+        yield SeriesValue("record_dropped", (topic,), n)
 
 
-def _of_alarms(status: Body) -> Iterator[Reading]:
+def _of_alarms(status: Body) -> Iterator[SeriesValue]:
     alarms = status.get("alarms", ())
     for about, n in Counter((alarm["severity"], alarm["kind"]) for alarm in alarms).items():
-        yield Reading("alarms_active", about, n)
-    yield Reading("alarms_acknowledged", (), sum(alarm.get("acknowledged") is not None for alarm in alarms))
-    yield Reading("alarms_shelved", (), len(status.get("shelved", ())))
+        yield SeriesValue("alarms_active", about, n)
+    yield SeriesValue("alarms_acknowledged", (), sum(alarm.get("acknowledged") is not None for alarm in alarms))
+    yield SeriesValue("alarms_shelved", (), len(status.get("shelved", ())))
 
 
 def lives_of(status: Body) -> Iterator[tuple[str, int | None, float]]:

@@ -16,7 +16,7 @@ from prometheus_client.registry import Collector
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.apart.outlet import Apart
-from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family, Reading, lives_of, of_health
+from cellwatt.outlets.metrics.catalogue import CATALOGUE, Family, SeriesValue, lives_of, of_health
 from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.outlets.selection import fits
 from cellwatt.results import Energy
@@ -83,7 +83,7 @@ class Meter(Collector):
         self._layout: Layout | None = None
         self._columns: tuple[tuple[int, str], ...] = ()
         self._power: dict[str, float] = {}
-        self._readings: list[Reading] = []
+        self._readings: list[SeriesValue] = []
         self._looked: float | None = None
         self._energies: dict[tuple[str, tuple[str, ...]], float] = {}
         self._alarms: dict[tuple[str, ...], None] = {}
@@ -123,7 +123,7 @@ class Meter(Collector):
         self._readings = [self._steady(reading, lives) for reading in of_health(status)]
         now = {r.labels for r in self._readings if r.metric == "alarms_active"}
         # An alarm that is over is told as 0 from now on, so that nobody takes it for unknown.
-        self._readings += [Reading("alarms_active", labels, 0.0) for labels in self._alarms if labels not in now]
+        self._readings += [SeriesValue("alarms_active", labels, 0.0) for labels in self._alarms if labels not in now]
         for labels in now:
             if len(self._alarms) < self._most:
                 self._alarms[labels] = None
@@ -149,22 +149,22 @@ class Meter(Collector):
         """Families that have series, in the order of the catalogue."""
         return (_filled(CATALOGUE[name], samples) for name, samples in self.samples().items() if samples)
 
-    def _all(self) -> Iterator[Reading]:
-        yield Reading("build", (__version__,), 1.0)
-        yield Reading("session_start_time_seconds", (), 1e-9 * self._session)
-        yield Reading("scrapes", (), self.scrapes)
+    def _all(self) -> Iterator[SeriesValue]:
+        yield SeriesValue("build", (__version__,), 1.0)
+        yield SeriesValue("session_start_time_seconds", (), 1e-9 * self._session)
+        yield SeriesValue("scrapes", (), self.scrapes)
         if (age := self.age(time.monotonic())) is not None:
-            yield Reading("health_age_seconds", (), age)
+            yield SeriesValue("health_age_seconds", (), age)
         yield from self._readings
-        yield from (Reading("power_watts", (name,), value) for name, value in self._power.items())
-        yield from (Reading(metric, labels, value) for (metric, labels), value in self._energies.items())
+        yield from (SeriesValue("power_watts", (name,), value) for name, value in self._power.items())
+        yield from (SeriesValue(metric, labels, value) for (metric, labels), value in self._energies.items())
 
     def _add(self, metric: str, labels: tuple[str, ...], value: float) -> None:
         key = metric, labels
         if math.isfinite(value) and (key in self._energies or len(self._energies) < _MOST_ENERGIES):
             self._energies[key] = self._energies.get(key, 0.0) + max(value, 0.0)
 
-    def _steady(self, reading: Reading, lives: Mapping[str, int]) -> Reading:
+    def _steady(self, reading: SeriesValue, lives: Mapping[str, int]) -> SeriesValue:
         """A reading of a counter that does not fall."""
         if CATALOGUE[f"cellwatt_{reading.metric}"].type != "counter":
             return reading

@@ -19,7 +19,7 @@ from cellwatt.errors import RecordingError, why
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.outlets.past import Archived, Part, read
+from cellwatt.outlets.past import Archived, RecordedSpan, read
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.results import Event, Prediction, Result
 
@@ -235,7 +235,7 @@ class Backfill:
         self._cursor.pay(after, end, rows)
         self._delivered.set()
 
-    async def _read(self, after: int, until: int) -> Part:
+    async def _read(self, after: int, until: int) -> RecordedSpan:
         before = after < self._outbox.begun  # results of before this start did not wait in our queue
         until = min(until, self._outbox.begun) if before else until
         work = partial(read, *self._record, self._settings, after, until, PART, results=before)
@@ -245,6 +245,6 @@ class Backfill:
             reason = why(error) if isinstance(error, OSError) else str(error)
             self.problem = f"record.folder {self._record[0]} cannot be read for back-fill: {reason}"
             self._account.count("record unreadable")
-            return Part(after, waits=True)
+            return RecordedSpan(after, waits=True)
         self.problem = None
         return part

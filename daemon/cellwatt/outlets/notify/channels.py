@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.notify.rules import Message
+from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.texts import short
 
 LONGEST = 200  # characters of a reason
@@ -18,7 +18,7 @@ class RefusedError(CellwattError):
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class SendResult:
     """The server took a message, but for some of its addresses.
 
     ``taken`` it was for these; ``refused`` are reasons by address, for good; ``later`` reasons by address, for now.
@@ -32,7 +32,7 @@ class Answer:
 class Channel(Protocol):
     """Brings messages to one recipient."""
 
-    async def send(self, message: Message) -> Answer:
+    async def send(self, message: Notification) -> SendResult:
         """Try once to bring a message. Raises ``RefusedError`` or ``NotNowError``."""
         ...
 

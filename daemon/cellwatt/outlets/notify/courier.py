@@ -16,10 +16,10 @@ from typing import Final
 from cellwatt.account import Account
 from cellwatt.errors import why
 from cellwatt.files import put_aside
-from cellwatt.outlets.notify.channels import Answer, Channel, RefusedError, cleaned
+from cellwatt.outlets.notify.channels import Channel, RefusedError, SendResult, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
-from cellwatt.outlets.notify.rules import Item, Message, Rules, message_of, ready, silence
+from cellwatt.outlets.notify.rules import Item, Notification, Rules, message_of, ready, silence
 from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About, undelivered
 from cellwatt.outlets.remote import NotNowError
@@ -151,7 +151,7 @@ class Courier:
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
         return items if now - oldest >= self._rules.group else []
 
-    async def _deliver(self, channel: Channel, message: Message) -> None:
+    async def _deliver(self, channel: Channel, message: Notification) -> None:
         """Try to bring a message until it is accepted, refused, or too old."""
         pause = self._settings.retry
         while True:
@@ -169,7 +169,7 @@ class Courier:
             await asyncio.sleep(max(failure.wait or 0.0, pause * random.uniform(0.5, 1.0)))
             pause = min(2 * pause, max(LONGEST_PAUSE, self._settings.retry))
 
-    async def _attempt(self, channel: Channel, message: Message) -> NotNowError | None:
+    async def _attempt(self, channel: Channel, message: Notification) -> NotNowError | None:
         """Try once; return why it must be tried again."""
         work = asyncio.create_task(channel.send(message))
         try:
@@ -190,7 +190,7 @@ class Courier:
             log.exception("notify: %s: sending broke", self.name)
             return self._failed(NotNowError(f"sending broke: {type(error).__name__}, see the log"))
 
-    async def _accepted(self, message: Message, answer: Answer) -> NotNowError | None:
+    async def _accepted(self, message: Notification, answer: SendResult) -> NotNowError | None:
         for address, reason in answer.refused.items():
             await self._keep(message, f"{address}: {self._clean(reason)}")
         if answer.later:
@@ -217,14 +217,14 @@ class Courier:
         self._trouble.reason = str(error)
         return error
 
-    async def _give_up(self, message: Message, reason: str) -> None:
+    async def _give_up(self, message: Notification, reason: str) -> None:
         log.warning("notify: a message to %s is not delivered: %s", self.name, reason)
         self._trouble = _Trouble(reason, time.monotonic(), final=True)
         await self._keep(message, reason)
         self._told.arrived()
         await self._ledger.flush()
 
-    async def _keep(self, message: Message, reason: str) -> None:
+    async def _keep(self, message: Notification, reason: str) -> None:
         """Put a message among the undelivered."""
         if self._folder is not None:
             path, now = self._folder / UNDELIVERED, datetime.now(UTC).isoformat(timespec="seconds")

@@ -19,8 +19,8 @@ from aiosmtplib import (
     SMTPTimeoutError,
 )
 
-from cellwatt.outlets.notify.channels import Answer, RefusedError
-from cellwatt.outlets.notify.rules import Message
+from cellwatt.outlets.notify.channels import RefusedError, SendResult
+from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.settings import MailSettings
 from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
 from cellwatt.outlets.remote import NotNowError, trust, unreached
@@ -37,11 +37,11 @@ class Mail:
     def __init__(self, settings: MailSettings, about: About, timeout: float) -> None:
         self._settings, self._about, self._timeout = settings, about, timeout
 
-    async def send(self, message: Message) -> Answer:
+    async def send(self, message: Notification) -> SendResult:
         """See ``Channel.send``."""
         left = [address for address in self._settings.to if address not in message.settled]
         if not left:
-            return Answer()
+            return SendResult()
         client = await self._client()
         try:
             async with asyncio.timeout(self._timeout):
@@ -58,7 +58,7 @@ class Mail:
         taken = tuple(address for address in left if address not in refused)
         for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if code >= _FOR_EVER}
         later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
-        return Answer(taken, for_ever, later)
+        return SendResult(taken, for_ever, later)
 
     async def _client(self) -> aiosmtplib.SMTP:
         settings = self._settings
@@ -96,7 +96,7 @@ class Mail:
         except OSError as error:
             raise NotNowError(unreached(error)) from None
 
-    def _content(self, message: Message) -> bytes:
+    def _content(self, message: Notification) -> bytes:
         settings, about = self._settings, self._about
         mail = EmailMessage(policy=SMTP_POLICY)
         mail["From"] = settings.sender

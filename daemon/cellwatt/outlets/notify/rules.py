@@ -39,7 +39,7 @@ class Item:
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class Notification:
     """Items that are sent together; ``id`` is the same at every attempt, ``made`` UTC ns.
 
     ``more`` items found no room, ``settled`` are addresses of it that need no further attempt.
@@ -67,7 +67,7 @@ class Episode:
     over: bool = False
 
 
-_Saved = tuple[list[Episode], list[Item], Message | None, dict[str, tuple[int, int]], int]
+_Saved = tuple[list[Episode], list[Item], Notification | None, dict[str, tuple[int, int]], int]
 _SAVED: Final[TypeAdapter[_Saved]] = TypeAdapter(_Saved)
 
 
@@ -77,7 +77,7 @@ class Recipient:
 
     episodes: dict[str, Episode] = field(default_factory=dict)
     due: dict[tuple[str, bool], Item] = field(default_factory=dict)
-    flight: Message | None = None
+    flight: Notification | None = None
     ended: dict[str, tuple[int, int]] = field(default_factory=dict)
     """Session and time of the end, UTC ns, of alarms that are over, by id."""
     more: int = 0
@@ -147,7 +147,7 @@ class Recipient:
         while len(self.ended) > ENDED:
             del self.ended[next(iter(self.ended))]
 
-    def send(self, message: Message) -> None:
+    def send(self, message: Notification) -> None:
         """Put a message of items that waited on its way."""
         self.flight, self.more, self.changed = message, 0, True
         for item in message.items:
@@ -265,8 +265,8 @@ def ready(told: Recipient, passing: int) -> list[Item]:
     return [i for i in told.due.values() if max(rank(waits.alarm) for waits in told.waiting(i.alarm.id)) >= passing]
 
 
-def message_of(to: str, items: Collection[Item], more: int, now: int) -> Message:
+def message_of(to: str, items: Collection[Item], more: int, now: int) -> Notification:
     """Make a message for the recipient ``to`` at ``now``, UTC ns; its id depends on all that."""
     parts = [f"{item.what} {item.alarm.since} {item.alarm.time} {item.alarm.id}" for item in items]
     digest = hashlib.sha256("\n".join([to, str(now), str(more), *parts]).encode()).hexdigest()
-    return Message(digest[:32], now, tuple(items), more)
+    return Notification(digest[:32], now, tuple(items), more)

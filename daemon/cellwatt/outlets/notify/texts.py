@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pydantic_core import to_jsonable_python
 
-from cellwatt.outlets.notify.rules import Item, Message, rank
+from cellwatt.outlets.notify.rules import Item, Notification, rank
 from cellwatt.results import Alarm
 from cellwatt.units import named
 
@@ -37,12 +37,12 @@ class About:
         return None if self.page is None else f"{self.page.rstrip('/')}/cell/{self.site}/{self.cell}/alarms"
 
 
-def subject(about: About, message: Message) -> str:
+def subject(about: About, message: Notification) -> str:
     """One line: the cell, and the gravest thing that happened."""
     return short(f"[{about.site}/{about.cell}] {_headline(message)}", LONGEST_SUBJECT)
 
 
-def body(about: About, message: Message, limit: int | None = None) -> str:
+def body(about: About, message: Notification, limit: int | None = None) -> str:
     """The text under the subject, of at most ``limit`` bytes; items that find no room are counted."""
     if not message.items and not message.more:
         lines = [f"This is a test. Alarms of the cell {about.cell} at {about.site} will come this way."]
@@ -56,7 +56,7 @@ def body(about: About, message: Message, limit: int | None = None) -> str:
     return text if limit is None or len(text.encode()) <= limit else _cut(text, limit)
 
 
-def payload(about: About, message: Message) -> dict[str, Any]:
+def payload(about: About, message: Notification) -> dict[str, Any]:
     """All of a message for programs, JSON-ready."""
     return {
         "id": message.id,
@@ -72,12 +72,12 @@ def payload(about: About, message: Message) -> dict[str, Any]:
     }
 
 
-def undelivered(about: About, to: str, message: Message, reason: str, now: str) -> bytes:
+def undelivered(about: About, to: str, message: Notification, reason: str, now: str) -> bytes:
     """One line for a message to ``to`` that is given up at ``now``."""
     return json.dumps({"time": now, "to": to, "reason": reason, **payload(about, message)}).encode() + b"\n"
 
 
-def severity(message: Message) -> str | None:
+def severity(message: Notification) -> str | None:
     """Gravest severity among alarms that are up; ``None`` where all are over."""
     up = [item.alarm for item in message.items if item.what != "cleared"]
     return max(up, key=rank).severity if up else None
@@ -93,7 +93,7 @@ def in_order(items: Sequence[Item]) -> list[Item]:
     return sorted(items, key=lambda item: (item.what == "cleared", -rank(item.alarm)))
 
 
-def _headline(message: Message) -> str:
+def _headline(message: Notification) -> str:
     items = in_order(message.items)
     if not items:
         return f"{message.more} alarms" if message.more else "test: cellwatt reaches you"
@@ -136,7 +136,7 @@ def _whole(about: About, item: Item) -> Iterator[str]:
     yield f"alarm:    {short(alarm.id, LONGEST_STATEMENT)}"
 
 
-def _list(about: About, message: Message, limit: int | None) -> Iterator[str]:
+def _list(about: About, message: Notification, limit: int | None) -> Iterator[str]:
     items = in_order(message.items)
     left = None if limit is None else limit - 200 - len((about.link or "").encode())
     yield f"{_count(len(items) + message.more)}:"

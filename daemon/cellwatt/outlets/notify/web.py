@@ -17,8 +17,8 @@ from typing import Any, Final
 import aiohttp
 from pydantic import SecretStr
 
-from cellwatt.outlets.notify.channels import Answer, RefusedError
-from cellwatt.outlets.notify.rules import Message
+from cellwatt.outlets.notify.channels import RefusedError, SendResult
+from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings
 from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
 from cellwatt.outlets.remote import NotNowError, trust, unreached, wait_of
@@ -61,7 +61,7 @@ class WebChannel:
     def __init__(self, settings: Web, about: About, timeout: float) -> None:
         self._settings, self._about, self._timeout = settings, about, timeout
 
-    async def send(self, message: Message) -> Answer:
+    async def send(self, message: Notification) -> SendResult:
         """See ``Channel.send``."""
         settings = self._settings
         content, head = request(settings, self._about, message, int(time.time()))
@@ -82,10 +82,10 @@ class WebChannel:
             raise NotNowError(f"no answer within {self._timeout:g} s") from None
         except (aiohttp.ClientError, OSError) as error:
             raise NotNowError(unreached(error)) from None
-        return Answer()
+        return SendResult()
 
 
-def request(settings: Web, about: About, message: Message, now: int) -> tuple[bytes, dict[str, str]]:
+def request(settings: Web, about: About, message: Notification, now: int) -> tuple[bytes, dict[str, str]]:
     """Body and headers of one attempt at ``now``, UTC s; only the time and with it the signature ever change."""
     told: dict[str, Any]
     token: SecretStr | None = None
@@ -121,7 +121,7 @@ def judge(status: int, retry_after: str | None = None) -> None:
     raise NotNowError(reason, wait_of(retry_after, datetime.now(UTC)))
 
 
-def _ntfy(settings: NtfySettings, about: About, message: Message) -> dict[str, Any]:
+def _ntfy(settings: NtfySettings, about: About, message: Notification) -> dict[str, Any]:
     worst = severity(message)
     told = {
         "topic": settings.topic.get_secret_value(),
@@ -134,7 +134,7 @@ def _ntfy(settings: NtfySettings, about: About, message: Message) -> dict[str, A
     return told if about.link is None else {**told, "click": about.link}
 
 
-def _home_assistant(about: About, message: Message) -> dict[str, Any]:
+def _home_assistant(about: About, message: Notification) -> dict[str, Any]:
     data = {"tag": message.id}  # telephones show a message that is sent again in place of the first
     if about.link is not None:
         data |= {"url": about.link, "clickAction": about.link}

@@ -42,7 +42,7 @@ Kind = Literal["recording", "simulation", "robot", "other"]
 
 
 @dataclass
-class Answer:
+class Explanation:
     """What ``explain`` says of a drop, while it works and afterwards."""
 
     running: bool = True
@@ -61,7 +61,7 @@ class Drop:
     """Bytes of each file that is still to come, by its path."""
     note: str = ""
     """What a sample conceals."""
-    answer: Answer | None = None
+    answer: Explanation | None = None
     drawn: dict[str, Path] = field(default_factory=dict)
     """Pages of curves, by the path of what was drawn."""
     numbers: Iterator[int] = field(default_factory=count)
@@ -228,11 +228,11 @@ class Drops:
         words += ["--robot", f"./{robot}"] if robot else []
         own = [path for path in simulations if Path(path).suffix in (".xml", ".urdf")]
         words += ["--mend", f"./{own[0]}"] if own else []
-        drop.answer = told = Answer()
+        drop.answer = told = Explanation()
         self._tasks[drop.name] = asyncio.create_task(self._explained(drop, told, words))
         return answer({})
 
-    async def _explained(self, drop: Drop, told: Answer, words: list[str]) -> None:
+    async def _explained(self, drop: Drop, told: Explanation, words: list[str]) -> None:
         def progress(line: str) -> None:
             told.said = line
 

@@ -41,14 +41,14 @@ class Login:
 
 
 @dataclass(slots=True)
-class _Kept:
+class _Saved:
     """What the file holds: the secret of this page (hex), and logins by the digest of their token."""
 
     secret: str
     logins: dict[str, Login]
 
 
-_KEPT: Final = TypeAdapter(_Kept)
+_KEPT: Final = TypeAdapter(_Saved)
 
 
 class Sessions:
@@ -129,7 +129,7 @@ class Sessions:
         now = self._clock()
         logins = {key: login for key, login in list(self._logins.items()) if login.ends > now}
         try:
-            replace_bytes(self._file, _KEPT.dump_json(_Kept(self._secret.hex(), logins)), 0o600)
+            replace_bytes(self._file, _KEPT.dump_json(_Saved(self._secret.hex(), logins)), 0o600)
         except OSError as error:
             log.warning("%s cannot be written, logins end with this process: %s", self._file, error.strerror)
 

@@ -21,7 +21,7 @@ from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import HELD_BYTES, Follower, Gap, Hole, Part
+from cellwatt.outlets.zenoh.order import HELD_BYTES, Follower, Gap, Hole, MessagePart
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Alarm, Event, Result
 
@@ -66,7 +66,7 @@ class Following:
     _claims: dict[tuple[str, int], int] = field(default_factory=dict)
     """Highest next number that somebody claims, by topic and session; the topic of a daemon's own one is ``health``."""
     _asked: dict[tuple[str, int], int] = field(default_factory=dict)
-    _early: list[tuple[str, Part]] = field(default_factory=list)
+    _early: list[tuple[str, MessagePart]] = field(default_factory=list)
     """Messages of topics that the cell has not confirmed."""
     _due: float = -math.inf
     _pause: float = _PAUSE
@@ -92,7 +92,7 @@ class Following:
         """Number of samples and messages that arrived more than once; each was delivered once."""
         return sum(follower.duplicates for follower in list(self._topics.values()))
 
-    def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[Part]:
+    def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[MessagePart]:
         """Take a live message of ``size`` bytes; return the parts that are in order now.
 
         Raises ``ProtocolError`` if there are more topics than a cell can have.
@@ -152,7 +152,7 @@ class Following:
         self._pause = min(2 * self._pause, _LONGEST)
         self._due = now + self._pause
 
-    def told(self, session: int, positions: Positions, now: float) -> list[tuple[str, Part]]:
+    def told(self, session: int, positions: Positions, now: float) -> list[tuple[str, MessagePart]]:
         """Take the cell's answer, the positions of a daemon session; return the parts in order now, by topic.
 
         What was claimed beyond it is refused.
@@ -197,7 +197,7 @@ class Following:
             return 1
         return 0
 
-    def standing(self, mark: Mark, alarm: Alarm) -> list[Part]:
+    def standing(self, mark: Mark, alarm: Alarm) -> list[MessagePart]:
         """Take an active alarm from an answer; return it if it was raised before this consumer began."""
         follower = self._topics.get(ALARM)
         if follower is None or mark.session != follower.begun[0] or mark.end > follower.begun[1]:
@@ -235,7 +235,7 @@ class Following:
             if _unentered(name, follower):
                 follower.between(recorded or ())
 
-    def filled(self, question: Question, parts: Iterable[tuple[Mark, Content]]) -> list[Part]:
+    def filled(self, question: Question, parts: Iterable[tuple[Mark, Content]]) -> list[MessagePart]:
         """Take the cell's answer to a question; return the parts that are in order now."""
         follower = self._answered(question)
         follower.empty_since = None
@@ -244,7 +244,7 @@ class Following:
         follower.asked_about, follower.due = None if rest is None else _key(rest), -math.inf
         return self._counted(ready)
 
-    def nothing(self, question: Question, reason: str, now: float) -> list[Part]:
+    def nothing(self, question: Question, reason: str, now: float) -> list[MessagePart]:
         """Note that the cell has none of the messages; return the gap and the parts after it, when due."""
         follower = self._answered(question)
         if follower.empty_since is None:
@@ -270,7 +270,7 @@ class Following:
         follower.asking = False
         return follower
 
-    def _counted(self, parts: list[Part]) -> list[Part]:
+    def _counted(self, parts: list[MessagePart]) -> list[MessagePart]:
         for part in parts:
             what = "lost" if isinstance(part.content, Gap) else "backfilled" if part.backfilled else "live"
             self.counts[what] += part.count
@@ -291,5 +291,5 @@ def _unentered(name: str, follower: Follower) -> bool:
     return follower.over and _recorded(name) and follower.entered != follower.newest
 
 
-def _part(mark: Mark, content: Content, backfilled: bool, size: int = 0) -> Part:
-    return Part(mark.session, mark.sequence, mark.count, backfilled, content, size)
+def _part(mark: Mark, content: Content, backfilled: bool, size: int = 0) -> MessagePart:
+    return MessagePart(mark.session, mark.sequence, mark.count, backfilled, content, size)

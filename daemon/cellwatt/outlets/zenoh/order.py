@@ -34,7 +34,7 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class MessagePart:
     """Samples ``sequence`` … ``end`` of a topic in a session, or one result; its message had ``size`` bytes."""
 
     session: int
@@ -49,7 +49,7 @@ class Part:
         """Number of the sample after the last."""
         return self.sequence + self.count
 
-    def after(self, first: int) -> Part:
+    def after(self, first: int) -> MessagePart:
         """The rest of the part from number ``first`` on."""
         if first <= self.sequence:
             return self
@@ -93,14 +93,14 @@ class Follower:
         self.entered: int | None = None
         """The newest session before which all recorded ones are known."""
         self._hold = hold
-        self._held: dict[int, list[Part]] = {}
+        self._held: dict[int, list[MessagePart]] = {}
         """What came early, by session, in order."""
         self._ends = {session: 0}
         """Number up to which messages are known to exist, by session."""
         self._later: list[int] = []
         self._past: deque[int] = deque(maxlen=_PAST)
 
-    def take(self, part: Part) -> list[Part]:
+    def take(self, part: MessagePart) -> list[MessagePart]:
         """Take a part in order of arrival; return the parts that are in order now."""
         current = part.session == self.session
         if part.sequence == self.following and current and not self._held:
@@ -182,14 +182,14 @@ class Follower:
             return Hole(self.session, self.following, end - self.following, certain=early or self.over)
         return Hole(self.session, self.following, None, certain=True) if self.over else None
 
-    def fill(self, part: Part) -> list[Part]:
+    def fill(self, part: MessagePart) -> list[MessagePart]:
         """Take an answer to ``hole``. If it begins later than asked, the messages before it are lost."""
-        lost: list[Part] = []
+        lost: list[MessagePart] = []
         if part.session == self.session and part.sequence > self.following:
             lost = self._lost(part.sequence, "no longer in the record of the cell")
         return lost + self.take(part)
 
-    def give_up(self, hole: Hole, reason: str) -> list[Part]:
+    def give_up(self, hole: Hole, reason: str) -> list[MessagePart]:
         """Give up ``hole``, which the cell no longer has; return the gap and the parts after it."""
         if (hole.session, hole.first) != (self.session, self.following):
             return []
@@ -201,14 +201,14 @@ class Follower:
         self.session, self.following = self._later.pop(0), 0
         return self._ready()
 
-    def _lost(self, end: int, reason: str) -> list[Part]:
+    def _lost(self, end: int, reason: str) -> list[MessagePart]:
         count = end - self.following
-        gap = Part(self.session, self.following, count, True, Gap(count, reason))
+        gap = MessagePart(self.session, self.following, count, True, Gap(count, reason))
         self.following = end
         return [gap, *self._ready()]
 
-    def _ready(self) -> list[Part]:
-        ready: list[Part] = []
+    def _ready(self) -> list[MessagePart]:
+        ready: list[MessagePart] = []
         held = self._held.get(self.session, [])
         while held and held[0].sequence <= self.following:
             part = held.pop(0)

@@ -110,7 +110,7 @@ def expected(user: Placing, goal: Target, states: States, q: Float, qd: Float, q
     out += (goal.friction - model.dof_frictionloss[dof]) * direction(qd)
     out += np.einsum("njk,jk->nj", powers(qd), goal.damping - damping_of(simulator))
     out += (goal.armature - model.dof_armature[dof]) * qdd
-    stiffness, rest = _spring(simulator)
+    stiffness, rest = spring_of(simulator)
     return np.asarray(out + goal.stiffness * (q - goal.rest) - stiffness * (q - rest))
 
 
@@ -120,7 +120,7 @@ def damping_of(simulator: Simulator) -> Float:
     return np.column_stack([model.dof_damping[dof], model.dof_dampingpoly[dof]])
 
 
-def _spring(simulator: Simulator) -> tuple[Float, Float]:
+def spring_of(simulator: Simulator) -> tuple[Float, Float]:
     """Stiffness (n,) Nm/rad and rest (n,) rad of the user's joints."""
     numbers = [simulator.model.joint(name).id for name in simulator.joints]
     return simulator.model.jnt_stiffness[numbers].copy(), simulator.model.qpos_spring[simulator.places[0]].copy()
@@ -128,7 +128,7 @@ def _spring(simulator: Simulator) -> tuple[Float, Float]:
 
 def _springs(simulator: Simulator, found: Float) -> tuple[Float, Float, list[tuple[str, int | None, str]]]:
     """The user's springs and those found (n, 2) as one a joint."""
-    stiffness, rest = _spring(simulator)
+    stiffness, rest = spring_of(simulator)
     refused: list[tuple[str, int | None, str]] = []
     for joint in np.flatnonzero(found.any(axis=1)):
         more, constant = found[joint]

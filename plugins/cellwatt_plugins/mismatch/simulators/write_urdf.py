@@ -14,7 +14,7 @@ from cellwatt_plugins.mismatch.simulators.files import Files
 from cellwatt_plugins.mismatch.simulators.inertia import at_centre
 from cellwatt_plugins.mismatch.simulators.markup import Element, number
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
-from cellwatt_plugins.mismatch.simulators.target import Target
+from cellwatt_plugins.mismatch.simulators.target import Target, spring_of
 from cellwatt_plugins.mismatch.simulators.written import Written, differ, differs, name_of_payload, write_inertial
 
 NO_TERM = "a URDF has no such term"
@@ -83,8 +83,7 @@ def _add_payload(parameters: Float, root: Element, link: Element, taken: Collect
 def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
     """The part of a target that a URDF can say; the rest stays the user's, and why."""
     model, (_, dof) = simulator.model, simulator.places
-    numbers = [model.joint(name).id for name in simulator.joints]
-    armature, stiffness = model.dof_armature[dof].copy(), model.jnt_stiffness[numbers].copy()
+    armature, (stiffness, rest) = model.dof_armature[dof].copy(), spring_of(simulator)
     lacking = (
         ("rotor_inertia", goal.armature - armature),
         ("nonlinear_viscous_friction", np.abs(goal.damping[:, 1:]).sum(axis=1)),
@@ -101,7 +100,7 @@ def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
         armature=armature,
         damping=goal.damping * np.array([1.0, 0.0, 0.0]),
         stiffness=stiffness,
-        rest=model.qpos_spring[simulator.places[0]].copy(),
+        rest=rest,
         gear=np.ones_like(goal.gear),
         gravity=np.array(model.opt.gravity),
         refused=(*goal.refused, *refused),

@@ -14,7 +14,7 @@ from cellwatt.outlets.mqtt.link import Link, reason
 from cellwatt.outlets.mqtt.message import Message
 from cellwatt.outlets.mqtt.outbox import Backfill
 from cellwatt.outlets.mqtt.session import Parcel, Session
-from cellwatt.outlets.past import Part
+from cellwatt.outlets.past import RecordedSpan
 from cellwatt.outlets.selection import Row
 from tests.daemon.outlets.mqtt.cell import LAYOUT, Cell, outlet_of
 
@@ -38,7 +38,7 @@ async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.Monk
     past = Backfill(outlet.settings, (Path("/nonexistent"), "c"), outlet._cursor, outlet._outbox, outlet.account)
     none = dict.fromkeys(LAYOUT.names, 0)
     rows, tasks = [Row(n, n, {}, none) for n in range(1, 13)], [Task("arm", "t", "ab", "v", 1.0, 0, 1, (1,), 4)] * 40
-    part = Part(12, rows, list(tasks), dict.fromkeys(none, "1"), whole=True)
+    part = RecordedSpan(12, rows, list(tasks), dict.fromkeys(none, "1"), whole=True)
     monkeypatch.setattr(past, "_read", lambda *_: asyncio.sleep(0, part))
     filling, sizes, got = asyncio.create_task(past._fill(0, 12)), list[tuple[int, int]](), list[Row]()
     while not filling.done():

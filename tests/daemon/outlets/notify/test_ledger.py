@@ -8,7 +8,7 @@ from pathlib import Path
 from cellwatt.files import put_aside
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.ledger import Ledger
-from cellwatt.outlets.notify.rules import Item, Message, Recipient
+from cellwatt.outlets.notify.rules import Item, Notification, Recipient
 from cellwatt.outlets.notify.texts import undelivered
 from tests.daemon.outlets.notify.cell import ABOUT, EPOCH, alarm
 
@@ -27,7 +27,7 @@ async def write(path: Path) -> Ledger:
     told = made.of("shift")
     for number in (1, 2):
         told.wait(Item("raised", alarm(number)), EPOCH)
-    told.send(Message("1f", EPOCH, (ITEM,)))
+    told.send(Notification("1f", EPOCH, (ITEM,)))
     await made.flush()
     return made
 
@@ -57,7 +57,7 @@ async def test_strange_lines_are_counted_and_passed_over(tmp_path: Path) -> None
 
 def test_undelivered_files_are_bounded(tmp_path: Path) -> None:
     path = tmp_path / UNDELIVERED
-    line = undelivered(ABOUT, "shift", Message("1f", EPOCH, (ITEM,)), "550 no", "2026-11-24T10:00:00+00:00")
+    line = undelivered(ABOUT, "shift", Notification("1f", EPOCH, (ITEM,)), "550 no", "2026-11-24T10:00:00+00:00")
     thrown = [put_aside(path, line, 3 * len(line)) for _ in range(10)]
     assert thrown == [False] * 6 + [True] + [False] * 2 + [True]
     files = sorted(tmp_path.iterdir())

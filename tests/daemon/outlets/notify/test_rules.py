@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import Alarm
-from cellwatt.outlets.notify.rules import AGAIN, Item, Message, Recipient, Rules, message_of, ready, silence
+from cellwatt.outlets.notify.rules import AGAIN, Item, Notification, Recipient, Rules, message_of, ready, silence
 from tests.daemon.outlets.notify.cell import EPOCH, SECOND, alarm
 
 NEXT = EPOCH + 3600 * SECOND
@@ -38,7 +38,7 @@ class Machine:
             self.rules.take(self.told, one, self.session, self.passing)
             self.keep()
 
-    def send(self, now: int = EPOCH) -> Message | None:
+    def send(self, now: int = EPOCH) -> Notification | None:
         if self.told.flight is None and (items := ready(self.told, self.passing)):
             self.told.send(message_of("test", items, self.told.more, now))
         sent = self.told.flight

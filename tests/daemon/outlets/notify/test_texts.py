@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.outlets.notify import texts
-from cellwatt.outlets.notify.rules import Item, Message
+from cellwatt.outlets.notify.rules import Item, Notification
 from cellwatt.outlets.notify.texts import About, body, evidence, payload, subject
 from tests.daemon.outlets.notify.cell import ABOUT, CELL, EPOCH, SITE, alarm
 
 BERLIN = About(SITE, CELL, "https://weld-3.plant.example:8480/", ZoneInfo("Europe/Berlin"))
 
 
-def of(*items: Item, more: int = 0) -> Message:
-    return Message("1f", EPOCH, items, more)
+def of(*items: Item, more: int = 0) -> Notification:
+    return Notification("1f", EPOCH, items, more)
 
 
 def test_one_alarm() -> None:

@@ -50,7 +50,7 @@ def main() -> None:
         stopper.start()
         say("ready")
         for message in cell:
-            say(summary(message))
+            say(summary(message) | {"joined": cell._inbox.following.joined})
         stopper.join()
 
 

@@ -78,7 +78,7 @@ def cell() -> Iterator[tuple[Child, int]]:
 
 def start_consumer(port: int, **more: Any) -> Child:
     consumer = Child("consumer_process", mode="client", connect=[f"tcp/127.0.0.1:{port}"], **more).ready()
-    consumer.wait_for(lambda s: isinstance(s, dict) and s.get("topic") == "health", "health")
+    consumer.wait_for(lambda s: isinstance(s, dict) and s.get("topic") == "health" and s["joined"], "the cell's word")
     return consumer
 
 

@@ -55,18 +55,20 @@ def test_without_a_simulation_it_is_the_description(described):
     assert base.beyond(bare) == (None, None)
 
 
+def turned_early(lead):
+    """Nm that friction which turns over so many s early has more, as MuJoCo's soft friction does."""
+    _, qd, qdd = plant.moves(1, 24.0)(TIME)
+    return np.array(plant.NOMINAL.coulomb) * (np.tanh((qd + lead * qdd) / 0.004) - np.tanh(qd / 0.004))
+
+
 @pytest.mark.parametrize("lead", [0.0, 0.0095])
 def test_friction_that_turns_over_early_is_found_in_the_simulation(silent, lead):
-    """As MuJoCo's soft friction does."""
-    _, qd, qdd = plant.moves(1, 24.0)(TIME)
-    early = np.array(plant.NOMINAL.coulomb) * (np.tanh((qd + lead * qdd) / 0.004) - np.tanh(qd / 0.004))
-    base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, early))], silent)
+    base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, turned_early(lead)))], silent)
     assert base.arm.description.friction_lead == pytest.approx(lead, abs=0.001)
 
 
 def test_an_arm_whose_friction_turns_with_its_velocity_has_no_lead(silent):
-    _, qd, qdd = plant.moves(1, 24.0)(TIME)
-    early = np.array(plant.NOMINAL.coulomb) * (np.tanh((qd + 0.0095 * qdd) / 0.004) - np.tanh(qd / 0.004))
+    early = turned_early(0.0095)
     simulated = run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, early))
     arm = replace(simulated, torque=simulated.torque - early)
     assert examine([simulated], silent)[0].lead is None

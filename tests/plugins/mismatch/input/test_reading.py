@@ -9,6 +9,7 @@ from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.mismatch.input.reading import read_motion
 from cellwatt_plugins.mismatch.input.signals import read_signals
 from tests.plugins.mismatch.input.reading import read_runs
+from tests.plugins.mismatch.logs import numbered
 from tests.plugins.mismatch.recorded_arm import CONSTANT, JOINTS, load, write_robot
 
 RATE = 125.0
@@ -21,10 +22,6 @@ def motion(t):
     return np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle), 10 * np.cos(angle / 2)
 
 
-def numbered(stem, values, first=1):
-    return {f"{stem}_{i + first}": values[:, i] for i in range(values.shape[1])}
-
-
 def recording(t, **more):
     q, qd, _, tau = motion(t)
     return {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("tau", tau), "power": 100 + t, **more}
@@ -32,14 +29,8 @@ def recording(t, **more):
 
 def simulation(t):
     q, qd, qdd, tau = motion(t)
-    return {
-        "t": t,
-        **numbered("q", q),
-        **numbered("qd", qd),
-        **numbered("qdd", qdd),
-        **numbered("tau", tau),
-        "power": 90 + t,
-    }
+    planned = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
+    return planned | numbered("tau", tau) | {"power": 90 + t}
 
 
 def times(seconds=8.0, rate=RATE):

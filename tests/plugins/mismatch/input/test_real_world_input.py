@@ -10,6 +10,7 @@ import pytest
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.run import Run
 from tests.plugins.mismatch.input.reading import examine, read_runs
+from tests.plugins.mismatch.logs import logged
 from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed
 from tests.plugins.robot import scara
 
@@ -24,15 +25,6 @@ def recorded(path, moves):
         velocity=moves.qd + 2e-3 * random.standard_normal(moves.q.shape),
         torque=needed(model(path), moves) + NOISE * random.standard_normal(moves.q.shape),
     )
-
-
-def logged(folder, run, name="log.parquet", **changes):
-    """A run as a file without a plan, its columns changed by name."""
-    columns = {"t": run.time}
-    for stem, values in (("q", run.position), ("qd", run.velocity), ("tau", run.torque)):
-        columns |= {f"{stem}_{j + 1}": values[:, j] for j in range(JOINTS)}
-    pq.write_table(pa.table(columns | changes), folder / name)
-    return folder / name
 
 
 def slowly(described, rate, seconds, seed=1):

@@ -1,13 +1,13 @@
 """A log with MuJoCo's own names, and the simulator's file alone."""
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError
+from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch.api import arm_of
 from tests.plugins.mismatch.input.reading import examine, read_runs
+from tests.plugins.mismatch.logs import numbered
 from tests.plugins.mismatch.simulators.arms import TwoLinks
 
 pytest.importorskip("mujoco")
@@ -32,10 +32,8 @@ def logged(folder, actuators, controls):
     text = before + f"<actuator>{actuators}</actuator>" + after.partition("</actuator>")[2]
     (folder / "arm.xml").write_text(text)
     time, q, qd, _ = motion()
-    columns = {"time": time}
-    for name, values in (("qpos", q), ("qvel", qd), ("ctrl", controls)):
-        columns |= {f"{name}{i}": values[:, i] for i in range(2)}
-    pq.write_table(pa.table(columns), folder / "log.parquet")
+    columns = {"time": time, **numbered("qpos", q, 0), **numbered("qvel", qd, 0), **numbered("ctrl", controls, 0)}
+    write_table(folder / "log.parquet", {name.replace("_", ""): values for name, values in columns.items()})
     return folder / "arm.xml", folder / "log.parquet"
 
 

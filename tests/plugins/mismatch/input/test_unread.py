@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.baseline import baseline
 from tests.plugins.mismatch.input.reading import examine, read_runs
+from tests.plugins.mismatch.logs import logged
 from tests.plugins.mismatch.recorded_arm import (
     COULOMB,
     JOINTS,
@@ -24,17 +23,12 @@ NOT_USED = "It is not used; the other joints are"
 
 @pytest.fixture(scope="module")
 def run(described):
-    return recorded(described, points(seed=3))
+    return replace(recorded(described, points(seed=3)), velocity=None, power=None)
 
 
-def read(folder, run, arm, drop=(), first=1, **changes):
-    """The run written as a table, some columns changed or dropped, and read again."""
-    columns = {"t": run.time}
-    for stem, values in (("q", run.position), ("tau", run.torque)):
-        columns |= {f"{stem}_{j + first}": values[:, j] for j in range(JOINTS)}
-    table = {name: values for name, values in (columns | changes).items() if name not in drop}
-    pq.write_table(pa.table(table), folder / "log.parquet")
-    (found,) = read_runs([folder / "log.parquet"], [], arm.description)
+def read(folder, run, arm, first=1, **changes):
+    """The run written as a table, some columns changed, or dropped where None, and read again."""
+    (found,) = read_runs([logged(folder, run, first, **changes)], [], arm.description)
     return found
 
 
@@ -52,7 +46,7 @@ def counts(run, count, seed=0):
 
 @pytest.mark.parametrize(("joints", "first"), [((6,), 0), ((2, 5), 1)])
 def test_a_column_may_be_absent_wherever_numbers_begin(joints, first, tmp_path, run, arm):
-    found = read(tmp_path, run, arm, drop=[f"tau_{joint - 1 + first}" for joint in joints], first=first)
+    found = read(tmp_path, run, arm, first, **{f"tau_{joint - 1 + first}": None for joint in joints})
     assert silent(found) == list(joints)
     heard = [i for i in range(JOINTS) if i + 1 not in joints]
     np.testing.assert_array_equal(found.torque[:, heard], run.torque[:, heard])

@@ -3,8 +3,6 @@
 import json
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.commands import EXIT_USAGE
@@ -57,9 +55,8 @@ def cell(tmp_path_factory):
     plant.write_robot(folder)
     (folder / "arm.xml").write_text(mjcf(plant.NOMINAL))
     for seed, name in enumerate(RUNS, start=1):
-        run = plant.record(name, seed, Missing(arm=HEAVY, added=stribeck, read=offset), 16.0, power=False)
-        for kind, columns in zip(("recording", "simulation"), plant.tables(run), strict=True):
-            pq.write_table(pa.table(columns), folder / f"{name}.{kind}.parquet")
+        missing = Missing(arm=HEAVY, added=stribeck, read=offset)
+        plant.write(folder, plant.record(name, seed, missing, 16.0, power=False))
     return folder
 
 

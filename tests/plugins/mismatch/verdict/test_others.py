@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt_plugins.mismatch import api
@@ -50,9 +48,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Explained:
     runs = [plant.record(f"run_{seed}", seed, Missing(read=offset), SECONDS) for seed in range(FEW)]
     runs += [plant.record(name, seed, missing, SECONDS) for seed, (name, (missing, _)) in enumerate(OTHERS.items())]
     for run in runs:
-        recorded, simulated = plant.tables(run)
-        pq.write_table(pa.table(recorded), folder / f"{run.name}.recording.parquet")
-        pq.write_table(pa.table(simulated), folder / f"{run.name}.simulation.parquet")
+        plant.write(folder, run)
     kinds = ("recording", "simulation")
     recordings, simulations = ([folder / f"{run.name}.{kind}.parquet" for run in runs] for kind in kinds)
     with pytest.MonkeyPatch.context() as patch:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
@@ -87,7 +86,7 @@ def _cut_off(run: Run, robot: RobotDescription) -> Iterator[str]:
             continue
         for extreme in (torque.max(), torque.min()):
             at = torque == extreme
-            if at.mean() > CLIPPED and _longest(at) >= ROW:
+            if at.mean() > CLIPPED and any(end - start >= ROW for start, end in stretches(at)):
                 yield (
                     f"{run.name}: the torque of joint {i + 1} stays at its extreme of {extreme:.4g} "
                     f"{robot.unit(i, 'Nm')} in {100 * at.mean():.1f} % of the samples: it seems to be cut off there"
@@ -133,7 +132,3 @@ def _read(run: Run, joint: int) -> Float:
     """Torque (R,) Nm of a joint in the samples that were read."""
     torque = run.torque[usable(run), joint]
     return np.asarray(torque[np.isfinite(torque)])
-
-
-def _longest(at: NDArray[np.bool_]) -> int:
-    return max((end - start for start, end in stretches(at)), default=0)
