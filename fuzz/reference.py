@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cellwatt.errors import ConfigError, ModelError
+from cellwatt_plugins.explain.model import load_model
 from cellwatt_plugins.faults import reference
 from cellwatt_plugins.faults.paper import equation
-from cellwatt_plugins.mismatch.model import load_model
 from fuzz.target import Target, folder
 
 

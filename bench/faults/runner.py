@@ -16,7 +16,7 @@ from cellwatt.progress import show_progress
 from cellwatt.scheduler import scheduled, spread
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
-from cellwatt_plugins.faults.cycles.live import CycleWatch, Told
+from cellwatt_plugins.faults.cycles.live import CycleReport, CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import Arm
 from faults.cases import Case, make_case
@@ -131,7 +131,7 @@ def judge(case: Case) -> Figures:
     )
 
 
-def watch(known: Known, judged: Recording) -> list[Told]:
+def watch(known: Known, judged: Recording) -> list[CycleReport]:
     """What is told of a recording that comes block by block."""
     live, out = CycleWatch(known, judged.step), []
     for begin in range(0, len(judged.time), BLOCK):

@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt_plugins.mismatch.demo import plant
-from cellwatt_plugins.mismatch.demo.command import write_files
-from tests.plugins.mismatch import servos
+from cellwatt_plugins.explain.demo import plant
+from cellwatt_plugins.explain.demo.command import write_files
+from tests.plugins.explain import servos
 
 from .conftest import ROOT
 

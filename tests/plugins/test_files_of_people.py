@@ -17,10 +17,10 @@ from cellwatt.errors import CellwattError
 from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
 from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
 from cellwatt_plugins.energy.known import load_known
+from cellwatt_plugins.explain.model import load_model
 from cellwatt_plugins.faults import reference
 from cellwatt_plugins.faults.api import _described
 from cellwatt_plugins.faults.paper import equation
-from cellwatt_plugins.mismatch.model import load_model
 from cellwatt_plugins.robot.description import load_robot
 
 ROBOT = "robot: a\nurdf: a.urdf\njoints:\n- name: j1\n"

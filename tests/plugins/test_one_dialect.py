@@ -13,8 +13,8 @@ import pytest
 from cellwatt.emulation import load_signals
 from cellwatt.tables import names, read_table
 from cellwatt_plugins.energy.recordings import read_motion, read_reading
+from cellwatt_plugins.explain.input.signals import read_signals
 from cellwatt_plugins.faults.recordings import frames_of_files
-from cellwatt_plugins.mismatch.input.signals import read_signals
 from cellwatt_plugins.models import Input
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.predict import inputs_of

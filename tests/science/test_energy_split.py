@@ -16,7 +16,7 @@ from cellwatt_plugins.energy.clock import Offset
 from cellwatt_plugins.energy.drive import motion_features
 from cellwatt_plugins.energy.equations import electrical_losses, payload_efficiency
 from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify
-from cellwatt_plugins.energy.recordings import Motion, Reading, Recorded
+from cellwatt_plugins.energy.recordings import PowerTrace, Recorded, RobotTrace
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import run_on, worst_error
@@ -125,8 +125,8 @@ def recorded_ur3e(folder, monkeypatch):
         table = pq.read_table(path)
         time = table["t"].to_numpy()
         q, qd, current = (np.stack([table[f"{s}_{i}"] for i in range(1, 7)], axis=1) for s in ("q", "qd", "current"))
-        motion = Motion(path.name, time, q, qd, current * np.array(ur3e.CONSTANT))
-        runs.append(Recorded(path.stem, 0.0, 0.0, motion, Reading(path.name, time, table["power"].to_numpy())))
+        motion = RobotTrace(path.name, time, q, qd, current * np.array(ur3e.CONSTANT))
+        runs.append(Recorded(path.stem, 0.0, 0.0, motion, PowerTrace(path.name, time, table["power"].to_numpy())))
     return Arm.load(folder), runs
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.energy.recordings import Reading
+from cellwatt_plugins.energy.recordings import PowerTrace
 from cellwatt_plugins.robot.accumulate import Accumulated
 
 FURTHEST = 5.0
@@ -28,19 +28,19 @@ class Offset:
     uncertainty: float
 
 
-def windows(reading: Reading, offset: float) -> tuple[Float, Float]:
+def windows(reading: PowerTrace, offset: float) -> tuple[Float, Float]:
     """Beginning and end (N,) s, robot's time, of the time that each value of the analyzer stands for."""
     middle = reading.time - offset
     return middle - reading.step / 2, middle + reading.step / 2
 
 
-def inside(reading: Reading, offset: float, modelled: Accumulated) -> NDArray[np.bool_]:
+def inside(reading: PowerTrace, offset: float, modelled: Accumulated) -> NDArray[np.bool_]:
     """Values (N,) whose whole time the robot recorded."""
     start, end = windows(reading, offset)
     return np.asarray((start >= modelled.start) & (end <= modelled.end))
 
 
-def align(reading: Reading, modelled: Accumulated, kinds: Accumulated) -> Offset:
+def align(reading: PowerTrace, modelled: Accumulated, kinds: Accumulated) -> Offset:
     """Offset at which measured and modelled power are most alike, to a fraction of a sample.
 
     It is looked for where ``kinds``, the sorts of power in columns (k), explain most, each with a weight of its own:
@@ -58,7 +58,7 @@ def align(reading: Reading, modelled: Accumulated, kinds: Accumulated) -> Offset
     return refine(reading, modelled, float(coarse[best]))
 
 
-def _explained(reading: Reading, kinds: Accumulated, offset: float) -> float:
+def _explained(reading: PowerTrace, kinds: Accumulated, offset: float) -> float:
     """Share of the variance of measured power that the sorts of power explain at an offset."""
     design = kinds.between(*windows(reading, offset)) / reading.step
     design = np.column_stack([design, np.ones(len(design))])
@@ -67,7 +67,7 @@ def _explained(reading: Reading, kinds: Accumulated, offset: float) -> float:
     return 1.0 - float(np.var(left)) / variance if variance > 0 else 0.0
 
 
-def refine(reading: Reading, modelled: Accumulated, offset: float) -> Offset:
+def refine(reading: PowerTrace, modelled: Accumulated, offset: float) -> Offset:
     """Least squares of measured power against the modelled one, its scale and level free, from a near ``offset``."""
     uncertainty = reading.step
     for _ in range(STEPS):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.recordings import RobotTrace
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 
@@ -69,7 +69,7 @@ def features(arm: Arm, torque: Float, velocity: Float) -> Float:
     return np.hstack([term(turning) for term in TERMS.values()])
 
 
-def motion_features(arm: Arm, motion: Motion) -> Float:
+def motion_features(arm: Arm, motion: RobotTrace) -> Float:
     """``features`` of a recorded motion, (N, 5 n)."""
     return features(arm, motion.torque, motion.velocity)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt_plugins.energy.recordings import Reading
+from cellwatt_plugins.energy.recordings import PowerTrace
 
 BLOCKS = 10
 """Blocks whose means tell noise, which averages out, from wandering, which does not."""
@@ -30,7 +30,7 @@ class Steady:
     steady: bool
 
 
-def steady_power(reading: Reading) -> Steady:
+def steady_power(reading: PowerTrace) -> Steady:
     """Mean of a reading at rest, its uncertainty from the scatter of block means, and whether it is steady."""
     power = reading.power
     blocks = np.array([block.mean() for block in np.array_split(power, min(BLOCKS, len(power)))])

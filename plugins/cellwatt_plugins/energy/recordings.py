@@ -24,7 +24,7 @@ FEWEST = 20
 
 
 @dataclass(frozen=True)
-class Reading:
+class PowerTrace:
     """Power as the analyzer measured it; each value is the mean over the time to its neighbours.
 
     ``place`` is its name in messages, ``time`` (N,) s the middle of each value's time, on the analyzer's clock,
@@ -42,7 +42,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Motion:
+class RobotTrace:
     """Motion and torque as the robot gave them, evenly spaced on its own clock.
 
     ``place`` is its name in messages, ``time`` (N,) s; ``position`` rad, ``velocity`` rad/s and ``torque`` Nm (N, n).
@@ -70,20 +70,20 @@ class Recorded:
     name: str
     speed: float
     payload: float
-    motion: Motion
-    reading: Reading
+    motion: RobotTrace
+    reading: PowerTrace
 
 
-def read_reading(path: Path) -> Reading:
+def read_reading(path: Path) -> PowerTrace:
     """Time and power of a table. Raises ``RecordingError``."""
     table = read_table(path)
     power = table.whole("supply.power")
     if power is None:
         raise table.lacks("power")
-    return Reading(str(path), _check(table, {"power": power}), power)
+    return PowerTrace(str(path), _check(table, {"power": power}), power)
 
 
-def read_motion(path: Path, joints: int) -> Motion:
+def read_motion(path: Path, joints: int) -> RobotTrace:
     """Time, positions, velocities and torques of a table. Raises ``RecordingError``."""
     table = read_table(path)
     columns = {quantity: table.needed(quantity, joints) for quantity in ("position", "velocity", "torque")}
@@ -97,7 +97,7 @@ def read_motion(path: Path, joints: int) -> Motion:
     if len(even) != len(time) or np.abs(even - time).max() > 0.2 * np.median(steps):
         position, velocity, torque = (interpolated(even, time, v) for v in (position, velocity, torque))
         time = even
-    return Motion(str(path), time, position, velocity, torque)
+    return RobotTrace(str(path), time, position, velocity, torque)
 
 
 def read_runs(folder: Path, joints: int) -> list[Recorded]:

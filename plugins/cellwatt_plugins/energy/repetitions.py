@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.recordings import RobotTrace
 from cellwatt_plugins.energy.rests import rests, signal_noise
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.samples import interpolated
@@ -47,14 +47,14 @@ class Repetition:
         """Its length."""
         return self.end - self.start
 
-    def path_speed(self, arm: Arm, motion: Motion) -> float:
+    def path_speed(self, arm: Arm, motion: RobotTrace) -> float:
         """Mean Cartesian speed of the last joint's frame, by the encoders, mm/s."""
         q = interpolated(np.linspace(self.start, self.end, POINTS), motion.time, motion.position)
         places = arm.forward(q)[:, -1, :3, 3]
         return 1000.0 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / self.seconds
 
 
-def find_repetitions(motion: Motion) -> tuple[list[Repetition], list[str]]:
+def find_repetitions(motion: RobotTrace) -> tuple[list[Repetition], list[str]]:
     """Complete repetitions, and a sentence on each one left out. Raises ``RecordingError`` where there is none.
 
     The start pose is where the arm rests for the longest in all. What begins or ends away from it, or
@@ -84,7 +84,7 @@ def find_repetitions(motion: Motion) -> tuple[list[Repetition], list[str]]:
     return kept, notes
 
 
-def _stays(motion: Motion, noise: float) -> list[tuple[int, int]]:
+def _stays(motion: RobotTrace, noise: float) -> list[tuple[int, int]]:
     """First and last sample (exclusive) of each rest at the start pose: where the arm is for the longest in all."""
     longest = sorted(rests(motion), key=lambda rest: rest[0] - rest[1])[:MOST]
     least = round(SHORTEST_REST / motion.step)
@@ -109,7 +109,7 @@ def _gaps(flags: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     return out
 
 
-def _between(motion: Motion, before: tuple[int, int], after: tuple[int, int], noise: float) -> Repetition:
+def _between(motion: RobotTrace, before: tuple[int, int], after: tuple[int, int], noise: float) -> Repetition:
     """The repetition between two rests; the same onset fit forwards and backwards in time."""
     middle = (before[1] + after[0]) // 2
     first = max(before[0], before[1] - round(1.0 / motion.step))

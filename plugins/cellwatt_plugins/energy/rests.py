@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.recordings import RobotTrace
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.stretches import stretches
 
@@ -22,7 +22,7 @@ def signal_noise(values: Float) -> float:
     return max(float(np.median(white_noise(values))), 1e-7)
 
 
-def rests(motion: Motion, creep: float = 0.0) -> list[tuple[int, int]]:
+def rests(motion: RobotTrace, creep: float = 0.0) -> list[tuple[int, int]]:
     """First and last sample (exclusive) of each rest: no joint moves beyond noise, or ``creep`` rad, in ``STILL``."""
     lag = max(1, round(STILL / motion.step))
     moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)

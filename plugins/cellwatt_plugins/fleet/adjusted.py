@@ -48,7 +48,7 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Told:
+class Observations:
     """Values that K repetitions of one cell give of one quantity, with ``warmth`` °C.
 
     ``recording`` is the number of each one's recording, equal only within a recording.
@@ -60,7 +60,7 @@ class Told:
     program: Index
     warmth: Float | None = None
 
-    def by_recording(self) -> Told:
+    def by_recording(self) -> Observations:
         """Return means of repetitions of one program in one recording; what is NaN is left out."""
         known = np.isfinite(self.values)
         keys = np.stack([self.recording[known], self.program[known]], axis=1)
@@ -73,7 +73,7 @@ class Told:
 
         warmth = None if self.warmth is None else mean(self.warmth)
         rows = np.flatnonzero(known)[first]
-        return Told(mean(self.values), self.week[rows], self.recording[rows], self.program[rows], warmth)
+        return Observations(mean(self.values), self.week[rows], self.recording[rows], self.program[rows], warmth)
 
 
 @dataclass(frozen=True)
@@ -88,12 +88,12 @@ UNTOUCHED: Final = Warmth(0.0, 0.0)
 """Temperature is not taken out."""
 
 
-def apart(told: Told, programs: float) -> float:
+def apart(told: Observations, programs: float) -> float:
     """Return how far recordings (by ``by_recording``) of one week and program are apart; NaN where too few say it."""
     return _solved(told, programs, float("nan"), with_warmth=told.warmth is not None)[2] or float("nan")
 
 
-def warmth_of(told: Told, programs: float) -> Warmth:
+def warmth_of(told: Observations, programs: float) -> Warmth:
     """Return the slope over temperature within weeks, which wear over weeks does not touch."""
     if told.warmth is None:
         return Warmth(0.0, float("inf"))
@@ -125,14 +125,16 @@ def shrunk(slopes: Sequence[Warmth]) -> list[Warmth]:
     ]
 
 
-def course_of(told: Told, programs: float, usual: float, slope: Warmth = UNTOUCHED, warm: float = 0.0) -> Course:
+def course_of(
+    told: Observations, programs: float, usual: float, slope: Warmth = UNTOUCHED, warm: float = 0.0
+) -> Course:
     """Return the weekly values of one cell (by ``by_recording``).
 
     ``programs`` is the standard deviation of what programs differ by, ``usual`` how far recordings are apart where
     these are too few to say it, ``slope`` what each °C beyond ``warm`` adds: its error is one that warm weeks share.
     """
     heat = np.zeros(len(told.values)) if told.warmth is None else told.warmth - warm
-    left = Told(told.values - slope.slope * heat, told.week, told.recording, told.program)
+    left = Observations(told.values - slope.slope * heat, told.week, told.recording, told.program)
     weeks, week = np.unique(told.week, return_inverse=True)
     found, inverse, noise = _solved(left, programs, usual, with_warmth=False)
     count = len(weeks)
@@ -140,7 +142,7 @@ def course_of(told: Told, programs: float, usual: float, slope: Warmth = UNTOUCH
     return Course(weeks, found[:count], noise**2 * inverse[:count, :count] + np.outer(by_heat, by_heat))
 
 
-def _solved(told: Told, programs: float, usual: float, *, with_warmth: bool) -> tuple[Float, Float, float]:
+def _solved(told: Observations, programs: float, usual: float, *, with_warmth: bool) -> tuple[Float, Float, float]:
     """Coefficients (weeks, programs, warmth), their covariance at a noise of 1, and the noise."""
     weeks, week = np.unique(told.week, return_inverse=True)
     kinds, kind = np.unique(told.program, return_inverse=True)

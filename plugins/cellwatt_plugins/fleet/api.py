@@ -10,8 +10,8 @@ import numpy as np
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place as FilePlace
 from cellwatt.scheduler import spread
-from cellwatt_plugins.fleet.adjusted import Told
-from cellwatt_plugins.fleet.courses import Courses, Place, courses_of_kind, told_of
+from cellwatt_plugins.fleet.adjusted import Observations
+from cellwatt_plugins.fleet.courses import CellJoint, Courses, courses_of_kind, told_of
 from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly, findings_of
 from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
 from cellwatt_plugins.fleet.kinds import FEWEST
@@ -19,7 +19,7 @@ from cellwatt_plugins.fleet.lake import Lake, find, monday
 from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
 
-Says = Mapping[tuple[str, int], Told]
+Says = Mapping[tuple[str, int], Observations]
 """What the repetitions of a cell say, by quantity and joint."""
 
 
@@ -116,7 +116,7 @@ def _smallest(results: Sequence[Judged]) -> dict[str, float]:
     return out
 
 
-def _weekly(each: Judged, place: Place) -> Weekly:
+def _weekly(each: Judged, place: CellJoint) -> Weekly:
     course, common = each.own[place], each.common[place.joint]
     about = course.about_mean()
     kind = np.zeros(len(course.weeks)) if common is None else common.values[np.searchsorted(common.weeks, course.weeks)]

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.fleet.adjusted import UNTOUCHED, Course, Told, apart, course_of, shrunk, warmth_of
+from cellwatt_plugins.fleet.adjusted import UNTOUCHED, Course, Observations, apart, course_of, shrunk, warmth_of
 from cellwatt_plugins.fleet.repetitions import programs
 from cellwatt_plugins.fleet.weekly import Week
 
@@ -20,7 +20,7 @@ UNKNOWN: Final = 0.01
 
 
 @dataclass(frozen=True, order=True)
-class Place:
+class CellJoint:
     """A joint of a cell, or 0 for the whole arm."""
 
     cell: str
@@ -35,7 +35,7 @@ class Courses:
     quantity: str
     with_temperature: bool
     """True where friction is brought to one temperature."""
-    by_place: Mapping[Place, Course]
+    by_place: Mapping[CellJoint, Course]
 
     @property
     def cells(self) -> int:
@@ -50,7 +50,7 @@ def _usual_speed(weeks: Sequence[Week]) -> Float:
     return np.array([np.median(s[k]) if k.any() else np.nan for s, k in zip(speeds.T, known.T, strict=True)])
 
 
-def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Told]:
+def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Observations]:
     """Return what the repetitions of one cell say, by quantity and joint (from 1; of the whole arm: 0).
 
     A joint that hardly moves says nothing.
@@ -64,9 +64,9 @@ def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Told]:
     if pairs and all(repetition.temperature is not None for _, repetition in pairs):
         heat = np.array([repetition.temperature for _, repetition in pairs])
 
-    def told(logs: Sequence[float], joint: int | None = None) -> Told:
+    def told(logs: Sequence[float], joint: int | None = None) -> Observations:
         warmth = None if heat is None or joint is None else heat[:, joint]
-        return Told(np.array(logs, np.float64), week, recording, number, warmth).by_recording()
+        return Observations(np.array(logs, np.float64), week, recording, number, warmth).by_recording()
 
     out = {("energy", 0): told([_log(each.energy) for _, each in pairs])}
     for i in range(len(speed)):
@@ -75,16 +75,18 @@ def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Told]:
     return {key: each for key, each in out.items() if len(each.values)}
 
 
-def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Told]]) -> list[Courses]:
+def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Observations]]) -> list[Courses]:
     """Return the courses of the arms of a kind from what each cell tells, with temperature taken out.
 
     Friction of arms whose joints tell their temperature is brought to one; the others are a group of their own.
     """
-    by_quantity: dict[tuple[str, bool], dict[Place, Course]] = {}
+    by_quantity: dict[tuple[str, bool], dict[CellJoint, Course]] = {}
     heat = [each.warmth for cell in told.values() for each in cell.values() if each.warmth is not None]
     warm = float(np.median(np.concatenate(heat))) if heat else float("nan")
     for quantity, joint in sorted({key for cell in told.values() for key in cell}):
-        every = {Place(name, joint): cell[quantity, joint] for name, cell in told.items() if (quantity, joint) in cell}
+        every = {
+            CellJoint(name, joint): cell[quantity, joint] for name, cell in told.items() if (quantity, joint) in cell
+        }
         noises = [apart(each, PROGRAMS[quantity]) for each in every.values()]
         known = [noise for noise in noises if np.isfinite(noise)]
         usual = float(np.median(known)) if known else UNKNOWN

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from cellwatt_plugins.fleet.courses import Place
+from cellwatt_plugins.fleet.courses import CellJoint
 from cellwatt_plugins.fleet.judge import Judged
 from cellwatt_plugins.fleet.lake import Skipped, monday
 from cellwatt_plugins.fleet.slopes import Trend
@@ -142,7 +142,7 @@ def _of_trend(each: Judged, trend: Trend, robot: RobotDescription) -> Finding:
     )  # fmt: skip
 
 
-def _of_step(each: Judged, place: Place, step: Step, robot: RobotDescription) -> Finding:
+def _of_step(each: Judged, place: CellJoint, step: Step, robot: RobotDescription) -> Finding:
     quantity, rises = each.courses.quantity, step.size > 0
     wide = float(stdtrit(max(len(each.own[place].weeks) - 3, 3), 0.975)) * step.error
     low, size, high = (_percent(x) for x in (step.size - wide, step.size, step.size + wide))
@@ -165,5 +165,5 @@ def _by(size: float, low: float, high: float) -> str:
     return f"{abs(size):.0f} % ({min(abs(low), abs(high)):.0f} to {max(abs(low), abs(high)):.0f} %)"
 
 
-def _joint(place: Place, robot: RobotDescription) -> str:
+def _joint(place: CellJoint, robot: RobotDescription) -> str:
     return robot.joints[place.joint - 1].name

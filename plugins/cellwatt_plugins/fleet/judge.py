@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from cellwatt_plugins.fleet.adjusted import Course
-from cellwatt_plugins.fleet.courses import Courses, Place
+from cellwatt_plugins.fleet.courses import CellJoint, Courses
 from cellwatt_plugins.fleet.kinds import FEWEST, Common, common_course, less_common
 from cellwatt_plugins.fleet.slopes import Trend, trends_of
 from cellwatt_plugins.fleet.trend import Step, line, persistence, rather_a_step, steps_in
@@ -31,17 +31,17 @@ class Judged:
 
     courses: Courses
     common: Mapping[int, Common | None]
-    own: Mapping[Place, Course]
-    trends: Mapping[Place, Trend] = field(default_factory=dict)
-    sure: frozenset[Place] = frozenset()
-    steps: Sequence[tuple[Place, Step]] = ()
+    own: Mapping[CellJoint, Course]
+    trends: Mapping[CellJoint, Trend] = field(default_factory=dict)
+    sure: frozenset[CellJoint] = frozenset()
+    steps: Sequence[tuple[CellJoint, Step]] = ()
     smallest: float = float("nan")
 
     @classmethod
     def of(cls, courses: Courses) -> Judged:
         """Take out what is common; nothing is judged yet."""
         common: dict[int, Common | None] = {}
-        own: dict[Place, Course] = {}
+        own: dict[CellJoint, Course] = {}
         for joint in sorted({place.joint for place in courses.by_place}):
             those = {place: course for place, course in courses.by_place.items() if place.joint == joint}
             common[joint] = shared = common_course(those)
@@ -53,7 +53,7 @@ class Judged:
         """True where the kind has too few arms to tell what is common."""
         return self.courses.cells < FEWEST
 
-    def steps_by_place(self, rho: float, chance: float, least: float) -> dict[Place, list[Step]]:
+    def steps_by_place(self, rho: float, chance: float, least: float) -> dict[CellJoint, list[Step]]:
         """Steps of a kind's arms; weeks of one arm are not calmer than those of half the others."""
         scatters = [found.scatter for course in self.own.values() if (found := line(course, rho)) is not None]
         usual = float(np.median(scatters)) if scatters and not self.alone else 0.0
@@ -93,9 +93,9 @@ def _judged_together(every: Sequence[Judged], chance: float, least: float) -> li
     return out
 
 
-def _holm(trends: Sequence[Trend], chance: float) -> set[Place]:
+def _holm(trends: Sequence[Trend], chance: float) -> set[CellJoint]:
     """Places whose trends are sure by Holm's step-down."""
-    out: set[Place] = set()
+    out: set[CellJoint] = set()
     for i, trend in enumerate(sorted(trends, key=lambda each: each.chance)):
         if trend.chance * (len(trends) - i) > chance:
             break

@@ -17,7 +17,7 @@ from scipy.special import stdtr, stdtrit
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.fleet.adjusted import Course
-from cellwatt_plugins.fleet.courses import Place
+from cellwatt_plugins.fleet.courses import CellJoint
 from cellwatt_plugins.fleet.kinds import FEWEST, MIDDLE, WORTH, moderated, spread_of, summed
 from cellwatt_plugins.fleet.trend import Line, Step, line
 
@@ -36,7 +36,7 @@ class Trend:
     ``slope`` a week is that beyond the median of the kind and what the arm's other joints do.
     """
 
-    place: Place
+    place: CellJoint
     line: Line
     slope: float
     error: float
@@ -90,7 +90,9 @@ class _Medians:
         return np.asarray(self.shares * (self.squares + own**2))
 
 
-def trends_of(own: Mapping[Place, Course], steps: Mapping[Place, Sequence[Step]], rho: float) -> dict[Place, Trend]:
+def trends_of(
+    own: Mapping[CellJoint, Course], steps: Mapping[CellJoint, Sequence[Step]], rho: float
+) -> dict[CellJoint, Trend]:
     """Return the lines of a kind's joints against each other, with how far those of sound ones are apart."""
     lines = {place: found for place, course in own.items() if (found := line(course, rho, steps[place])) is not None}
     cells = np.array([place.cell for place in lines])
@@ -119,14 +121,14 @@ def trends_of(own: Mapping[Place, Course], steps: Mapping[Place, Sequence[Step]]
     return _trends(lines, slopes.values - by_arm, *summed(parts))
 
 
-def _trends(lines: Mapping[Place, Line], slopes: Float, squares: Float, free: Float) -> dict[Place, Trend]:
+def _trends(lines: Mapping[CellJoint, Line], slopes: Float, squares: Float, free: Float) -> dict[CellJoint, Trend]:
     errors = np.sqrt(squares)
     chances = np.asarray(2 * stdtr(free, -np.abs(slopes) / errors))
     rows = zip(lines.items(), slopes.tolist(), errors.tolist(), free.tolist(), chances.tolist(), strict=True)
     return {place: Trend(place, each, *row) for (place, each), *row in rows}
 
 
-def _errors(own: Mapping[Place, Course], lines: Mapping[Place, Line]) -> tuple[Float, Float]:
+def _errors(own: Mapping[CellJoint, Course], lines: Mapping[CellJoint, Line]) -> tuple[Float, Float]:
     """Variances of slopes and their degrees of freedom: those of lines of one length are alike in all arms."""
     length = np.array([float(np.sum(_about(own[place].weeks, each) ** 2)) for place, each in lines.items()])
     squares = np.array([each.error**2 for each in lines.values()])

@@ -235,7 +235,7 @@ def differentiate(values: Float, step: float) -> tuple[Float, Float]:
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _Smoothed:
     """Part of a course that is no encoder noise, (N, n) each."""
 
     position: Float
@@ -247,7 +247,7 @@ class _Kept:
 
 def _in_octaves(
     values: Float, noise: Float, step: float, octaves: Sequence[float], judge: _Judge, base: Float | None = None
-) -> _Kept:
+) -> _Smoothed:
     """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
 
     Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
@@ -275,10 +275,10 @@ def _in_octaves(
             squares[order] += share * own + np.square(1 - share) * np.maximum(power - judge.clear * own, hidden)
             expected[order] = JERK * 4.0 ** (order - 2) * np.where(share > 0, power - own, expected[order])
         lower = upper
-    return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
+    return _Smoothed(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
 
 
-def _moved(base: Plan, kept: _Kept, noise: Float, step: float, planned: bool) -> Moved:
+def _moved(base: Plan, kept: _Smoothed, noise: Float, step: float, planned: bool) -> Moved:
     """The motion of a ``base`` and what is ``kept`` beside it.
 
     Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.

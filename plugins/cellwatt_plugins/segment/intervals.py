@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.results import Interval
-from cellwatt_plugins.segment.moving_joints import Change, Motion, Sample
+from cellwatt_plugins.segment.moving_joints import Change, MovingJoints, Sample
 from cellwatt_plugins.segment.settings import SegmentSettings
 
 TURN_REACH = 0.25
@@ -45,7 +45,7 @@ class Segmenter:
     thresholds: SegmentSettings = field(default_factory=SegmentSettings)
 
     def __post_init__(self) -> None:
-        self._motion = Motion(self.joints, self.step, self.thresholds)
+        self._motion = MovingJoints(self.joints, self.step, self.thresholds)
         self._minimum = round(self.thresholds.minimum_length * 1e9)
         self._gap = max(round(self.thresholds.gap * 1e9), self.step + self.step // 2)
         self._reach = max(2, round(TURN_REACH * 1e9 / self.step))

@@ -87,7 +87,7 @@ class Limits:
     band: Float
 
 
-class Motion:
+class MovingJoints:
     """Follows the joints of one arm through frames without a gap; ``step`` is the frame step in ns.
 
     ``moving`` holds a bit per joint, ``changes`` the starts and stops not yet taken by the caller, in the

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from cellwatt.progress import WorkState, Work, aside, listening, show_progress, stage, steps
+from cellwatt.progress import Work, WorkState, aside, listening, show_progress, stage, steps
 from cellwatt.progress.work import Display, duration
 
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
@@ -89,7 +89,10 @@ def test_labels_and_loops_of_unknown_length(work):
         "trying spring (1 of 2)",
         "trying gap (2 of 2)",
     ]
-    assert [work.told() for _ in steps(iter("ab"), "part")] == [WorkState("part 1", None, None), WorkState("part 2", None, None)]
+    assert [work.told() for _ in steps(iter("ab"), "part")] == [
+        WorkState("part 1", None, None),
+        WorkState("part 2", None, None),
+    ]
     with stage("searching"):
         assert [work.told().fraction for _ in steps(range(2), "trying")] == [None, None]
 

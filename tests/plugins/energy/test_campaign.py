@@ -8,7 +8,7 @@ from energy.arms import make_arm
 
 from cellwatt_plugins.energy.campaign import observed
 from cellwatt_plugins.energy.identify import begin
-from cellwatt_plugins.energy.recordings import Reading, read_runs
+from cellwatt_plugins.energy.recordings import PowerTrace, read_runs
 from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import run_on, worst_error
 
@@ -93,7 +93,7 @@ def test_a_repetition_in_which_the_analyzer_fell_silent_is_left_out(measured):
     whole = observed(run, (arm, begin(arm, 50.0)))
     (*_, last) = whole.repetitions
     early = run.reading.time - whole.offset.seconds < (last.start + last.end) / 2
-    reading = Reading("analyzer", run.reading.time[early], run.reading.power[early])
+    reading = PowerTrace("analyzer", run.reading.time[early], run.reading.power[early])
     cut = observed(replace(run, reading=reading), (arm, begin(arm, 50.0)))
     assert cut.repetitions == whole.repetitions[:-1]
     assert cut.notes == (

@@ -3,7 +3,7 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.clock import align, refine
-from cellwatt_plugins.energy.recordings import Reading
+from cellwatt_plugins.energy.recordings import PowerTrace
 from cellwatt_plugins.robot.accumulate import Accumulated
 
 STEP = 0.01
@@ -18,7 +18,7 @@ def measured(offset, seed=0, noise=0.3):
     middle = np.arange(0.0437, 11.9, 0.1)
     fine = np.linspace(-0.05, 0.05, 101)
     values = power(middle[:, None] + fine).mean(axis=1)
-    return Reading("here", middle + offset, values + np.random.default_rng(seed).normal(0, noise, len(middle)))
+    return PowerTrace("here", middle + offset, values + np.random.default_rng(seed).normal(0, noise, len(middle)))
 
 
 @pytest.mark.parametrize("offset", [-0.333, 2.4])
@@ -40,7 +40,7 @@ def test_its_uncertainty_is_honest():
 
 def test_power_of_another_run_is_refused():
     noise = np.random.default_rng(1).normal(90, 5, 120)
-    reading = Reading("run.analyzer.parquet", np.arange(120) * 0.1, noise)
+    reading = PowerTrace("run.analyzer.parquet", np.arange(120) * 0.1, noise)
     with pytest.raises(RecordingError, match=r"run\.analyzer\.parquet: its power does not follow"):
         modelled = power(np.arange(0, 12, STEP))
         align(reading, Accumulated(0.0, STEP, modelled), Accumulated(0.0, STEP, modelled[:, None]))

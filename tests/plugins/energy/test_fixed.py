@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.energy.fixed import AtRest, steady_power
-from cellwatt_plugins.energy.recordings import Reading
+from cellwatt_plugins.energy.recordings import PowerTrace
 
 
 def reading(power):
-    return Reading("there", 0.1 * np.arange(len(power)), power)
+    return PowerTrace("there", 0.1 * np.arange(len(power)), power)
 
 
 def test_mean_and_its_uncertainty():

@@ -5,7 +5,7 @@ import pytest
 from energy.plant import _timing
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.recordings import RobotTrace
 from cellwatt_plugins.energy.repetitions import find_repetitions
 
 NOISE = 2e-5
@@ -30,7 +30,7 @@ def motion(profile, legs, seconds, rest=1.0, corners=((0.4, -0.3), (0.1, 0.6)), 
     grid = np.arange(len(q)) * fine
     seen = np.stack([np.interp(time, grid, column) for column in q.T], axis=1)
     seen += np.random.default_rng(1).normal(0, NOISE, seen.shape)
-    return Motion("run", time, seen, np.gradient(seen, 1 / RATE, axis=0), seen), starts
+    return RobotTrace("run", time, seen, np.gradient(seen, 1 / RATE, axis=0), seen), starts
 
 
 @pytest.mark.parametrize(("profile", "seconds"), [("quintic", 0.4), ("septic", 1.5), ("trapezoid", 6.0)])
@@ -55,7 +55,9 @@ def test_an_interrupted_repetition_is_left_out_and_named():
 def test_no_repetition_says_what_to_do():
     recorded, _ = motion("quintic", [1], 2.0)
     keep = recorded.time < 4.0
-    cut = Motion("run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep])
+    cut = RobotTrace(
+        "run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep]
+    )
     with pytest.raises(RecordingError, match="record from rest to rest"):
         find_repetitions(cut)
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.fleet.adjusted import Course, Told, Warmth, course_of, shrunk, warmth_of
-from cellwatt_plugins.fleet.courses import Courses, Place
+from cellwatt_plugins.fleet.adjusted import Course, Observations, Warmth, course_of, shrunk, warmth_of
+from cellwatt_plugins.fleet.courses import CellJoint, Courses
 from cellwatt_plugins.fleet.judge import judged
 from cellwatt_plugins.fleet.kinds import common_course, less_common, spread_of
 from cellwatt_plugins.fleet.slopes import trends_of
@@ -85,14 +85,14 @@ def fleet_of(rng, worn=None, arms=12):
             course = wandering(rng)
             if (i, joint) == worn:
                 course = course.less(-0.3 * (WEEKS - 100) / 25)
-            courses[Place(f"weld-{i:02d}", joint)] = course
+            courses[CellJoint(f"weld-{i:02d}", joint)] = course
     return [Courses("welder", "friction", True, courses)]
 
 
 def test_the_worn_joint_alone_is_sure():
     (found,) = judged(fleet_of(np.random.default_rng(7), worn=(3, 2)), 0.01, 0.05)
-    assert found.sure == {Place("weld-03", 2)}
-    trend = found.trends[Place("weld-03", 2)]
+    assert found.sure == {CellJoint("weld-03", 2)}
+    trend = found.trends[CellJoint("weld-03", 2)]
     low, high = (end * trend.span for end in trend.interval())
     assert low < 0.3 < high
     assert not found.steps
@@ -101,7 +101,7 @@ def test_the_worn_joint_alone_is_sure():
 def halls(rng, rises):
     """Arms in halls that raise friction of all their joints by ``rises`` from the first week to the last."""
     return {
-        Place(f"weld-{i:02d}", joint): wandering(rng).less(-rise * (WEEKS - 100) / 25)
+        CellJoint(f"weld-{i:02d}", joint): wandering(rng).less(-rise * (WEEKS - 100) / 25)
         for i, rise in enumerate(rises)
         for joint in range(1, 7)
     }
@@ -123,7 +123,7 @@ def test_a_worn_joint_is_told_beside_the_others_of_its_arm():
     rng = np.random.default_rng(15)
     rises = 0.12 * rng.standard_normal(20)
     rises[3] = -0.2
-    courses, worn = halls(rng, rises), Place("weld-03", 2)
+    courses, worn = halls(rng, rises), CellJoint("weld-03", 2)
     courses[worn] = courses[worn].less(-0.3 * (WEEKS - 100) / 25)
     trends = trends_in(courses)
     found = trends.pop(worn)
@@ -137,7 +137,7 @@ def test_an_arm_that_changes_by_more_than_halls_differ_is_told():
     rises = 0.02 * rng.standard_normal(20)
     rises[5] = 0.5
     sure = {place for place, each in trends_in(halls(rng, rises)).items() if each.chance < 1e-5}
-    assert sure == {Place("weld-05", joint) for joint in range(1, 7)}
+    assert sure == {CellJoint("weld-05", joint) for joint in range(1, 7)}
 
 
 def told_of(rng, slope=-0.01, wear=0.0):
@@ -146,7 +146,7 @@ def told_of(rng, slope=-0.01, wear=0.0):
     program = (rng.random(len(week)) < week / 25).astype(int)
     warmth = 20 + 0.4 * week + 3 * rng.standard_normal(len(week))
     values = slope * (warmth - 20) + wear * week / 25 - 0.08 * program + 0.01 * rng.standard_normal(len(week))
-    return Told(values, week, np.arange(len(week)), program, warmth)
+    return Observations(values, week, np.arange(len(week)), program, warmth)
 
 
 def test_programs_and_temperature_are_taken_out():
@@ -176,7 +176,7 @@ def test_what_is_not_known_of_temperature_grows_with_the_season():
     for _ in range(100):
         off = 0.002 * rng.standard_normal()
         warmth = 20 + 0.6 * week
-        told = Told(off * warmth + 0.01 * rng.standard_normal(26), week, week, np.zeros(26, int), warmth)
+        told = Observations(off * warmth + 0.01 * rng.standard_normal(26), week, week, np.zeros(26, int), warmth)
         rise = line(course_of(told, 0.05, 0.01, Warmth(0.0, 0.002), 20.0), 0.0)
         pulls.append(rise.slope / rise.error)
     assert np.std(pulls) == pytest.approx(1.0, abs=0.2)
@@ -186,4 +186,4 @@ def test_few_arms_without_temperature_are_judged_alone():
     (group,) = fleet_of(np.random.default_rng(11), worn=(1, 2), arms=2)
     (found,) = judged([replace(group, with_temperature=False)], 0.01, 0.05)
     assert found.alone
-    assert found.sure == {Place("weld-01", 2)}
+    assert found.sure == {CellJoint("weld-01", 2)}

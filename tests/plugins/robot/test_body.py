@@ -73,11 +73,7 @@ def test_joints_not_named_are_fixed(tmp_path):
     ("joints", "arm", "message"),
     [
         (("shoulder", "wrist"), {}, "no moving joint wrist; there are shoulder, elbow"),
-        (
-            ("elbow", "shoulder"),
-            {},
-            "its joints come in the order shoulder, elbow, the description has elbow, shoulder",
-        ),
+        (("elbow", "shoulder"), {}, "come in the order shoulder, elbow, the description has elbow, shoulder"),
         (("shoulder", "elbow"), {"kind": "floating"}, "each with one angle"),
     ],
 )

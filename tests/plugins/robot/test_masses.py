@@ -7,7 +7,7 @@ import pytest
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.models.static.planning import write_plan
 from cellwatt_plugins.robot import Arm
-from tests.plugins.mismatch.recorded_arm import write_robot
+from tests.plugins.explain.recorded_arm import write_robot
 
 
 def massless(folder, *links):

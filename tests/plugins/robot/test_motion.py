@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.input.moved import moved
-from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.explain.input.moved import moved
+from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import (
     Plan,
     about_plan,
@@ -12,7 +12,7 @@ from cellwatt_plugins.robot.motion import (
     expected_sign,
     smooth,
 )
-from tests.plugins.mismatch import plant
+from tests.plugins.explain import plant
 
 STEP = 0.008
 BANDWIDTH = 6.0

@@ -15,7 +15,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
 from cellwatt_plugins.energy.fixed import Steady, steady_power
 from cellwatt_plugins.energy.procedure.loops import MISSING, Loop, find_loops
-from cellwatt_plugins.energy.recordings import Motion, Reading
+from cellwatt_plugins.energy.recordings import PowerTrace, RobotTrace
 from cellwatt_plugins.robot import Arm
 
 RATE: Final = 100.0
@@ -43,7 +43,7 @@ class CutRun:
         return "\n".join([done + told, *(f"  {sentence}" for sentence in self.refused)])
 
 
-def cut_state(reading: Reading, path: Path) -> Steady:
+def cut_state(reading: PowerTrace, path: Path) -> Steady:
     """Write the power of a robot at rest as a table, and say how well its mean is known. Raises ``RecordingError``."""
     write_table(path, {"t": reading.time, "power": reading.power})
     return steady_power(reading)
@@ -51,8 +51,8 @@ def cut_state(reading: Reading, path: Path) -> Steady:
 
 def cut_programme(
     arm: Arm,
-    motion: Motion,
-    reading: Reading,
+    motion: RobotTrace,
+    reading: PowerTrace,
     payload: float,
     speeds: Sequence[float],
     repetitions: int,
@@ -78,7 +78,7 @@ def cut_programme(
     return runs
 
 
-def _with_power(loop: Loop, reading: Reading) -> Loop:
+def _with_power(loop: Loop, reading: PowerTrace) -> Loop:
     """Refuses a repetition during which the analyzer was silent."""
     inside = reading.time[(reading.time > loop.start - MARGIN) & (reading.time < loop.end + MARGIN)]
     edges = np.concatenate([[loop.start - MARGIN], inside, [loop.end + MARGIN]])
@@ -88,7 +88,7 @@ def _with_power(loop: Loop, reading: Reading) -> Loop:
     return replace(loop, problem=f"the analyzer's values are missing for {silent:.1f} s")
 
 
-def _longest(loops: Sequence[Loop], speed: float, motion: Motion) -> list[Loop]:
+def _longest(loops: Sequence[Loop], speed: float, motion: RobotTrace) -> list[Loop]:
     """The most repetitions of a speed, one after the other, that can all be used; no samples missing between them."""
     best: list[Loop] = []
     now: list[Loop] = []
@@ -100,12 +100,12 @@ def _longest(loops: Sequence[Loop], speed: float, motion: Motion) -> list[Loop]:
     return best
 
 
-def _holes(motion: Motion, first: int, last: int) -> NDArray[np.intp]:
+def _holes(motion: RobotTrace, first: int, last: int) -> NDArray[np.intp]:
     """Samples from ``first`` to ``last`` after which some are missing."""
     return first + np.flatnonzero(np.diff(motion.time[first : last + 1]) > MISSING * motion.step)
 
 
-def _write_run(loops: Sequence[Loop], motion: Motion, reading: Reading, path: Path) -> None:
+def _write_run(loops: Sequence[Loop], motion: RobotTrace, reading: PowerTrace, path: Path) -> None:
     """The file pair of a run."""
     first, last = _edges(loops, motion)
     part = slice(first, last, max(1, int(1 / (motion.step * RATE) + 1e-6)))
@@ -121,7 +121,7 @@ def _write_run(loops: Sequence[Loop], motion: Motion, reading: Reading, path: Pa
     write_table(path.with_name(f"{path.name}.analyzer.parquet"), analyzer)
 
 
-def _edges(loops: Sequence[Loop], motion: Motion) -> tuple[int, int]:
+def _edges(loops: Sequence[Loop], motion: RobotTrace) -> tuple[int, int]:
     """Samples from within the rest before the first repetition to within the rest after the last."""
     pauses = [b.start - a.end for a, b in pairwise(loops)]
     kept = BESIDE * (float(np.median(pauses)) if pauses else 1.0)

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.recordings import RobotTrace
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.rests import rests
 from cellwatt_plugins.robot import Arm
@@ -62,7 +62,7 @@ class Loop:
         return self.mean_speed * self.seconds
 
 
-def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[Loop], list[str]]:
+def find_loops(arm: Arm, motion: RobotTrace, speeds: Sequence[float]) -> tuple[list[Loop], list[str]]:
     """All repetitions in their order, each with its speed or its problem; and what else there is to say."""
     found = [rest for rest in rests(motion, CREEP) if _seconds(motion, rest) >= REST]
     # Those at the pose where the arm rests most often and longest.
@@ -84,11 +84,11 @@ def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[
     return [_timed(loop, usual, motion) for loop in named], notes
 
 
-def _seconds(motion: Motion, rest: tuple[int, int]) -> float:
+def _seconds(motion: RobotTrace, rest: tuple[int, int]) -> float:
     return float(motion.time[rest[1] - 1] - motion.time[rest[0]])
 
 
-def _loop(arm: Arm, motion: Motion, before: tuple[int, int], after: tuple[int, int]) -> Loop:
+def _loop(arm: Arm, motion: RobotTrace, before: tuple[int, int], after: tuple[int, int]) -> Loop:
     first, last = before[1] - 1, after[0]
     part = slice(max(first - 1, 0), last + 2)
     there = replace(motion, time=motion.time[part], position=motion.position[part])
@@ -108,7 +108,7 @@ def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
     return replace(loop, speed=nearest)
 
 
-def _timed(loop: Loop, usual: Mapping[float, float], motion: Motion) -> Loop:
+def _timed(loop: Loop, usual: Mapping[float, float], motion: RobotTrace) -> Loop:
     """With its problem, where it took longer or shorter than others of its speed, or samples are missing."""
     gap, problem = float(np.diff(motion.time[loop.first : loop.last + 1]).max()), loop.problem
     expected = usual.get(loop.speed, loop.seconds)

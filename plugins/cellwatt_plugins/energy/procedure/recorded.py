@@ -11,13 +11,13 @@ from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.record import Recording
 from cellwatt_plugins.energy.drive import effort
-from cellwatt_plugins.energy.recordings import FEWEST, Motion, Reading
+from cellwatt_plugins.energy.recordings import FEWEST, PowerTrace, RobotTrace
 from cellwatt_plugins.robot import Arm
 
 PLACE = "the recording"
 
 
-def motion_of(recording: Recording, arm: Arm, source: str | None = None) -> Motion:
+def motion_of(recording: Recording, arm: Arm, source: str | None = None) -> RobotTrace:
     """Motion of an arm; ``source`` names its source, where several have joints. Raises ``RecordingError``."""
     name, stream = _stream_with(recording, "joint_1.position", source, "--source")
     quantity, unit = effort(stream.names, arm)
@@ -26,14 +26,14 @@ def motion_of(recording: Recording, arm: Arm, source: str | None = None) -> Moti
         recording, name, stream, [f"joint_{i}.{kind}" for kind in kinds for i in range(1, arm.joints + 1)]
     )
     position, velocity, given = values.reshape(len(time), len(kinds), arm.joints).transpose(1, 0, 2)
-    return Motion(PLACE, time, position, velocity, given * unit)
+    return RobotTrace(PLACE, time, position, velocity, given * unit)
 
 
-def power_of(recording: Recording, supply: str | None = None) -> Reading:
+def power_of(recording: Recording, supply: str | None = None) -> PowerTrace:
     """Power; ``supply`` names the analyzer's source, where several have it. Raises ``RecordingError``."""
     name, stream = _stream_with(recording, "supply.power", supply, "--supply")
     time, values = _samples(recording, name, stream, ["supply.power"])
-    return Reading(PLACE, time, values[:, 0])
+    return PowerTrace(PLACE, time, values[:, 0])
 
 
 def _samples(recording: Recording, source: str, stream: Stream, names: Sequence[str]) -> tuple[Float, Float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.effects import PART, warm_up
-from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain, odds_of, temper_of
+from cellwatt_plugins.faults.cycles.explain import WARM, BestExplanation, explain, odds_of, temper_of
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
@@ -108,13 +108,13 @@ def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
     return np.column_stack([(tau >= edge).astype(np.float64) for edge in edges])
 
 
-def _weights(answers: Sequence[Answer], temper: float, foreign: float) -> Float:
+def _weights(answers: Sequence[BestExplanation], temper: float, foreign: float) -> Float:
     """Probability of each answer, up to a factor; ``foreign`` log odds against another task."""
     scores = np.array([answer.score(temper) - foreign * answer.reading.foreign for answer in answers])
     return np.asarray(np.exp(scores - scores.max()))
 
 
-def _most_likely(answers: Sequence[Answer], weights: Float) -> Answer:
+def _most_likely(answers: Sequence[BestExplanation], weights: Float) -> BestExplanation:
     """The best answer with the most likely set of joints that stand still, whatever makes them."""
     sums: dict[tuple[int, ...], float] = {}
     for answer, weight in zip(answers, weights, strict=True):
@@ -124,7 +124,7 @@ def _most_likely(answers: Sequence[Answer], weights: Float) -> Answer:
     return answers[max(standing, key=lambda k: float(weights[k]))]
 
 
-def _stands(answers: Sequence[Answer], weights: Float, joint: int) -> float:
+def _stands(answers: Sequence[BestExplanation], weights: Float, joint: int) -> float:
     """Probability that a joint stands still, among all readings."""
     stands = np.array([joint in a.reading.stopped for a in answers])
     return float(weights[stands].sum() / weights.sum())
@@ -142,7 +142,7 @@ def _standing(
     return weights[joint] / every, close, 1.0 - weights[-1] / every
 
 
-def _warm(arm: FittedArm, samples: Samples, best: Answer, left: Float) -> float:
+def _warm(arm: FittedArm, samples: Samples, best: BestExplanation, left: Float) -> float:
     """Share by which friction of all joints was higher, 0 where that is not certain."""
     column = WARM * warm_up(arm.parameters, best.reading.load)
     harmless = np.column_stack([samples.harmless, best.reading.doubt])

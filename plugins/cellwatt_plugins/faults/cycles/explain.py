@@ -12,7 +12,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, warm_up
 from cellwatt_plugins.faults.cycles.identify import FittedArm
-from cellwatt_plugins.faults.cycles.off_path import Reading
+from cellwatt_plugins.faults.cycles.off_path import Interpretation
 from cellwatt_plugins.faults.cycles.samples import Samples
 from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, fit, weigh
 from cellwatt_plugins.robot.regression import Products, Whitener
@@ -37,7 +37,7 @@ ALIKE = 5.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class BestExplanation:
     """The best explanation in one reading.
 
     ``effects`` with their ``sizes`` and ``watts`` (N,) each; ``likelihood`` its log, up to a constant of the cycle,
@@ -46,7 +46,7 @@ class Answer:
     the noise's.
     """
 
-    reading: Reading
+    reading: Interpretation
     effects: tuple[Effect, ...]
     sizes: tuple[Float, ...]
     watts: tuple[Float, ...]
@@ -75,8 +75,8 @@ def odds_of(rate: float) -> float:
 
 
 def explain(
-    arm: FittedArm, samples: Samples, reading: Reading, inside: Float, fault_odds: float = FAULT_ODDS
-) -> Answer:
+    arm: FittedArm, samples: Samples, reading: Interpretation, inside: Float, fault_odds: float = FAULT_ODDS
+) -> BestExplanation:
     """Explain what is left in one reading; ``inside`` (N, M + 1) says after which moves' starts each sample lies."""
     effects = [
         e for j in range(arm.body.joints) if j not in reading.silent for e in joint_effects(arm, reading.load, j)
@@ -90,7 +90,7 @@ def explain(
         best = search.settled(better)
     found = search.weighed(best)
     chosen = tuple(effects[k] for k in best)
-    return Answer(
+    return BestExplanation(
         reading=reading,
         effects=chosen,
         sizes=found.sizes,
@@ -108,7 +108,13 @@ class _Search:
     """Sets of effects, as indices, compared by evidence and prior odds; ``room`` for so many faults."""
 
     def __init__(
-        self, arm: FittedArm, reading: Reading, white: Whitener, effects: Sequence[Effect], room: int, fault_odds: float
+        self,
+        arm: FittedArm,
+        reading: Interpretation,
+        white: Whitener,
+        effects: Sequence[Effect],
+        room: int,
+        fault_odds: float,
     ) -> None:
         self.effects, self.room, self._white, self._fault_odds = effects, room, white, fault_odds
         self._parameters, self._load = arm.parameters, reading.load

@@ -42,7 +42,7 @@ GAP = 2.5
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class CycleReport:
     """Findings on a cycle that is ``over``; of one under way only its faults so far."""
 
     finding: CycleFinding
@@ -65,7 +65,7 @@ class CycleWatch:
         """s that cycles are told later because of a slow meter: its last value of a cycle comes so late."""
         return 0.0 if self._known.meter is None else self._known.meter.delay
 
-    def feed(self, time: Float, position: Float, power: Float) -> list[Told]:
+    def feed(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
         """Return what n more frames settle: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
         there = ~np.isnan(position).any(axis=1)
         time, position, power = time[there], position[there], power[there]
@@ -77,12 +77,12 @@ class CycleWatch:
             for told in self._take(time[piece], position[piece], power[piece])
         ]
 
-    def close(self) -> list[Told]:
+    def close(self) -> list[CycleReport]:
         """Return what the end of the frames settles."""
         return self._look(ended=True)
 
-    def _take(self, time: Float, position: Float, power: Float) -> list[Told]:
-        found: list[Told] = []
+    def _take(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
+        found: list[CycleReport] = []
         if len(self._seen.time) and time[0] - self._seen.time[-1] > GAP * self._step:
             found = self._look(ended=True)
             self._forget()
@@ -120,13 +120,13 @@ class CycleWatch:
         self._moved, self._looked = not still, now
         return True
 
-    def _glance(self) -> list[Told]:
+    def _glance(self) -> list[CycleReport]:
         """Faults that the cycle under way shows already."""
         match = None if self._few else begun_cycle(self._seen, find_runs(self._seen), self._known.patterns)
         if match is None:
             return []
         finding = judge_begun(self._seen, match, self._known)
-        return [Told(finding, over=False)] if finding.faults else []
+        return [CycleReport(finding, over=False)] if finding.faults else []
 
     @property
     def _few(self) -> bool:
@@ -137,7 +137,7 @@ class CycleWatch:
         self._drop(len(self._seen.time))
         self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
 
-    def _look(self, *, ended: bool) -> list[Told]:
+    def _look(self, *, ended: bool) -> list[CycleReport]:
         """Cycles that are over, with what came before them; their frames are dropped."""
         if self._few:
             return []
@@ -157,7 +157,7 @@ class CycleWatch:
         # What is told of must leave nothing behind that would be a run again.
         following = runs[last + 1].first if last + 1 < len(runs) else len(recording.time)
         self._drop(max(runs[last].last, following - self._margin))
-        return [Told(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
+        return [CycleReport(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
         """True if nothing more of a cycle can come: a last move that encoders do not show may still be due."""
@@ -198,7 +198,7 @@ class CycleStage:
         """Alarms that the end of the frames settles."""
         return [] if self._epoch is None else self._alarmed(self._watch.close(), self._epoch)
 
-    def _alarmed(self, told: Sequence[Told], epoch: int) -> list[Alarm]:
+    def _alarmed(self, told: Sequence[CycleReport], epoch: int) -> list[Alarm]:
         out: list[Alarm] = []
         for cycle in told:
             self._count += cycle.over

@@ -50,7 +50,7 @@ TURNING_DOUBT = 0.5
 
 
 @dataclass(frozen=True)
-class Reading:
+class Interpretation:
     """``causes`` of each joint (0-based) off its path, the ``load`` of the arm as it then moves, ``residual`` (N,) W
     that is left to explain and ``doubt`` (N, k) W of it (one sigma each)."""
 
@@ -74,7 +74,7 @@ class Reading:
 
 def readings(
     recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, samples: Samples
-) -> Iterator[Reading]:
+) -> Iterator[Interpretation]:
     """Every combination of causes; and that all is well in another task, where a joint shows another way."""
     gone = pattern.time <= samples.tau[-1]
     options: list[list[tuple[int, Cause]]] = []
@@ -99,11 +99,11 @@ def readings(
 
 def _reading(
     recording: Recording, arm: FittedArm, samples: Samples, causes: Sequence[tuple[int, Cause]], vague: Float
-) -> Reading:
+) -> Interpretation:
     """Residual once joints stand where they were at the cycle's start, or go where they show."""
     healthy = samples.healthy
     if all(cause == "encoder" for _, cause in causes):
-        return Reading(tuple(causes), healthy, samples.residual, vague)
+        return Interpretation(tuple(causes), healthy, samples.residual, vague)
     load = _load(recording, arm, samples, causes)
     change = load.power - healthy.power
     doubt = [vague, DOUBT * (load.slope(arm.parameters) - healthy.slope(arm.parameters)) @ arm.deviations]
@@ -118,7 +118,7 @@ def _reading(
             rubbing, turning = motor_alone(arm.parameters, healthy.motion, joint)
             change = change + RUBBING * load.gain * rubbing
             doubt.append(load.gain[:, None] * np.column_stack([RUBBING_DOUBT * rubbing, TURNING_DOUBT * turning]))
-    return Reading(tuple(causes), load, samples.residual - change, np.column_stack([*doubt, MODEL * change]))
+    return Interpretation(tuple(causes), load, samples.residual - change, np.column_stack([*doubt, MODEL * change]))
 
 
 def _load(recording: Recording, arm: FittedArm, samples: Samples, causes: Sequence[tuple[int, Cause]]) -> Load:

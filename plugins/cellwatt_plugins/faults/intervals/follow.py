@@ -19,7 +19,7 @@ MISFIT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class IntervalKey:
     """An interval of the reference: indices of task, variant and interval."""
 
     task: int
@@ -35,7 +35,7 @@ class Match:
     intervals lie between the last place and this one (``None``: no sequence to follow).
     """
 
-    place: Place
+    place: IntervalKey
     foreign: int
     displaced: int
     skipped: int | None
@@ -46,11 +46,11 @@ class Follower:
     """Follows one arm through the reference; ``last`` is the place of the last interval that was recognised."""
 
     reference: Reference
-    last: Place | None = None
+    last: IntervalKey | None = None
 
     def __post_init__(self) -> None:
         self._places = [
-            Place(i, k, index)
+            IntervalKey(i, k, index)
             for i, task in enumerate(self.reference.tasks)
             for k, variant in enumerate(task.variants)
             for index in range(len(variant.intervals))
@@ -58,16 +58,16 @@ class Follower:
         self._poses = np.array([self[place].pose for place in self._places])
         self._moving = np.array([self._set(self[place].moving) for place in self._places])
 
-    def __getitem__(self, place: Place) -> ReferenceInterval:
+    def __getitem__(self, place: IntervalKey) -> ReferenceInterval:
         return self.reference.tasks[place.task].variants[place.variant].intervals[place.index]
 
     def _set(self, joints: Sequence[int]) -> list[bool]:
         return [joint in joints for joint in range(1, self.reference.joints + 1)]
 
-    def after(self, place: Place, steps: int = 1) -> Place:
+    def after(self, place: IntervalKey, steps: int = 1) -> IntervalKey:
         """The place ``steps`` later in the same task, which repeats."""
         length = len(self.reference.tasks[place.task].variants[place.variant].intervals)
-        return Place(place.task, place.variant, (place.index + steps) % length)
+        return IntervalKey(place.task, place.variant, (place.index + steps) % length)
 
     def best(self, interval: Interval, trace: Trace) -> Match | None:
         """The place that an interval, open or closed, most likely is; ``None`` where none will do."""
@@ -83,12 +83,12 @@ class Follower:
             if displaced[k] <= most and (foreign[k] == 0 or skipped == 0):
                 yield Match(self._places[k], int(foreign[k]), int(displaced[k]), skipped)
 
-    def _skipped(self, place: Place) -> int | None:
+    def _skipped(self, place: IntervalKey) -> int | None:
         """0 for the place after the last, 1 if one interval was left out, at any speed of the same task."""
         if self.last is None or self.last.task != place.task:
             return None
         for skipped in (0, 1):
-            if self.after(Place(place.task, place.variant, self.last.index), skipped + 1) == place:
+            if self.after(IntervalKey(place.task, place.variant, self.last.index), skipped + 1) == place:
                 return skipped
         return None
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cellwatt.results import Interval
 from cellwatt_plugins.faults.criteria import Tolerance, Verdict, longest, outside, sustained, verdict
 from cellwatt_plugins.faults.intervals.compare import Comparison, compare, power_agrees
-from cellwatt_plugins.faults.intervals.follow import Follower, Match, Place
+from cellwatt_plugins.faults.intervals.follow import Follower, IntervalKey, Match
 from cellwatt_plugins.faults.isolate import likeness
 from cellwatt_plugins.faults.reference import Reference, ReferenceInterval
 from cellwatt_plugins.faults.trace import Trace
@@ -48,7 +48,7 @@ class Finding:
     """
 
     interval: Interval
-    place: Place | None
+    place: IntervalKey | None
     course: Course
     since: int
     time: int
@@ -64,7 +64,7 @@ class _Doubt:
     """Joints whose encoder deviated in an interval; settled by the interval that follows."""
 
     interval: Interval
-    place: Place
+    place: IntervalKey
     joints: tuple[int, ...]
     power_outside: bool
     interrupted: bool
@@ -193,7 +193,12 @@ class Judge:
 
 
 def _off(
-    interval: Interval, place: Place, joints: Sequence[int], found: Verdict, evidence: Mapping[str, float], now: int
+    interval: Interval,
+    place: IntervalKey,
+    joints: Sequence[int],
+    found: Verdict,
+    evidence: Mapping[str, float],
+    now: int,
 ) -> list[Finding]:
     """The finding on joints whose encoder deviates; none where there are none."""
     verdicts = dict.fromkeys(joints, found)

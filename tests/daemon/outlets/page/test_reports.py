@@ -13,9 +13,9 @@ import pytest
 
 from cellwatt import report
 from cellwatt.outlets.page.reports import list_reports, newest_mismatch, report_file
-from cellwatt_plugins.mismatch.report import figures
-from cellwatt_plugins.mismatch.report import page as explain_page
-from cellwatt_plugins.mismatch.verdict.findings import (
+from cellwatt_plugins.explain.report import figures
+from cellwatt_plugins.explain.report import page as explain_page
+from cellwatt_plugins.explain.verdict.findings import (
     ChannelFit,
     Finding,
     Findings,

@@ -8,7 +8,7 @@ import pytest
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.robot.effects.effect import Estimate, Parameter
 from cellwatt_plugins.robot.effects.supply.thermal import warmth
-from tests.plugins.mismatch import plant
+from tests.plugins.explain import plant
 
 JOINT = 1
 """0-based: the shoulder, which gravity loads."""

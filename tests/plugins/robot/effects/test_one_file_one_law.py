@@ -50,11 +50,11 @@ from pathlib import Path
 from cellwatt_plugins.energy.rigid import LAWS
 from cellwatt_plugins.faults.cycles.arm import Motion, nominal
 from cellwatt_plugins.faults.cycles.load import load_of, unsure_friction
-from cellwatt_plugins.mismatch.explain import explain
-from cellwatt_plugins.mismatch.input.baseline import baseline
+from cellwatt_plugins.explain.explain import explain
+from cellwatt_plugins.explain.input.baseline import baseline
 from cellwatt_plugins.models.power.terms import EFFECTS, TORQUE
 from cellwatt_plugins.models.power.terms import Motion as Seen
-from tests.plugins.mismatch import plant
+from tests.plugins.explain import plant
 
 def ground(t, q, qd, run):
     w = qd[:, 1]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tests.plugins.mismatch import plant
+from tests.plugins.explain import plant
 
 
 @pytest.fixture(scope="module")

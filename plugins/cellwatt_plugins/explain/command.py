@@ -1,0 +1,141 @@
+"""``cellwatt explain`` and ``cellwatt simulate``."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import click
+from threadpoolctl import threadpool_limits
+
+from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
+from cellwatt.errors import ConfigError
+from cellwatt.files import write_file
+from cellwatt.progress import stage
+from cellwatt.tables import write_table
+from cellwatt_plugins.explain import api
+from cellwatt_plugins.explain.input.sources import simulator_file
+from cellwatt_plugins.explain.model import Prediction, save_model
+from cellwatt_plugins.explain.report.terminal import in_words
+from cellwatt_plugins.explain.simulators.mend import mend, to_mend
+from cellwatt_plugins.explain.simulators.mend_drives import mend_driven
+from cellwatt_plugins.explain.simulators.wording import mended_in_words
+
+OUTPUT = click.Path(file_okay=False, writable=True, path_type=Path)
+METER = "Power (t, power) that a meter logged on its own clock, one a recording."
+
+
+class _Explain(click.Command):
+    """``--simulation A B C``: all that follows it, up to the next option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        spread: list[str] = []
+        following = False
+        for word in args:
+            if word.startswith("-"):
+                following = word == "--simulation"
+                spread += [word]
+            else:
+                # The first stands behind the option itself.
+                spread += ["--simulation", word] if following and spread[-1] != "--simulation" else [word]
+        if any(word == "--simulation" and after.startswith("-") for word, after in pairwise([*spread, "-"])):
+            raise click.BadOptionUsage("--simulation", "Option '--simulation' requires an argument.", ctx)
+        return super().parse_args(ctx, spread)
+
+
+@click.command(cls=_Explain, short_help="Name the physics that a simulation leaves out.")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
+@click.option(
+    "--simulation", "simulations", multiple=True, type=INPUT, help="What the simulation says, one a recording."
+)
+@click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
+@click.option(
+    "--robot", type=INPUT, help="robot.yaml, or its folder; a simulator's file describes the arm where it is left out."
+)
+@click.option("--out", required=True, type=OUTPUT, help="Folder to write.")
+@click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
+@click.option(
+    "--time",
+    "seconds",
+    type=FiniteRange(min=1.0),
+    default=50.0,
+    show_default=True,
+    help="Seconds of computing (with --scheduler: on the clock) after which nothing more is looked for.",
+)
+@click.option("--mend", "simulator", type=INPUT, help="MJCF or URDF to write anew into OUT, with what was found in it.")
+@click.option("--no-report", is_flag=True, help="Leave out report.html.")
+@with_progress
+@with_scheduler
+@with_columns
+def explain(
+    recordings: tuple[Path, ...],
+    simulations: tuple[Path, ...],
+    meters: tuple[Path, ...],
+    robot: Path | None,
+    out: Path,
+    as_json: bool,
+    seconds: float,
+    simulator: Path | None,
+    no_report: bool,
+) -> None:
+    """Say where RECORDINGs differ from the simulation, which physics it leaves out, and what a model gains.
+
+    Recordings and simulations are Parquet, CSV or cellwatt's own. Several simulations may follow one --simulation.
+    A simulator's own file (MJCF, URDF) may stand for them: it is run on each recorded motion, and needs no robot.yaml.
+    Without simulations, robot.yaml is simulated on the recorded motion. Writes findings.json, model.yaml and
+    report.html.
+    """
+    given = simulations or ((simulator,) if simulator else ())
+    arm = api.arm_of(robot, simulator_file(given) or simulator, recordings)
+    user = None if simulator is None else to_mend(simulator, arm.body)
+    found = api.explain(recordings, robot=robot or arm, simulation=given, meter=meters, seconds=seconds)
+    content = found.as_json()
+    write_file(out / "findings.json", json.dumps(content, indent=1))
+    save_model(found.model, out / "model.yaml")
+    mended, unmended = None, None
+    if user is not None:
+        driven = any(run.drive is not None for run in found.runs)
+        with threadpool_limits(1), stage("mending the simulator's file"):
+            try:
+                mended = (mend_driven if driven else mend)(found, found.runs, user, out)
+            except ConfigError as error:
+                unmended = error  # the answer is told all the same
+    if not no_report:
+        with stage("writing the report"):
+            found.report(out / "report.html", None if mended is None else mended.path)
+    if mended is not None:
+        content["mended"] = mended.as_json()
+        write_file(out / "findings.json", json.dumps(content, indent=1))
+    click.echo(json.dumps(content) if as_json else in_words(found, out, report=not no_report))
+    if mended is not None:
+        click.echo(mended_in_words(mended), err=as_json)
+    if unmended is not None:
+        raise unmended
+
+
+@click.command(short_help="Predict torque and power by the model of explain.")
+@click.option("--model", required=True, type=INPUT, help="model.yaml of `cellwatt explain`, or its folder.")
+@click.option("--motion", required=True, type=INPUT, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
+@click.option("--simulation", type=INPUT, help="What the user's simulation says of that motion; the model adds to it.")
+@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
+@with_columns
+def simulate(model: Path, motion: Path, simulation: Path | None, out: Path, as_json: bool) -> None:
+    """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power.
+
+    A motion with accelerations is taken as planned; one without as measured, which is smoothed about the simulation's.
+    """
+    predicted = api.simulate(model, motion, simulation)
+    write_prediction(predicted, out)
+    samples = len(predicted.time)
+    report = {"file": str(out), "samples": samples, "joints": predicted.torque.shape[1]}
+    click.echo(json.dumps(report) if as_json else f"written to {out}: {samples} samples")
+
+
+def write_prediction(predicted: Prediction, path: Path) -> None:
+    """Write t, tau_1 … tau_n and power as Parquet. Raises ``RecordingError``."""
+    columns = {"t": predicted.time}
+    columns |= {f"tau_{i + 1}": predicted.torque[:, i] for i in range(predicted.torque.shape[1])}
+    write_table(path, {**columns, "power": predicted.power})

@@ -1,0 +1,274 @@
+"""Leave-one-out: fits of a problem without one fold of its blocks, and their error on that fold.
+
+The products of the rows are kept fold by fold, so that a set of terms is judged without another pass over the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.problem import Problem, Term
+from cellwatt_plugins.robot.blocks import Block, Design, places
+from cellwatt_plugins.robot.regression import Prior
+
+FOLDS, FEWEST = 10, 5
+"""Folds at most, and at least of motions that repeat."""
+BLOCK, SHORTEST = 4.0, 1.0
+"""s of a block, about; of a short recording at least."""
+LITTLE = 0.003
+"""Share of a channel's mean square error below which a fold's error counts as none."""
+ALIKE, STILL = 0.1, 1e-3
+"""Share of a motion's spread, and rad, by which a repeat of it may differ."""
+NOTHING = 1e-3
+"""Squared error of a fold, in units of the noise, of a channel that nothing was measured of."""
+KEPT = 400
+"""Blocks whose products are kept, and fits."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """What a change of the model does to the error on data left out."""
+
+    share: float
+    """Of the mean square error that it takes off, summed over the channels asked."""
+    sure: float
+    """Mean over the folds of what it takes off, in its standard errors."""
+    rise: float
+    """Greatest share by which the mean square error of any channel rises."""
+    again: bool
+    """True if it takes something off without the fold in which it does most, too."""
+    most: float
+    """Share of the mean square error that it takes off the one of the channels asked where it does most."""
+
+
+def compared(before: Float, after: Float, channels: Sequence[int] | None = None) -> Held:
+    """Compare squared errors (K, C) of K folds: paired by fold, each channel in units of its own error before."""
+    scale = np.mean(before, axis=0)
+    # A channel that nothing was measured of has no error that could fall or rise.
+    scale = np.where(scale > NOTHING, scale, np.inf)
+    asked = slice(None) if channels is None else list(channels)
+    saved = (before - after) / scale
+    own = np.sum(saved[:, asked], axis=1)
+    # What acts here and there shows in the ratio of a fold's errors, also where one fold outweighs all others.
+    ratio = np.sum(np.log((before / scale + LITTLE) / (after / scale + LITTLE))[:, asked], axis=1)
+    again = bool(np.sum(own) - np.max(own) > 0)
+    of_each = np.mean(saved, axis=0)
+    sure, rise, most = max(_sure(own), _sure(ratio)), float(np.max(-of_each)), float(np.max(of_each[asked]))
+    return Held(float(np.mean(own)), sure, rise, again, most)
+
+
+def _sure(values: Float) -> float:
+    """Mean of some values in its standard errors."""
+    if len(values) < 2:
+        return 0.0
+    spread = float(np.std(values, ddof=1) / np.sqrt(len(values)))
+    return float(np.mean(values)) / max(spread, 1e-12)
+
+
+class LeaveOut:
+    """Fits of a problem that leave out one fold each; ``factor`` (C,) is the correlation factor of the residual."""
+
+    def __init__(self, problem: Problem, factor: Float) -> None:
+        self.problem, self.factor = problem, factor
+        if "products" not in problem.of_design:
+            problem.of_design["products"] = _Products(problem.design, *folds_of(problem))
+        self.products: _Products = problem.of_design["products"]
+
+    @property
+    def fold(self) -> NDArray[np.intp]:
+        """Number of the fold of each row, (N,)."""
+        return self.products.fold
+
+    def errors(self, terms: Sequence[Term]) -> Float:
+        """Squared error (K, C) of each fold, in units of its variance, in the fit that did not see it."""
+        return self._fitted([self.problem.block(term) for term in terms])[1]
+
+    def coefficients(self, terms: Sequence[Term]) -> Float:
+        """Coefficients (K, P) of the fit without each fold: the design's, then those of the terms."""
+        return self._fitted([self.problem.block(term) for term in terms])[0]
+
+    def residual(self, terms: Sequence[Term], channels: Sequence[int] | None = None) -> Float:
+        """Residual (N, C) of each row in the fit that did not see it, of some channels alone where they are given."""
+        design, blocks = self.problem.design, [self.problem.block(term) for term in terms]
+        found = self._fitted(blocks)[0]
+        asked = range(design.target.shape[1]) if channels is None else channels
+        out = np.empty((len(design.target), len(asked)))
+        slices = places(blocks, design.size)
+        for i, c in enumerate(asked):
+            fixed = design.channels[c]
+            parts = [(block.of(c), place) for block, place in zip(blocks, slices, strict=True)]
+            for rows, own in zip(self.products.rows, found, strict=True):
+                fitted = fixed.columns[rows] @ own[fixed.places] / design.root[rows, c]
+                fitted += sum(columns[rows] @ own[place] for columns, place in parts if columns is not None)
+                out[rows, i] = design.target[rows, c] - fitted
+        return out
+
+    def _fitted(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
+        """Coefficients (K, P) of the fit without each fold, and its squared error (K, C) there; the last are kept."""
+        key, kept = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
+        if key not in kept:
+            if len(kept) > KEPT:
+                kept.clear()
+            kept[key] = self._fit(blocks)
+        return kept[key]
+
+    def _fit(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
+        design, products = self.problem.design, self.products
+        slices = places(blocks, design.size)
+        size = slices[-1].stop if slices else design.size
+        count, channels = len(products.rows), len(design.channels)
+        information, right = np.zeros((count, size, size)), np.zeros((count, size))
+        equations = []
+        for c in range(channels):
+            there, gram, pull = products.channel(c, blocks, slices)
+            information[:, there[:, None], there] += gram / self.factor[c]
+            right[:, there] += pull / self.factor[c]
+            equations.append((there, gram, pull))
+        prior = Prior.joined(*(block.prior for block in (*design.blocks, *blocks)))
+        whole, pulled = information.sum(axis=0) + prior.precision, right.sum(axis=0) + prior.precision @ prior.mean
+        found = np.stack([_solved(whole - information[k], pulled - right[k]) for k in range(count)])
+        errors = np.empty((count, channels))
+        for c, (there, gram, pull) in enumerate(equations):
+            own = found[:, there]
+            crossed = np.einsum("ki,kij,kj->k", own, gram, own)
+            errors[:, c] = products.square[c] - 2 * np.sum(own * pull, axis=1) + crossed
+        return found, np.maximum(errors, 0.0)
+
+
+def _solved(information: Float, right: Float) -> Float:
+    scale = 1 / np.sqrt(np.diag(information))
+    factor = cho_factor(information * np.outer(scale, scale), lower=True, check_finite=False)
+    return np.asarray(scale * cho_solve(factor, scale * right, check_finite=False))
+
+
+@dataclass(frozen=True)
+class _Own:
+    """Products of a block at a channel in each of K folds."""
+
+    cross: Float
+    """With the design's columns, (K, d, m)."""
+    gram: Float
+    pull: Float
+
+
+class _Products:
+    """Products of a design's rows in each of K folds; those of further blocks are made once."""
+
+    def __init__(self, design: Design, fold: NDArray[np.intp], count: int) -> None:
+        self.design, self.fold = design, fold
+        self.rows = [np.flatnonzero(fold == k) for k in range(count)]
+        self._target = design.target * design.root
+        self.square = [np.array([np.sum(self._target[rows, c] ** 2) for rows in self.rows]) for c in self._channels]
+        self._fixed = [
+            _Own(np.empty(0), *self._with_itself(channel.columns, c)) for c, channel in enumerate(design.channels)
+        ]
+        self.fitted: dict[tuple[object, ...], tuple[Float, Float]] = {}
+        self._own: dict[tuple[Block, int], _Own] = {}
+        self._pairs: dict[tuple[Block, Block, int], Float] = {}
+
+    @property
+    def _channels(self) -> range:
+        return range(self.design.target.shape[1])
+
+    def channel(
+        self, c: int, blocks: Sequence[Block], slices: Sequence[slice]
+    ) -> tuple[NDArray[np.intp], Float, Float]:
+        """Places (p,) among all coefficients, gram (K, p, p) and pull (K, p) of a channel with further blocks."""
+        acting = [b for b in blocks if b.channel in (None, c)]
+        fixed, own = self._fixed[c], self.design.channels[c].places
+        among = [np.arange(s.start, s.stop) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]
+        there = np.concatenate([own, *among])
+        first = slice(len(own))
+        gram = np.zeros((len(self.rows), len(there), len(there)))
+        pull = np.zeros((len(self.rows), len(there)))
+        gram[:, first, first], pull[:, first] = fixed.gram, fixed.pull
+        before: list[tuple[Block, slice]] = []
+        for block, at in zip(acting, places(acting, len(own)), strict=True):
+            part = self._of(block, c)
+            gram[:, at, at], pull[:, at] = part.gram, part.pull
+            for cross, beside in [(part.cross, first), *((self._pair(other, block, c), s) for other, s in before)]:
+                gram[:, beside, at], gram[:, at, beside] = cross, cross.transpose(0, 2, 1)
+            before.append((block, at))
+        return there, gram, pull
+
+    def _with_itself(self, columns: Float, c: int) -> tuple[Float, Float]:
+        gram = np.stack([columns[rows].T @ columns[rows] for rows in self.rows])
+        return gram, np.stack([columns[rows].T @ self._target[rows, c] for rows in self.rows])
+
+    def _of(self, block: Block, c: int) -> _Own:
+        if (block, c) not in self._own:
+            if len(self._own) > KEPT:
+                self._own.clear()
+                self._pairs.clear()
+            columns = self._weighed(block, c)
+            fixed = self.design.channels[c].columns
+            cross = np.stack([fixed[rows].T @ columns[rows] for rows in self.rows])
+            self._own[block, c] = _Own(cross, *self._with_itself(columns, c))
+        return self._own[block, c]
+
+    def _pair(self, one: Block, other: Block, c: int) -> Float:
+        if (one, other, c) not in self._pairs:
+            a, b = self._weighed(one, c), self._weighed(other, c)
+            self._pairs[one, other, c] = np.stack([a[rows].T @ b[rows] for rows in self.rows])
+        return self._pairs[one, other, c]
+
+    def _weighed(self, block: Block, c: int) -> Float:
+        columns = block.of(c)
+        assert columns is not None
+        return columns * self.design.root[:, c : c + 1]
+
+
+def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
+    """Number of the fold of each fitted row (N,), and how many there are; blocks of all motions are dealt out in turn.
+
+    Runs that repeat a motion share its folds: what was fitted to one of them is no unseen motion in the other. Where a
+    motion is too short for that, each run counts for itself.
+    """
+    shared = _blocks(problem, _motions([s.q for s in problem.states]))
+    block = (
+        shared
+        if max(int(part.max()) for part in shared) >= FEWEST - 1
+        else _blocks(problem, range(len(problem.states)))
+    )
+    count = min(FOLDS, 1 + max(int(part.max()) for part in block))
+    return np.concatenate(block) % count, count
+
+
+def _blocks(problem: Problem, motions: Sequence[int]) -> list[NDArray[np.intp]]:
+    """Number of the block of each fitted row of each run; ``motions`` are the runs whose blocks each run shares."""
+    seconds = [float(s.time[-1] - s.time[0]) for s in problem.states]
+    block = float(np.clip(sum(seconds[i] for i in set(motions)) / FOLDS, SHORTEST, BLOCK))
+    counts = [max(1, round(seconds[i] / block)) if i == motion else 0 for i, motion in enumerate(motions)]
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
+    return [
+        first[i] + np.arange(len(part)) * counts[i] // max(len(part), 1)
+        for i, part in zip(motions, problem.target, strict=True)
+    ]
+
+
+def _motions(courses: Sequence[Float]) -> list[int]:
+    """Number of the first run that makes the same motion as each run, whose positions are ``courses`` (N, n) rad."""
+    out = list[int]()
+    for course in courses:
+        same = (i for i, other in enumerate(courses[: len(out)]) if _alike(course, other))
+        out.append(next(same, len(out)))
+    return out
+
+
+def _alike(one: Float, other: Float) -> bool:
+    """True if two motions are within ``ALIKE`` of their way at all times."""
+    if abs(len(one) - len(other)) > ALIKE * len(one):
+        return False
+    common = min(len(one), len(other))
+    return bool(np.all(np.std(one[:common] - other[:common], axis=0) < ALIKE * np.std(one, axis=0) + STILL))
+
+
+def rms(residual: Float) -> Float:
+    """Root mean square (C,) of a residual (N, C)."""
+    return np.asarray(np.sqrt(np.mean(np.square(residual), axis=0)))

@@ -1,0 +1,53 @@
+"""The power that runs recorded, as the values of a slow meter, where it is one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.rows import Metered, Rows
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.held import held
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_power
+from cellwatt_plugins.robot.meter.model import Meter
+
+
+@dataclass(frozen=True)
+class Metering:
+    """A slow meter, and the values of each run that has power."""
+
+    meter: Meter
+    rows: tuple[Rows, ...]
+    values: tuple[Float, ...]
+    """(M,) W of each."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Power of a slow meter whose window and delay the motion does not tell."""
+
+    interval: float
+    """s from one value to the next."""
+
+
+def metering(runs: Sequence[Run], states: Sequence[States]) -> Metering | Unknown | None:
+    """The meter that the power of the runs comes from; None where it is as fast as the recordings.
+
+    States carry the torque that moves the arm.
+    """
+    kept = [(run, s) for run, s in zip(runs, states, strict=True) if run.power is not None]
+    readings = held([(run.time, run.power) for run, _ in kept if run.power is not None])
+    if readings is None:
+        return None
+    meter = find(readings, [Course(s.time, kinds_of_power(s.torque, s.qd)) for _, s in kept])
+    if meter is None:
+        return Unknown(readings[0].interval)
+    rows, values = [], []
+    for each, (_, s) in zip(readings, kept, strict=True):
+        windows, shown = meter.within(each, s.time)
+        rows.append(Metered(s.time, windows, each.interval))
+        values.append(shown)
+    return Metering(meter, tuple(rows), tuple(values))

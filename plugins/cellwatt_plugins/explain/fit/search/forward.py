@@ -1,0 +1,85 @@
+"""Forward steps: the best candidate enters, and each term is tried under every other name."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from cellwatt.progress import steps
+from cellwatt_plugins.explain.fit.acceptance import collinear, rejection
+from cellwatt_plugins.explain.fit.problem import Term, said
+from cellwatt_plugins.explain.fit.search.backward import shares_channel
+from cellwatt_plugins.explain.fit.search.candidates import candidates, rivals
+from cellwatt_plugins.explain.fit.search.refine import refine
+from cellwatt_plugins.explain.fit.search.solve import solve, without
+from cellwatt_plugins.explain.fit.search.state import SearchState
+from cellwatt_plugins.explain.fit.solution import Solution
+
+BEST, USUAL = 2, 5
+"""Candidates at one place (a joint, the whole arm) that are looked at closely in a step, and where one is usual."""
+RIVALS = 3
+"""Other names that are fitted in a term's place."""
+AHEAD = 3.0
+"""nats by which a name must lead the one in whose place it comes."""
+
+
+def enter(state: SearchState, now: Solution) -> Solution | None:
+    """The solution with the best new term; None where none is accepted."""
+    looked_at: Counter[int | None] = Counter()
+    skipped: set[int | None] = set()
+    for candidate in steps(candidates(state, now), "fitting", lambda candidate: said(candidate.term)):
+        if candidate.gain < state.thresholds.least:
+            state.refuse(candidate.term, candidate.gain, "adds too little evidence")
+            continue
+        if looked_at[candidate.term.joint] >= (USUAL if candidate.term.effect.usual else BEST):
+            state.refuse(candidate.term, candidate.gain, "others at its place add more evidence and were refused")
+            state.unlooked.discard(candidate.term.joint)
+            continue
+        if state.spent():
+            state.refuse(candidate.term, candidate.gain, "was not looked at closely: the time was up")
+            skipped.add(candidate.term.joint)
+            continue
+        looked_at[candidate.term.joint] += 1
+        new = refine(state, solve(state, [*now.terms, candidate.term]), candidate.term)
+        if (like := collinear(now, new, state.thresholds.blur)) is not None:
+            if (instead := _instead(state, now, like, new.terms[-1])) is not None:
+                state.changed(like.joint, candidate.term.joint)
+                return instead
+            why: str | None = f"cannot be told from {like.effect.name.replace('_', ' ')} in these recordings"
+        else:
+            why = rejection(now, new, state.thresholds, candidate.gain)
+        if why is None:
+            state.changed(candidate.term.joint)
+            return new
+        state.refuse(candidate.term, candidate.gain, why)
+    state.unlooked &= skipped
+    return None
+
+
+def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solution | None:
+    """The solution with a new term in an old one's place; None where the old one has more evidence."""
+    others = without(state, now, old)
+    own, other = (others.fit.gain(others.problem.block(t))[0] + t.effect.relations.plainer for t in (old, new))
+    if other < own + AHEAD:
+        return None
+    state.refuse(old, own, f"{new.effect.name} explains it better")
+    return solve(state, [*others.terms, new])
+
+
+def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
+    """Each term under the name that explains it best, the others held; only what shares a channel with ``beside``."""
+    for term in steps(list(now.terms), "other names for", said):
+        if not shares_channel(term, beside):
+            continue
+        if state.spent():
+            break
+        others, own, found = rivals(state, now, term)
+        for rival in found[:RIVALS]:
+            ahead = rival.term.effect.relations.plainer - term.effect.relations.plainer
+            if rival.gain + ahead < own - AHEAD:
+                continue
+            new = refine(state, solve(state, [*others.terms, rival.term]), rival.term)
+            gain = others.fit.gain(new.problem.block(new.terms[-1]))[0]
+            if gain + ahead > own + AHEAD and rejection(others, new, state.thresholds, gain) is None:
+                state.refuse(term, own, f"{new.terms[-1].effect.name} explains it better")
+                now, own = new, gain
+    return now

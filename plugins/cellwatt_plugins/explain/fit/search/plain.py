@@ -1,0 +1,53 @@
+"""Friction first: what every arm has is asked of all joints in one step, before anything finer."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from cellwatt_plugins.explain.fit.acceptance import physical
+from cellwatt_plugins.explain.fit.problem import Term
+from cellwatt_plugins.explain.fit.search.solve import reweigh, solve, without
+from cellwatt_plugins.explain.fit.search.state import SearchState
+from cellwatt_plugins.explain.fit.solution import Solution
+
+ALWAYS = ("coulomb_friction", "viscous_friction")
+PLAIN = (*ALWAYS, "torque_offset")
+"""Measured torques may have an offset, too."""
+SUPPLY = ("standby_power", "copper_loss")
+
+
+def plain_terms(state: SearchState, now: Solution) -> Solution:
+    """The solution with what every arm has and the simulation knows nothing of, where it holds.
+
+    That is friction and an offset of each joint without known friction, or constant power and heat of the windings,
+    where no term is at that joint yet.
+    All of it is fitted together. What is finer is asked for beside it, and only then whether all of it is needed: where
+    nobody knows of a balancer yet, no friction shows.
+    """
+    asked = _asked(state, {t.joint for t in now.terms})
+    if not asked:
+        return now
+    now = reweigh(state, solve(state, [*now.terms, *asked]))
+    for term in sorted(asked, key=lambda t: now.fit.added(now.block(t)[1])):
+        if not physical(term, now.coefficients(term), state.robot):
+            state.refuse(term, now.fit.added(now.block(term)[1]), "would push with the motion")
+            now = without(state, now, term)
+    return reweigh(state, now)
+
+
+def _asked(state: SearchState, there: Collection[int | None]) -> list[Term]:
+    effects = {effect.name: effect for effect in state.effects}
+    if state.problem.side == "supply":
+        if there:
+            return []
+        return [
+            Term(effect, None, ())
+            for effect in (effects[name] for name in SUPPLY if name in effects)
+            if not effect.described(state.robot, None) and effect.possible(state.robot, None)
+        ]
+    if not all(name in effects for name in ALWAYS):
+        return []
+    own = [effects[name] for name in PLAIN if name in effects]
+    bare = [j for j in state.moving if j not in there]
+    unknown = [j for j in bare if not any(effect.described(state.robot, j) for effect in own)]
+    return [Term(effect, joint, ()) for joint in unknown for effect in own]

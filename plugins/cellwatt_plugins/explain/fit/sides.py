@@ -1,0 +1,192 @@
+"""The two sides of an arm as problems: what of their samples is known, how well, and at which rows it is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.holding import held_at_rest
+from cellwatt_plugins.explain.fit.metering import Metering
+from cellwatt_plugins.explain.fit.noise import floor
+from cellwatt_plugins.explain.fit.nuisance import supply_nuisance, torque_nuisance
+from cellwatt_plugins.explain.fit.problem import UNTOLD, Problem
+from cellwatt_plugins.explain.fit.rows import Filtered, Rows, Thinned, filtered, thinned
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.noise import step_noise
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import smooth
+from cellwatt_plugins.robot.servo.filtered import EDGE
+from cellwatt_plugins.robot.servo.filtered import noise as noise_of
+
+FINEST = 0.002
+"""Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
+LAWS = 0.005
+"""The same where the law of a servo stands for what was measured."""
+MOVES = 0.05
+"""rad: a joint that goes further has moved."""
+LEAK = 0.15
+"""Share of a joint's rattling, too fast to be compared, that may come back as something slow: a drive clips it."""
+RATTLES = 3.0
+"""Torque too fast to be compared from which a joint rattles, in units of what counts as considerable there."""
+STOP = 0.1
+"""s over which the sign of the velocity stays unknown at a stop."""
+
+
+def torque_problem(
+    runs: Sequence[Run], states: Sequence[States], turning: Float | None = None, late: float = 0.0
+) -> Problem:
+    """The joints' torques of all runs.
+
+    ``turning`` (n,) Nm is friction beyond the nominal that turns over with the sign of the velocity: the less is known
+    of that sign, the less a sample counts. What the motion leaves unsure shows in the torque within ``late`` s.
+    """
+    robot = states[0].robot
+    told = _told(runs, states)
+    target = tuple(
+        np.where(there, run.torque - s.nominal, 0.0) for run, s, there in zip(runs, states, told, strict=True)
+    )
+    measured = np.concatenate([np.where(there, run.torque, np.nan) for run, there in zip(runs, told, strict=True)])
+    silent = ~np.concatenate(told).any(axis=0)
+    measured[:, silent] = 0.0
+    spread = np.where(silent, 1.0, np.nanstd(measured, axis=0))
+    drive = states[0].drive
+    finest = np.maximum((FINEST if drive is None else LAWS) * spread, step_noise(measured))
+    quiet = floor(target, [run.step for run in runs]) if drive is None else encoder_floor(states)
+    noise = np.where(silent, 1.0, np.maximum(quiet, finest))
+    least = 0.03 * spread
+    coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
+    at_rest = held_at_rest(states, target, noise) / coulomb
+    # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
+    variance = tuple(
+        noise**2
+        + _until(
+            np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
+            + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread),
+            round(late / run.step),
+        )
+        for run, s in zip(runs, states, strict=True)
+    )
+    variance = tuple(
+        np.where(there & _between_ends(run), _without_gaps(v, run), UNTOLD * noise**2)
+        for v, run, there in zip(variance, runs, told, strict=True)
+    )
+    size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
+    rows: tuple[Thinned, ...] = thinned(runs)
+    if drive is not None:
+        rows = kept = filtered(runs)
+        least = np.hypot(size, encoder_floor(states, fast=True))
+        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, kept, strict=True))
+    return Problem(
+        side="torque",
+        states=tuple(states),
+        rows=rows,
+        target=tuple(r.of(part) for r, part in zip(rows, target, strict=True)),
+        variance=tuple(r.variance(part) for r, part in zip(rows, variance, strict=True)),
+        floor=noise,
+        size=size,
+        nuisance=torque_nuisance(states),
+        measured=spread,
+    )
+
+
+def rattling(target: Float, rows: Filtered, least: Float) -> Float:
+    """Variance (N, n) Nm² of what a joint that rattles leaves in the slow part of a run's target (N, n) Nm.
+
+    ``least`` (n,) Nm is what a reversal's friction and the encoders' noise are, which is no rattling.
+    """
+    fast = target - smooth(target, rows.sample_step, rows.bandwidth)
+    power = uniform_filter1d(np.square(fast), max(1, round(EDGE / rows.sample_step)), axis=0)
+    return np.asarray(np.where(power > np.square(RATTLES * least), np.square(LEAK) * power, 0.0))
+
+
+def _until(values: Float, rows: int) -> Float:
+    """The greatest of values (N, n) over so many rows before each, or after it where ``rows`` is negative."""
+    if rows < 0:
+        return _until(values[::-1], -rows)[::-1]
+    return np.asarray(maximum_filter1d(values, rows + 1, axis=0, origin=rows // 2))
+
+
+def _unsure(states: States, at_rest: Float) -> Float:
+    """Variance (N, n) of friction in units of Coulomb's squared: of its sign, and of what holds the arm.
+
+    ``at_rest`` (n,) is the share of Coulomb friction that was seen to hold it at rest.
+    """
+    turning = states.turning
+    return np.square(turning.spread) + np.square(np.where(states.resting, np.minimum(at_rest, 1.0), turning.held))
+
+
+def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:
+    """(N, n) of each run: true where a torque was read of a joint that moves, if only in another run.
+
+    At rest friction holds any torque: what a joint that never moves shows is no evidence.
+    """
+    moves = np.max([np.ptp(s.q, axis=0) for s in states], axis=0) > MOVES
+    return [np.isfinite(run.torque) & moves for run in runs]
+
+
+def supply_problem(
+    runs: Sequence[Run], states: Sequence[States], doubt: Sequence[Float], meter: Metering | None = None
+) -> Problem | None:
+    """The supply's power of the runs that have it; None where no run has power.
+
+    States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm. What a slow ``meter`` showed is
+    compared with the mean over the time that it stands for.
+    """
+    kept = [(i, run.power) for i, run in enumerate(runs) if run.power is not None]
+    if not kept:
+        return None
+    chosen = tuple(states[i] for i, _ in kept)
+    rows: tuple[Rows, ...]
+    shown: Sequence[Float]
+    if meter is None:
+        rows, shown = thinned([runs[i] for i, _ in kept]), [power for _, power in kept]
+        target = [(power - s.nominal_power)[:, None] for power, s in zip(shown, chosen, strict=True)]
+        noise = floor(target, [runs[i].step for i, _ in kept])
+        target = [r.of(part) for r, part in zip(rows, target, strict=True)]
+    else:
+        rows, shown = meter.rows, meter.values
+        target = [(power - r.of(s.nominal_power))[:, None] for power, r, s in zip(shown, rows, chosen, strict=True)]
+        noise = floor(target, [r.step for r in rows])
+    variance = []
+    for (i, _), r, s in zip(kept, rows, chosen, strict=True):
+        unsure = np.square(s.qd * doubt[i]) + np.square(s.torque * s.moved.velocity_spread)
+        variance.append(r.of(_without_gaps(noise[0] ** 2 + np.sum(unsure, axis=1, keepdims=True), runs[i])))
+    power = np.concatenate(shown)
+    size = np.array([max(0.1 * float(np.std(power)), 0.03 * float(np.mean(power)), noise[0])])
+    return Problem(
+        side="supply",
+        states=chosen,
+        rows=rows,
+        target=tuple(target),
+        variance=tuple(variance),
+        floor=noise,
+        size=size,
+        nuisance=supply_nuisance(chosen),
+        measured=np.array([np.std(power)]),
+    )
+
+
+def encoder_floor(states: Sequence[States], fast: bool = False) -> Float:
+    """Noise (n,) Nm of the servos' law less the motion's torque, by the encoders alone: of what is compared, or all."""
+    drive, robot = states[0].servos, states[0].robot
+    inertia = np.mean(np.concatenate([s.own_inertia for s in states]), axis=0) + robot.column("rotor_inertia")
+    resolution = np.max([s.moved.resolution for s in states], axis=0)
+    return noise_of(drive.servo.stiffness, drive.servo.damping, inertia, resolution, drive.step, fast)
+
+
+def _between_ends(run: Run) -> NDArray[np.bool_]:
+    """(N, 1) true where the filter of a driven run knows what was before and after."""
+    inside = np.ones((len(run.time), 1), np.bool_)
+    if run.drive is not None:
+        edge = round(EDGE / run.step)
+        inside[:edge] = inside[len(inside) - edge :] = False
+    return inside
+
+
+def _without_gaps(variance: Float, run: Run) -> Float:
+    """Samples that were filled in count for nothing."""
+    return np.where(run.filled[:, None], 1e6 * variance, variance)

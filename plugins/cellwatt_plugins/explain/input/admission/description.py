@@ -1,0 +1,70 @@
+"""Does the description say otherwise than the simulation that the recordings are compared with?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.input.baseline import Baseline
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import Arm, RobotDescription
+from cellwatt_plugins.robot.drive import nominal_power
+
+WORTH = 0.02
+"""Share of the simulation's own size from which a difference is worth a remark."""
+UNITS = {"coulomb_friction": "Nm", "viscous_friction": "Nm s/rad", "rotor_inertia": "kg m²"}
+
+
+def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
+    """One remark where robot.yaml or the URDF say otherwise than the simulation; numbers left out say nothing."""
+    told = [run.simulated for run in runs if run.simulated is not None]
+    if not told:
+        return []
+    simulated = base.arm.description
+    said = _completed(arm.description, simulated)
+    law = replace(arm, description=said)
+    torque = np.concatenate([each.torque for each in told])
+    size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(*each.plan.courses) for each in told]))
+    parts = [
+        f"joint {i + 1} by {off[i]:.2g} {said.unit(i, 'Nm')}{_how(said, simulated, i)}"
+        for i in range(len(off))
+        if off[i] > WORTH * max(size[i], 0.1 * float(size.max()))
+    ]
+    powered = [(each, each.power) for each in told if each.power is not None]
+    if powered:
+        off = _rms(np.concatenate([p - nominal_power(said, each.torque, each.plan.velocity) for each, p in powered]))
+        watts, drawn = float(off), float(_rms(np.concatenate([p for _, p in powered])))
+        parts += [f"the supply by {watts:.3g} W"] if watts > WORTH * drawn else []
+    if not parts:
+        return []
+    what = "robot.yaml or the URDF say otherwise than the simulation"
+    return [f"{what}: {'; '.join(parts)} (rms). The recording is compared with the simulation"]
+
+
+def _completed(robot: RobotDescription, simulated: RobotDescription) -> RobotDescription:
+    """The description with the simulation's numbers where it gives none."""
+    joints = tuple(
+        other.model_copy(update={name: getattr(own, name) for name in own.model_fields_set})
+        for own, other in zip(robot.joints, simulated.joints, strict=True)
+    )
+    standby = robot.standby_power if "standby_power" in robot.model_fields_set else simulated.standby_power
+    lead = simulated.friction_lead
+    return robot.model_copy(update={"joints": joints, "standby_power": standby, "friction_lead": lead})
+
+
+def _how(said: RobotDescription, simulated: RobotDescription, joint: int) -> str:
+    """The numbers of a joint that differ, in words."""
+    pairs = {name: (getattr(said.joints[joint], name), getattr(simulated.joints[joint], name)) for name in UNITS}
+    parts = [
+        f"{name.replace('_', ' ')} {own:.3g} instead of {other:.3g} {said.unit(joint, UNITS[name])}"
+        for name, (own, other) in pairs.items()
+        if abs(own - other) > WORTH * max(own, other)
+    ]
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _rms(values: Float) -> Float:
+    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))

@@ -1,0 +1,170 @@
+"""All checks of the input, in the order in which one explains the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
+from cellwatt.progress import stage, steps
+from cellwatt.scheduler import spread
+from cellwatt_plugins.explain.input.admission.description import told_otherwise
+from cellwatt_plugins.explain.input.admission.motion import (
+    check_jumps,
+    check_limits,
+    check_moving,
+    check_stuck,
+    check_velocity,
+)
+from cellwatt_plugins.explain.input.admission.pairing import check_pairing
+from cellwatt_plugins.explain.input.admission.power import check_power, check_simulated_power
+from cellwatt_plugins.explain.input.admission.remarks import remarks, rough
+from cellwatt_plugins.explain.input.admission.torque import check_simulated, check_torque
+from cellwatt_plugins.explain.input.baseline import Baseline, baseline
+from cellwatt_plugins.explain.input.factors import usable
+from cellwatt_plugins.explain.input.moved import moved
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.input.unread import unread
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import Moved
+
+SOONER = 0.95
+"""Share to which friction that turns over early must bring the changes that are left."""
+LEAST_SECONDS = 3.0
+LEAST_SAMPLES = 75
+"""Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
+SHORTEST = 1.0
+"""s of a run that says something beside others."""
+SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
+"""In as long a time fewer samples do: at a few Hz each of them is an independent one."""
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """Runs that can be explained."""
+
+    base: Baseline
+    notes: tuple[str, ...]
+    """Remarks that are worth knowing before."""
+    states: tuple[States, ...]
+    """The arm along each of the runs, as its simulation has it."""
+
+
+def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
+    """Check the runs, run by run. Raises ``RecordingError``, one line, at the first that cannot be used as it is."""
+    if not runs:
+        raise RecordingError("no recording given")
+    check_length(runs)
+    check_moving(runs)
+    check_read(runs)
+    notes = [note for run in runs for note in run.notes]
+    # Not spread: a run takes as long to be sent as to be checked so.
+    for run in steps(runs, "checking run"):
+        notes += _check(run, arm)
+    with stage("simulating the runs"):
+        base = baseline(runs, arm)
+    courses = spread(_followed, runs, "checking torques of runs", shared=base)
+    base, states = _turning_over(runs, base, courses)
+    notes += [*remarks(runs, arm.description), *rough(states), *told_otherwise(runs, arm, base)]
+    return Admitted(base, tuple(notes), tuple(states))
+
+
+def _turning_over(
+    runs: Sequence[Run], base: Baseline, courses: Sequence[tuple[Moved, Float | None, Float | None]]
+) -> tuple[Baseline, list[States]]:
+    """Friction that turns over early in a simulation need not do so in the arm: what the recordings follow better.
+
+    Friction jumps when it turns over: only how torques change from sample to sample is compared.
+    """
+
+    def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
+        law = replace(base, lead=lead)
+        states = [law.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
+        off = [np.diff((run.torque - s.nominal) / _spread(run), axis=0) for run, s in zip(runs, states, strict=True)]
+        return float(np.nansum(np.square(np.concatenate(off)))), law, states
+
+    first = made(None)
+    if not base.arm.description.friction_lead:
+        return first[1:]
+    plain = made(0.0)
+    return first[1:] if first[0] < SOONER * plain[0] else plain[1:]
+
+
+def _spread(run: Run) -> float:
+    return float(np.nanstd(run.torque))
+
+
+def check_run(run: Run, arm: Arm) -> Moved:
+    """The motion of a run that is looked at by itself. Raises as ``admit``; ``arm`` is the simulation's."""
+    check_length((run,))
+    check_read((run,))
+    _check(run, arm)
+    return _moved(run, arm)
+
+
+def _check(run: Run, arm: Arm) -> list[str]:
+    """Remarks on one of the runs, by all that needs no other look at its motion."""
+    check_stuck(run)
+    notes = check_pairing(run, arm.description)
+    check_limits(run, arm)
+    check_velocity(run, arm.description)
+    check_jumps(run, arm.description)
+    check_simulated(run, arm)
+    check_simulated_power(run)
+    return notes
+
+
+def _followed(run: Run, base: Baseline) -> tuple[Moved, Float | None, Float | None]:
+    """The motion of a run, and what its simulation has beyond the law; see ``Baseline.beyond``."""
+    return _moved(run, base.arm), *base.beyond(run)
+
+
+def _moved(run: Run, arm: Arm) -> Moved:
+    """The motion of a run, with which its torque and power must go."""
+    motion = moved(run)
+    if run.drive is None:
+        check_torque(run, motion, arm)
+    check_power(run, motion)
+    return motion
+
+
+def check_read(runs: Sequence[Run]) -> None:
+    """Raises ``RecordingError`` where a run has no torque of any joint, or only some runs have their servos' law."""
+    for run in runs:
+        if not unread(run).all():
+            continue
+        if run.command is not None:
+            raise RecordingError(
+                f"{run.name}: commands and positions, but no torque: what the drives do with a command must be "
+                "known; give --simulation an MJCF whose joints have <position> actuators with their kp and kv"
+            )
+        raise RecordingError(
+            f"{run.name}: no torque goes with the motion: every torque or current is empty, constant, or noise: "
+            "were the drives read?"
+        )
+    driven = [run.name for run in runs if run.drive is not None]
+    if 0 < len(driven) < len(runs):
+        raise RecordingError(
+            f"{driven[0]}: commands and positions, but no torque, which other recordings have: explain it by itself"
+        )
+
+
+def check_length(runs: Sequence[Run]) -> None:
+    """Raises ``RecordingError`` where a run, or all of them together, is too little to tell friction from noise."""
+    used = [len(usable(run)) for run in runs]
+    seconds = [count * run.step for count, run in zip(used, runs, strict=True)]
+    for run, count, length in zip(runs, used, seconds, strict=True):
+        if length < SHORTEST:
+            raise RecordingError(f"{run.name}: {count} usable samples in {length:.2f} s are too few: leave it out")
+    many = sum(seconds) >= LEAST_SECONDS and sum(used) >= LEAST_SAMPLES
+    long = sum(seconds) >= SLOW_SECONDS and sum(used) >= SLOW_SAMPLES
+    if not (many or long):
+        place = runs[0].name if len(runs) == 1 else "the recordings"
+        raise RecordingError(
+            f"{place}: {sum(used)} usable samples in {sum(seconds):.2f} s are too few: at least {LEAST_SECONDS:.0f} s "
+            f"and {LEAST_SAMPLES} samples of motion are needed, or {SLOW_SAMPLES} samples in {SLOW_SECONDS:.0f} s"
+        )

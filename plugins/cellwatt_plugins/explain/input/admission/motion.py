@@ -1,0 +1,184 @@
+"""Do the positions and velocities describe the motion of an arm, in rad and rad/s?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
+from scipy.optimize import linear_sum_assignment
+
+from cellwatt.arrays import Bool, Float
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain.input.factors import DEGREES, RPM, order_text, recognised, times_text, usable
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import Arm, RobotDescription
+from cellwatt_plugins.robot.motion import rates
+
+AT_REST = 0.01
+"""rad: who stays within this has not moved."""
+MOVES = 0.05
+"""rad: who goes further moves for certain."""
+WIDE = 0.2
+"""rad: motion wide enough for its derivative to be compared."""
+FLICKER = 0.1
+"""rad/s: span of velocities that encoders make of a joint at rest."""
+BEYOND = 3.0
+"""Times the joint's limit, or half a turn where that is more: no arm gets there."""
+FASTEST = 30.0
+"""rad/s: no joint of an arm is as fast."""
+LEAP = 10.0
+"""rad/s beyond which half a turn from sample to sample is no motion."""
+ALIKE = 0.9
+"""Correlation, not about the mean, from which on two velocities are of the same motion."""
+UNLIKE = 0.3
+"""Correlation below which they are not."""
+FOREIGN = 0.8
+"""Correlation below which a velocity is another joint's, if one is there that it is like."""
+SIMPSON = (1 / 6, 4 / 6, 1 / 6)
+"""Mean over two steps of a velocity, by its three samples."""
+FACTOR = 2.0
+"""Velocity and derivative of the position do not differ by this for any physical reason."""
+
+
+def span(values: Float) -> Float:
+    """Span (n,) of each column (N, n), without its extreme hundredths."""
+    low, high = np.percentile(values, [1, 99], axis=0)
+    return np.asarray(high - low, np.float64)
+
+
+def travel(run: Run) -> Float:
+    """Span (n,) rad of each joint in the samples that were not filled in."""
+    return span(run.position[usable(run)])
+
+
+def check_moving(runs: Sequence[Run]) -> None:
+    """Raises ``RecordingError`` where nothing moves in any run."""
+    widest = max(float(travel(run).max()) for run in runs)
+    if widest < AT_REST:
+        names = runs[0].name if len(runs) == 1 else "the recordings"
+        raise RecordingError(
+            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques can be "
+            "seen; record at least some seconds of motion of every joint"
+        )
+
+
+def check_stuck(run: Run) -> None:
+    """Raises ``RecordingError`` where a signal stays at one value though the joint moves."""
+    moves = travel(run) > MOVES
+    wanted = np.zeros(run.joints, bool) if run.plan is None else span(run.plan.position) > MOVES
+    if run.velocity is not None:
+        wanted |= _travelled(run.velocity, run.step)
+        _stuck(run, "qd", run.velocity, moves, "the joint moves")
+    _stuck(run, "q", run.position, wanted, "velocity or simulation say that the joint moves")
+    if run.power is not None and moves.any() and np.ptp(run.power) == 0:
+        raise RecordingError(
+            f"{run.name}: power is {run.power[0]:.6g} in every sample although the arm moves: was the meter read?"
+        )
+
+
+def check_limits(run: Run, arm: Arm) -> None:
+    """Raises ``RecordingError`` where most joints go where, or as fast as, no arm does.
+
+    One joint alone may turn without end.
+    """
+    reached = np.percentile(np.abs(run.position), 99, axis=0)
+    speed = np.percentile(np.abs(rates(run.position, run.step)[1]), 99, axis=0)
+    beyond = (reached > BEYOND * np.maximum(np.abs(arm.limits).max(axis=1), np.pi)) | (speed > FASTEST)
+    if beyond.sum() >= max(1, np.ceil((travel(run) > MOVES).sum() / 2)):
+        worst = int(np.argmax(np.where(beyond, reached, 0)))
+        raise RecordingError(
+            f"{run.name}: joint {worst + 1} reaches {reached[worst]:.1f} and {speed[worst]:.1f} per second, beyond "
+            "what an arm does: the positions must be in rad and the time in s; are they in degrees?"
+        )
+
+
+def check_jumps(run: Run, robot: RobotDescription) -> None:
+    """Raises ``RecordingError`` where a turning joint leaps by half a turn between two samples."""
+    turning = np.array([joint.kind == "revolute" for joint in robot.joints])
+    steps = np.abs(np.diff(run.position, axis=0)) * turning
+    leaps = (steps > np.pi) & (steps > LEAP * run.step)
+    leaps &= ~(run.filled[1:] | run.filled[:-1])[:, None]
+    if leaps.any():
+        row, joint = map(int, np.argwhere(leaps)[0])
+        raise RecordingError(
+            f"{run.name}: q_{joint + 1} jumps by {steps[row, joint]:.2f} rad at t = {run.time[row + 1]:.3f} s (sample "
+            f"{row + 2}): if its angle is modulo a turn, record it counted on; if two recordings are joined, part them"
+        )
+
+
+def check_velocity(run: Run, robot: RobotDescription) -> None:
+    """Raises ``RecordingError`` where the velocities are not the derivatives of the positions."""
+    if run.velocity is None:
+        return
+    kept = usable(run)
+    # A slow log's central differences are means over two steps: so must be what they are compared with.
+    velocity, own = (
+        convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[kept],
+        rates(run.position, run.step)[1][kept],
+    )
+    wide = np.flatnonzero(travel(run) > WIDE)
+    if not len(wide):
+        return
+    alike = _correlations(velocity, own)
+    _velocity_order(run, alike, wide)
+    for i in wide:
+        factor = float(np.sqrt(np.mean(velocity[:, i] ** 2) / np.mean(own[:, i] ** 2)))
+        _velocity_unit(f"{run.name}: velocity of joint {i + 1}", factor, float(alike[i, i]), robot.joints[i].gear_ratio)
+
+
+def _velocity_order(run: Run, alike: Float, wide: NDArray[np.intp]) -> None:
+    """Joints that move together are all alike: only what is unlike in its own place and alike in another counts."""
+    matrix = np.abs(alike[np.ix_(wide, wide)])
+    rows, places = linear_sum_assignment(-matrix)
+    order = np.arange(run.joints)
+    order[wide[rows]] = wide[places]
+    other = np.flatnonzero(order != np.arange(run.joints))
+    if (
+        len(other)
+        and np.all(np.abs(alike[other, other]) < FOREIGN)
+        and np.all(np.abs(alike[other, order[other]]) > ALIKE)
+    ):
+        raise RecordingError(
+            f"{run.name}: the velocities are in another order than the positions: {order_text('qd', order.tolist())}"
+        )
+
+
+def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> None:
+    """``factor`` of a recorded velocity over the position's derivative, and how ``alike`` the two are."""
+    if abs(alike) < UNLIKE:
+        raise RecordingError(
+            f"{where} is not the derivative of its position (correlation {alike:.2f}): is it of another joint or run?"
+        )
+    if alike < -ALIKE:
+        raise RecordingError(f"{where} has the opposite sign of its position's derivative: turn one of the two round")
+    if not 1 / FACTOR < factor < FACTOR and alike > ALIKE:
+        known = {"in degrees/s": DEGREES, "in rpm": RPM, "in mrad/s": 1e3, "against positions in degrees": 1 / DEGREES}
+        if ratio > FACTOR:
+            known |= {"that of the motor": ratio, "that of the motor, in rpm": RPM * ratio}
+        name = recognised(factor, known)
+        raise RecordingError(
+            f"{where} is {times_text(factor)} times the derivative of its position"
+            + (f": it seems to be {name}" if name else "")
+            + "; q must be in rad, qd in rad/s at the joint"
+        )
+
+
+def _travelled(velocity: Float, step: float) -> Bool:
+    """(n,) true where velocities (N, n) rad/s are of a joint that goes somewhere, not the flicker of one at rest."""
+    way = np.cumsum(velocity - velocity.mean(axis=0), axis=0) * step
+    return np.asarray((span(velocity) > FLICKER) & (np.ptp(way, axis=0) > MOVES), np.bool_)
+
+
+def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None:
+    stays = np.flatnonzero(expected & (np.ptp(values, axis=0) == 0))
+    if len(stays):
+        names = ", ".join(f"{stem}_{i + 1}" for i in stays)
+        raise RecordingError(f"{run.name}: {names} stays at one value in every sample although {why}: was it recorded?")
+
+
+def _correlations(a: Float, b: Float) -> Float:
+    """Of each column (N, n) of ``a`` with each of ``b``, about 0: (n, n); 0 where one is 0 throughout."""
+    scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    return np.asarray(np.divide(a.T @ b, scale, out=np.zeros_like(scale), where=scale > 0), np.float64)

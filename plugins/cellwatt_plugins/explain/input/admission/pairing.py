@@ -1,0 +1,160 @@
+"""Is the simulation that of this run: same motion, same joints, same unit, same clock?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain.input.admission.motion import MOVES, span
+from cellwatt_plugins.explain.input.alignment import LATE, delay
+from cellwatt_plugins.explain.input.factors import (
+    DEGREES,
+    joints_text,
+    order_text,
+    recognised,
+    times_text,
+    usable,
+)
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import RobotDescription
+
+FOLLOWS = 0.5
+"""Error over motion, both rms about their means: controllers track far better, other motions have 1.4."""
+MATCHES = 0.25
+"""The same for another reading of the columns that is to be believed; it must also halve the error."""
+ALIKE = 0.95
+"""Correlation of a recorded position with its plan."""
+NOTICED = 0.15
+"""s of delay that are worth a note."""
+OFFSET = 0.2
+"""rad: no controller leaves such a standing error."""
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Recorded and planned positions (N, n) rad, and which joints move in one of them."""
+
+    name: str
+    position: Float
+    plan: Float
+    moving: NDArray[np.intp]
+
+    def errors(self) -> Float:
+        """Of each joint that moves: rms of the difference over rms of the plan, both about their means."""
+        return np.asarray((np.std(self.position - self.plan, axis=0) / _scale(self.plan))[self.moving])
+
+    def slopes(self) -> tuple[Float, Float]:
+        """Recorded over planned motion, and their correlation, of the joints that move."""
+        q, p = _centred(self.position[:, self.moving]), _centred(self.plan[:, self.moving])
+        product = np.sum(q * p, axis=0)
+        power = np.sum(p * p, axis=0)
+        scale = np.sqrt(np.sum(q * q, axis=0) * power)
+        slope = np.divide(product, power, out=np.zeros_like(power), where=scale > 0)
+        return slope, np.divide(product, scale, out=np.zeros_like(scale), where=scale > 0)
+
+
+def check_pairing(run: Run, robot: RobotDescription) -> list[str]:
+    """Notes on how the recording follows its plan. Raises ``RecordingError`` where it is another one's."""
+    if run.plan is None:
+        return []
+    kept = usable(run)
+    q, plan = run.position[kept], run.plan.position[kept]
+    moving = np.flatnonzero(np.maximum(span(q), span(plan)) > MOVES)
+    if not len(moving):
+        return []
+    pair = _Pair(run.name, q, plan, moving)
+    samples, remaining = delay(run.position[:, moving], run.plan.position[:, moving])
+    late = samples * run.step
+    if np.any(pair.errors() > FOLLOWS):
+        _unit(pair, robot)
+        _sign(pair)
+        _clock(pair, late, remaining)
+        _order(pair)
+        worst = int(moving[np.argmax(pair.errors())])
+        off = float(np.std(q[:, worst] - plan[:, worst]))
+        raise RecordingError(
+            f"{run.name}: the recording does not follow its simulation (joint {worst + 1} is {off:.2f} rad off, rms): "
+            "is it the simulation of this run? Simulations belong to recordings of the same name, or in the same order"
+        )
+    _clock(pair, late, remaining)
+    _offset(pair)
+    if abs(late) > NOTICED and remaining < 0.5 * float(np.mean(pair.errors())):
+        return [f"{run.name}: the recorded motion comes {late:.2f} s after the simulation's"]
+    return []
+
+
+def _unit(pair: _Pair, robot: RobotDescription) -> None:
+    slopes, alike = pair.slopes()
+    other = (np.abs(alike) > ALIKE) & ((np.abs(slopes) > 2) | (np.abs(slopes) < 0.5))
+    if not other.any():
+        return
+    factor = float(np.median(np.abs(slopes[other])))
+    known = {"degrees against radians": DEGREES, "milliradians against radians": 1e3}
+    if (ratio := robot.joints[int(pair.moving[np.argmax(other)])].gear_ratio) > 2:
+        known["the motor's angle against the joint's"] = ratio
+    name = recognised(max(factor, 1 / factor), known) or "not the same quantity"
+    these, those = ("recorded", "simulated") if factor > 1 else ("simulated", "recorded")
+    raise RecordingError(
+        f"{pair.name}: {these} positions of {joints_text((pair.moving[other] + 1).tolist())} are "
+        f"{times_text(max(factor, 1 / factor))} times the {those} ones ({name}): both must be in rad at the joint"
+    )
+
+
+def _sign(pair: _Pair) -> None:
+    _, alike = pair.slopes()
+    turned = alike < -ALIKE
+    if turned.any() and np.all(np.where(turned, True, pair.errors() < FOLLOWS)):
+        joints = joints_text((pair.moving[turned] + 1).tolist())
+        raise RecordingError(f"{pair.name}: recorded and simulated positions of {joints} have opposite signs")
+
+
+def _clock(pair: _Pair, late: float, remaining: float) -> None:
+    """``late`` s: by how much the recording follows the plan; ``remaining``: the error once that is undone."""
+    if abs(late) > LATE and remaining < MATCHES and remaining < 0.5 * float(np.mean(pair.errors())):
+        way, change = ("earlier", "add") if late > 0 else ("later", "take")
+        where = "to" if late > 0 else "off"
+        raise RecordingError(
+            f"{pair.name}: the simulation makes the same motion {abs(late):.2f} s {way} than the recording: "
+            f"{change} {abs(late):.2f} s {where} the simulation's times"
+        )
+
+
+def _order(pair: _Pair) -> None:
+    """Check that each recorded column follows the planned joint of its number."""
+    difference = _centred(pair.position)[:, :, None] - _centred(pair.plan)[:, None, :]
+    cost = np.sqrt(np.mean(difference**2, axis=0)) / _scale(pair.plan)
+    lost = np.flatnonzero(np.diag(cost) > FOLLOWS)
+    rows, places = linear_sum_assignment(cost[np.ix_(lost, lost)])
+    order = np.arange(len(cost))
+    order[lost[rows]] = lost[places]
+    if np.all(cost[lost, order[lost]] < MATCHES):
+        raise RecordingError(
+            f"{pair.name}: the joints of the recording are in another order than the simulation's: "
+            f"{order_text('q', order.tolist())} of the simulation"
+        )
+
+
+def _offset(pair: _Pair) -> None:
+    """Whole turns are no matter to an arm."""
+    offset = np.median(pair.position - pair.plan, axis=0)
+    offset -= 2 * np.pi * np.round(offset / (2 * np.pi))
+    if np.any(np.abs(offset) > OFFSET):
+        joints = np.flatnonzero(np.abs(offset) > OFFSET)
+        raise RecordingError(
+            f"{pair.name}: recorded positions of {joints_text((joints + 1).tolist())} are "
+            f"{', '.join(f'{offset[i]:.2f}' for i in joints)} rad off the simulated ones throughout: "
+            "recording and simulation count from different zeros"
+        )
+
+
+def _centred(values: Float) -> Float:
+    return np.asarray(values - values.mean(axis=0), np.float64)
+
+
+def _scale(plan: Float) -> Float:
+    return np.asarray(np.maximum(np.std(plan, axis=0), MOVES), np.float64)

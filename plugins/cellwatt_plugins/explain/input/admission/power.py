@@ -1,0 +1,55 @@
+"""Is the power that of this arm, in W?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain.input.factors import times_text, usable
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot.motion import Moved
+
+SAMPLES = 2000
+HUNDRED = 100.0
+"""Supply power may fall short of the joints' power, or exceed it, by some times; never by this."""
+LEAST = 0.03
+"""Share of the joints' mean power below which a supply cannot stay: energy does not come from nowhere."""
+ENOUGH = 1.0
+"""W of joint power, mean or spread, from which on that can be said."""
+ALIKE = 0.5
+"""Correlation of supply and joint power from which on their ratio says something."""
+
+
+def check_power(run: Run, motion: Moved) -> None:
+    """Raises ``RecordingError`` where power cannot be in W beside what the joints take, recorded or simulated."""
+    kept = usable(run, SAMPLES)
+    if run.power is not None and np.isfinite(run.torque).all():
+        _check(run.name, run.power[kept], np.sum(run.torque[kept] * motion.velocity[kept], axis=1))
+
+
+def check_simulated_power(run: Run) -> None:
+    """The same of its simulation."""
+    said = run.simulated
+    if said is not None and said.power is not None:
+        _check(f"{run.name}: in its simulation", said.power, np.sum(said.torque * said.plan.velocity, axis=1))
+
+
+def _check(place: str, supply: Float, joints: Float) -> None:
+    """Power of the supply and of all joints together, (N,) W."""
+    if np.std(joints) < ENOUGH or np.std(supply) == 0:
+        return
+    slope = float(np.cov(joints, supply)[0, 1] / np.var(joints))
+    alike = float(np.corrcoef(joints, supply)[0, 1]) > ALIKE
+    mean = float(joints.mean())
+    low = abs(supply.mean()) < LEAST * mean and np.abs(supply).max() < LEAST * np.abs(joints).max()
+    if (mean > ENOUGH and low) or (alike and slope < 1 / HUNDRED):
+        raise RecordingError(
+            f"{place}: power is {supply.mean():.3g} on average while the joints take {mean:.3g} W and up to "
+            f"{joints.max():.3g} W: is it in kW? It must be in W"
+        )
+    if alike and slope > HUNDRED:
+        raise RecordingError(
+            f"{place}: power changes {times_text(slope, 2)} times as much as the power of the joints: is it in mW? "
+            "It must be in W"
+        )

@@ -1,0 +1,134 @@
+"""Remarks: no errors, but good to know before reading the findings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.input.admission.motion import AT_REST, MOVES, travel
+from cellwatt_plugins.explain.input.factors import joints_text, usable
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.input.unread import unread_remarks
+from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import FAST
+from cellwatt_plugins.robot.stretches import stretches
+
+CLIPPED = 0.01
+"""Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
+ROW = 3
+"""Samples at the extreme in a row that noise does not make."""
+LEVELS = 50
+"""Fewer different values of a torque are steps that can be seen …"""
+OFTEN = 2
+"""… where each was read so many times on average."""
+FROZEN = 1.0
+"""s at exactly one value that noise does not leave."""
+ROUGH = 1.0
+"""Doubt of the torque that a motion needs, in units of that torque, from which it says little."""
+SHORT = 0.15
+"""s in all that are not worth a remark."""
+PERIOD = 4
+"""Samples that a motion needs to be followed."""
+
+
+def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
+    """One sentence each."""
+    widest = np.max([travel(run) for run in runs], axis=0)
+    notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
+    if (still := np.flatnonzero(widest < MOVES)).size:
+        notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia cannot be seen there")
+    if all(run.power is None for run in runs):
+        notes.append("no power recorded: nothing can be said of the supply")
+    notes += unread_remarks(runs)
+    notes += _slow(runs)
+    for run in runs:
+        if run.filled.any():
+            notes.append(
+                f"{run.name}: {100 * float(np.mean(run.filled)):.2g} % of the samples were filled in and do not count"
+            )
+        notes += _cut_off(run, robot)
+        notes += _coarse(run, robot)
+        notes += _frozen(run, robot)
+    return notes
+
+
+def rough(states: Sequence[States]) -> Iterator[str]:
+    """One sentence for each run with stretches that follow no smooth motion; there its torque says little."""
+    for run in states:
+        doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
+        moves = np.ptp(run.q, axis=0) > MOVES
+        far = np.any(moves & (doubt > ROUGH * np.sqrt(np.mean(np.square(run.nominal), axis=0))), axis=1)
+        inner = [(a, b) for a, b in stretches(far) if a > 0 and b < len(far)] if run.moved.planned else []
+        seconds = sum(b - a for a, b in inner) * run.step
+        if seconds > SHORT:
+            yield (
+                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and hardly count, first "
+                f"at {run.time[inner[0][0]]:.2f} s"
+            )
+
+
+def _slow(runs: Sequence[Run]) -> Iterator[str]:
+    rate = 1 / max(run.step for run in runs)
+    if rate < FAST:
+        yield (
+            f"recorded at {rate:.2g} Hz, which follows motions of up to {rate / PERIOD:.2g} Hz: elasticity, backlash, "
+            "delays, contacts and friction that builds up after a reversal cannot be seen"
+        )
+
+
+def _cut_off(run: Run, robot: RobotDescription) -> Iterator[str]:
+    for i in range(run.joints):
+        torque = _read(run, i)
+        if len(np.unique(torque)) < LEVELS:
+            continue
+        for extreme in (torque.max(), torque.min()):
+            at = torque == extreme
+            if at.mean() > CLIPPED and any(end - start >= ROW for start, end in stretches(at)):
+                yield (
+                    f"{run.name}: the torque of joint {i + 1} stays at its extreme of {extreme:.4g} "
+                    f"{robot.unit(i, 'Nm')} in {100 * at.mean():.1f} % of the samples: it seems to be cut off there"
+                )
+
+
+def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
+    moves = travel(run) > MOVES
+    for i in np.flatnonzero(moves).tolist():
+        torque = _read(run, i)
+        levels = np.unique(torque)
+        if 1 < len(levels) < min(LEVELS, len(torque) / OFTEN):
+            yield (
+                f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} "
+                f"{robot.unit(i, 'Nm')}: smaller effects cannot be seen"
+            )
+
+
+def _frozen(run: Run, robot: RobotDescription) -> Iterator[str]:
+    """The longest stretch in which a torque stays at one value, not its extreme, while its joint moves."""
+    for i in np.flatnonzero(travel(run) > MOVES).tolist():
+        torque, position = run.torque[:, i], run.position[:, i]
+        if len(np.unique(torque)) < LEVELS:
+            continue
+        found = [
+            (end - start, start, end)
+            for start, end in stretches(np.diff(torque) == 0)
+            if (end - start) * run.step > FROZEN
+            and np.ptp(position[start:end]) > MOVES
+            and torque[start] not in (np.nanmax(torque), np.nanmin(torque))
+        ]
+        if found:
+            _, start, end = max(found)
+            others = f", nor at {len(found) - 1} other times" if len(found) > 1 else ""
+            yield (
+                f"{run.name}: the torque of joint {i + 1} stays at {torque[start]:.4g} {robot.unit(i, 'Nm')} from "
+                f"{run.time[start]:.2f} to {run.time[end]:.2f} s while the joint moves: "
+                f"it seems not to have been read there{others}"
+            )
+
+
+def _read(run: Run, joint: int) -> Float:
+    """Torque (R,) Nm of a joint in the samples that were read."""
+    torque = run.torque[usable(run), joint]
+    return np.asarray(torque[np.isfinite(torque)])

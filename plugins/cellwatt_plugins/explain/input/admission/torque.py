@@ -1,0 +1,208 @@
+"""Do the torques go with the motion: unit, order and direction of the joints, against what the description says?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from cellwatt.arrays import Bool, Float
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain.input.admission.agreement import SAMPLES, Expected, Sample, Torques, sample_of
+from cellwatt_plugins.explain.input.factors import DEGREES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.motion import Moved, Plan
+
+Order = tuple[int, ...]
+
+LARGE, SMALL = 100.0, 1 / 30
+"""Recorded over nominal torque of the whole arm beyond which no friction, load or balancer can be the reason."""
+HELD = 0.1
+"""Share of what the arm's weight takes in any pose that friction may be: an upright arm carries next to nothing."""
+POSES = 100
+"""Poses in which that weight is looked at."""
+ALONE = 8.0
+"""One joint's torque over that of every other one, recorded and nominal, beyond which it is in another unit."""
+HIDDEN = 200.0
+"""Times that one joint's torque may stay below the nominal one, where that is more than friction."""
+THOUSAND = 1000.0
+POOR = 0.05
+"""Misfit of a joint from which on another reading of its columns is worth a try."""
+GOOD = 0.5
+"""A reading is believed where it leaves less than this misfit, and less than this share of the misfit as recorded."""
+TELLS = 0.5
+"""Share of a torque's mean square that is no noise, from which on it is told whose it is."""
+TIE = 1e-6
+"""By which a column of noise rather stays where it is."""
+AGREES = 0.3
+"""The mean misfit that a whole arm has where description and reading are right; a wrong mounting leaves more."""
+
+
+def check_torque(run: Run, motion: Moved, arm: Arm) -> None:
+    """Raises ``RecordingError`` where another unit, order or direction makes description and recording agree."""
+    sample = sample_of(run, motion, arm)
+    what = "torque" if run.torque_from == "torque" else "torque from current"
+    _check(f"{run.name}: {what}", run.torque_from == "current", sample)
+
+
+def check_simulated(run: Run, arm: Arm) -> None:
+    """The same of what its simulation says of torque."""
+    said = run.simulated
+    if said is None:
+        return
+    thin = max(1, len(said.time) // SAMPLES)
+    read = Torques(said.torque[::thin], np.zeros(run.joints))
+    plan = Plan(*(part[::thin] for part in said.plan.courses))
+    _check(f"{run.name}: its simulation's torque", False, Sample(arm, read, plan))
+
+
+def _check(place: str, current: bool, sample: Sample) -> None:
+    if not sample.read.torque.any():
+        return
+    expected = sample.expected()
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, sample.arm.joints))
+    friction = HELD * _rms(sample.arm.gravity(poses))
+    _whole_unit(place, current, sample, expected.torque, friction)
+    misfit = expected.misfits(sample.read)
+    if (misfit > POOR).any():
+        _direction(place, sample, expected, misfit)
+        _order(place, sample.read, expected)
+        _motion_read_otherwise(place, sample, expected.misfit(sample.read))
+    _unit_of_one(place, sample.read, replace(expected, strict=True), friction)
+
+
+def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, friction: float) -> None:
+    heard = sample.read.torque.any(axis=0)
+    recorded, nominal = _rms(sample.read.torque[:, heard]), _rms(expected[:, heard])
+    factor = recorded / max(nominal, 1e-12)
+    if factor >= LARGE:
+        factor = recorded / max(nominal, friction, 1e-12)
+    if SMALL < factor < LARGE or nominal == 0:
+        return
+    thousand, thousandth = ("in mA", "in kA") if current else ("in mNm", "in kNm")
+    known = {thousand: THOUSAND, thousandth: 1 / THOUSAND}
+    if (ratio := float(np.median(sample.arm.column("gear_ratio")))) > 1 / SMALL:
+        known["that of the motors, before the gears"] = 1 / ratio
+    name = recognised(factor, known, within=3.0)
+    raise RecordingError(
+        f"{place} is {times_text(factor, 2)} times what motion and description ask for"
+        + (f": it seems to be {name}" if name else "")
+        + "; torques must be in Nm at the joint, currents in A"
+    )
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float) -> None:
+    """Friction of any size would fit any unit, so here only the description's counts, or ``friction`` Nm."""
+    torque, misfit = read.torque, expected.misfits(read)
+    size, nominal = np.sqrt(np.mean(torque**2, axis=0)), np.sqrt(np.mean(expected.torque**2, axis=0))
+    strongest = int(np.argmax(size))
+    others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0), friction)
+    alone = (np.arange(len(size)) == strongest) & (size > ALONE * others) & (len(size) > 1)
+    large = _better(expected.misfits(read * (1 / THOUSAND)), misfit) | alone
+    # A wrist at rest may carry nothing where the description has a tool: less than friction is no other unit.
+    small = _better(expected.misfits(read * THOUSAND), misfit)
+    small |= (size > 0) & (size * HIDDEN < nominal) & (nominal > friction)
+    for wrong, name in ((large, "large"), (small, "small")):
+        if wrong.any():
+            joints = joints_text((np.flatnonzero(wrong) + 1).tolist())
+            raise RecordingError(
+                f"{place} of {joints} is some thousand times too {name} for motion and description: "
+                "torques must be in Nm, currents in A"
+            )
+
+
+def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) -> None:
+    """A torque of the wrong sign also takes energy out of friction, which none can."""
+    gained = np.mean(sample.read.torque * sample.motion.velocity, axis=0) < 0
+    turned = _better(expected.misfits(sample.read * -1.0), misfit) & gained
+    if turned.any():
+        raise RecordingError(
+            f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
+            "it drives where the motion asks for braking"
+        )
+
+
+def _order(place: str, read: Torques, expected: Expected) -> None:
+    """Check that each torque column belongs to the joint of its number, the positions being right.
+
+    Columns of noise fill the places that the others leave.
+    """
+    tells = read.shares() > TELLS
+    cost = np.where(tells[:, None], np.minimum(expected.table(read), 2.0), 0.0)
+    _, order = linear_sum_assignment(cost - TIE * np.eye(len(cost)))
+    told = np.flatnonzero((order != np.arange(len(order))) & tells)
+    if len(told) and np.all(_better(cost[told, order[told]], cost[told, told])):
+        raise RecordingError(
+            f"{place}: the columns are in another order than the positions: {order_text('tau', order.tolist())}"
+        )
+
+
+def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
+    """Degrees, one joint counted backwards, or columns in another order: only where the whole arm then agrees."""
+    read = sample.read
+    after = sample.expected(1 / DEGREES).misfit(read)
+    if _agrees(after, before):
+        raise RecordingError(
+            f"{place}: the positions are in degrees: taken so, the torques agree with the motion "
+            f"({100 * after:.0f} instead of {100 * before:.0f} % off)"
+        )
+    for joint in range(len(read.noise)):
+        turn = np.ones(len(read.noise))
+        turn[joint] = -1.0
+        expected = sample.expected(turn)
+        for torque, what in ((read, "position counts"), (read * turn, "position and torque count")):
+            if _agrees(expected.misfit(torque), before):
+                raise RecordingError(
+                    f"{place}: {what} the other way round at joint {joint + 1} than in the robot's description"
+                )
+    _motion_order(place, sample, before)
+
+
+def _motion_order(place: str, sample: Sample, before: float) -> None:
+    """The order of all columns, or of the positions alone: reversed or not, and two exchanged as long as it helps."""
+
+    expected = cache(lambda order: sample.expected(order=order))  # both readings ask for the same orders, repeatedly
+
+    def whole(order: Order) -> float:
+        return float(expected(order).misfit(sample.read.ordered(order)))
+
+    def positions(order: Order) -> float:
+        return float(expected(order).misfit(sample.read))
+
+    for misfit, what in ((whole, "joints"), (positions, "positions")):
+        own = tuple(range(len(sample.read.noise)))
+        best, order = min((before, own), (misfit(own[::-1]), own[::-1]))
+        while (found := min((misfit(other), other) for other in _exchanged(order)))[0] < best:
+            best, order = found
+        if _agrees(best, before):
+            raise RecordingError(
+                f"{place}: the {what} are in another order than in the robot's description: "
+                + order_text("q", np.argsort(order).tolist())
+            )
+
+
+def _exchanged(order: Order) -> Iterator[Order]:
+    """All orders in which two joints have changed places."""
+    for i, k in combinations(range(len(order)), 2):
+        other = list(order)
+        other[i], other[k] = order[k], order[i]
+        yield tuple(other)
+
+
+def _better(other: Float, misfit: Float) -> Bool:
+    """Joints where another reading is to be believed; see ``GOOD``."""
+    return np.asarray(other < GOOD * np.minimum(misfit, 1.0), np.bool_)
+
+
+def _agrees(other: float, misfit: float) -> bool:
+    """True if another reading of the whole arm is to be believed; see ``AGREES``."""
+    return other < min(AGREES, GOOD * misfit)

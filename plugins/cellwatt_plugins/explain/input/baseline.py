@@ -1,0 +1,301 @@
+"""Baseline of the recordings: the user's simulation as a law, and what it says beyond any such law.
+
+A simulation speaks of the planned motion, the arm made another one. To carry its torque over, the numbers of the
+description (links, friction, rotors, windings, standby) are found anew from the simulation, which has no noise; what
+such a law does not reproduce is carried along as a function of time. Without a simulation, robot.yaml is the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.input.moved import later, moved, servo_lag
+from cellwatt_plugins.explain.input.run import Run, Simulated
+from cellwatt_plugins.robot import Arm, Body, RobotDescription
+from cellwatt_plugins.robot.blocks import Block, Design, Regression
+from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.drive import nominal_power
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
+from cellwatt_plugins.robot.mount import mount
+from cellwatt_plugins.robot.priors import body_prior, link_prior
+from cellwatt_plugins.robot.regression import Prior
+from cellwatt_plugins.robot.samples import interpolated
+
+ROWS = 4000
+"""Samples of all simulations that the law is found from, about."""
+SAME = 0.003
+"""Share of a channel's size up to which the law reproduces the simulation."""
+LINKS = 0.25
+"""Other links are believed where they bring the mean square of what is left down to this share."""
+OFF = 0.1
+"""Share by which each link may be off the URDF; the last one may also carry a tool."""
+TOOL = (0.3, 0.2)
+"""Share of the arm's mass that a tool weighs, and m from the last joint's frame within which its centre is."""
+FINE = 1e-3
+"""Share of a torque's size to which a law is fitted to it."""
+NO_WORSE = 1.1
+"""A number is the description's, or 0, where the rms left with that is no more than this times what it is without."""
+LOSSIEST = 0.4
+"""Efficiency of a converter at least."""
+MOVES = 0.05
+"""rad or m that a joint must go for its friction and rotor to be found from the simulation."""
+SLOW = 0.03
+"""rad/s below which simulators turn friction over each in its own way."""
+LEADS = tuple((0.0005 * np.arange(61)).tolist())
+"""s by which friction may turn over before the velocity."""
+SOONER = 0.7
+"""Share of the mean square left to which such a lead must bring it."""
+FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The arm as the simulation has it."""
+
+    arm: Arm
+    field: Float | None = None
+    """Gravity (3,) m/s² in the base's frame where the arm is mounted otherwise than its simulation says."""
+    lead: float | None = None
+    """s by which friction turns over early in the arm, where that is otherwise than in its simulation."""
+
+    @property
+    def recorded(self) -> Arm:
+        """The arm as it is set up, with the simulation's numbers."""
+        arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
+        return arm if self.lead is None else arm.with_friction_lead(self.lead)
+
+    def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
+        """The arm along a run, number ``index`` of those explained, as its simulation has it."""
+        return self.along(run, index, moved(run) if motion is None else motion, *self.beyond(run))
+
+    def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
+        """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
+        told = torque, power
+        return States(run.name, index, run.time, motion, self.recorded, run.temperature, *told, drive=run.drive)
+
+    def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
+        """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""
+        said = run.simulated
+        if said is None:
+            return None, None
+        torque = said.torque - self.arm.torque(*said.plan.courses)
+        onto = interpolated(run.time, said.time, torque)
+        power = None
+        if said.power is not None:
+            law = nominal_power(self.arm.description, said.torque, said.plan.velocity)
+            power = np.interp(run.time, said.time, said.power - law)
+        return later(onto, run.time, servo_lag(run)), power
+
+
+def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
+    """The law that the simulations of the runs follow; the description's where there is none."""
+    told = [run.simulated for run in runs if run.simulated is not None]
+    if not told:
+        return Baseline(arm)
+    said = _thinned(told)
+    found = _mechanics(said, arm)
+    return Baseline(replace(found, description=_supply(said, found.description)))
+
+
+def _thinned(told: Sequence[Simulated]) -> Simulated:
+    """Some samples of all simulations; power where all have it."""
+    thin = max(1, sum(len(each.time) for each in told) // ROWS)
+    powers = [each.power for each in told if each.power is not None]
+
+    def together(parts: Sequence[Float]) -> Float:
+        return np.concatenate([part[::thin] for part in parts])
+
+    plan = Plan(*map(together, zip(*(each.plan.courses for each in told), strict=True)))
+    power = together(powers) if len(powers) == len(told) else None
+    return Simulated(together([each.time for each in told]), plan, together([each.torque for each in told]), power)
+
+
+def _mechanics(said: Simulated, arm: Arm) -> Arm:
+    if lead := _lead(said, arm.body):
+        arm = arm.with_friction_lead(lead)
+    if _left(said, arm).max() < SAME:
+        return arm
+    plan = said.plan
+    beside = said.torque - arm.torque(*plan.courses)
+    if (found := mount(arm.body, *plan.courses, beside)) is not None:
+        arm = arm.with_gravity(found.field)
+    rubbing = _with_friction(said, arm)
+    if _left(said, rubbing).max() < SAME:
+        return rubbing
+    other = _other_links(said, arm)
+    believed = np.sum(np.square(_left(said, other))) < LINKS * np.sum(np.square(_left(said, rubbing)))
+    return other if believed else rubbing
+
+
+def _left(said: Simulated, arm: Arm) -> Float:
+    """Rms (n,) of the torque that a law leaves, as a share of its size."""
+    left = np.where(_clear(said.plan, arm), said.torque - arm.torque(*said.plan.courses), 0.0)
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
+
+
+def _size(said: Simulated) -> Float:
+    size = np.sqrt(np.mean(said.torque**2, axis=0))
+    return np.asarray(np.maximum(size, 0.01 * size.max()))
+
+
+def _clear(plan: Plan, arm: Arm) -> NDArray[np.bool_]:
+    """Samples (N, n) at which friction's sign is the same in every simulator: at rest, or clearly moving."""
+    speed = np.abs(plan.velocity + arm.description.friction_lead * plan.acceleration)
+    return np.asarray((speed < 0.01 * SIGN_WIDTH) | (speed > SLOW))
+
+
+def _courses(plan: Plan, joint: int, lead: float) -> Float:
+    """(N, 3): what one unit of Coulomb friction, viscous friction and rotor inertia adds at a joint."""
+    speed, gain = plan.velocity[:, joint], plan.acceleration[:, joint]
+    return np.column_stack([direction(speed + lead * gain), speed, gain])
+
+
+def _lead(said: Simulated, body: Body) -> float:
+    """s by which friction of the simulation turns over before the velocity does; 0 where that explains little."""
+    plan = said.plan
+    rest = said.torque - body.inverse_dynamics(*plan.courses)
+    size = _size(said)
+
+    def left(lead: float) -> float:
+        """Mean square that each joint's own friction and rotor leave."""
+        out = 0.0
+        for joint in range(body.joints):
+            courses = _courses(plan, joint, lead)
+            apart = rest[:, joint] - courses @ np.linalg.lstsq(courses, rest[:, joint], rcond=None)[0]
+            out += float(np.mean(np.square(apart / size[joint])))
+        return out
+
+    found = {lead: left(lead) for lead in LEADS}
+    best = min(found, key=lambda lead: found[lead])
+    return best if found[best] < SOONER * found[0.0] else 0.0
+
+
+def _with_friction(said: Simulated, arm: Arm) -> Arm:
+    """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
+    plan = said.plan
+    rest = said.torque - arm.body.inverse_dynamics(*plan.courses)
+    clear, travelled, numbers = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, _friction(arm)
+    for i, own in enumerate(numbers):
+        courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
+        moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
+        if travelled[i] and np.all(moved > 0):
+            found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
+            small = FINE * float(np.sqrt(np.mean(said.torque[:, i] ** 2)))
+            found = np.where(found * moved < small, 0.0, found)
+            numbers[i] = np.where(np.abs(found - own) * moved < small, own, found)
+    return _rubbing(arm, numbers)
+
+
+def _friction(arm: Arm) -> Float:
+    """Coulomb and viscous friction and rotor inertia of each joint, (n, 3)."""
+    return np.stack([arm.column(name) for name in FRICTION], axis=1)
+
+
+def _rubbing(arm: Arm, numbers: Float) -> Arm:
+    """The arm with these numbers; see ``_friction``."""
+    pairs = zip(arm.description.joints, numbers.tolist(), strict=True)
+    joints = tuple(joint.model_copy(update=dict(zip(FRICTION, own, strict=True))) for joint, own in pairs)
+    return replace(arm, description=arm.description.model_copy(update={"joints": joints}))
+
+
+def _other_links(said: Simulated, arm: Arm) -> Arm:
+    """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
+    own = _friction(arm).ravel()
+    fit = _LinkFit(said, arm, own)
+    resting = np.repeat(np.ptp(said.plan.position, axis=0) <= MOVES, len(FRICTION))
+    fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
+    best = fit.left(fixed)
+    for i in np.flatnonzero(~resting).tolist():
+        for value in dict.fromkeys((float(own[i]), 0.0)):
+            left = fit.left({**fixed, i: value})
+            if left < NO_WORSE * best:
+                fixed[i], best = value, max(best, left)
+                break
+    links, friction = fit.solved(fixed)
+    described = _rubbing(arm, np.maximum(friction, 0.0).reshape(-1, len(FRICTION))).description
+    return Arm(described, arm.body.with_parameters(arm.body.parameters() + links))
+
+
+class _LinkFit:
+    """Least squares of links, friction and rotors on a simulated torque."""
+
+    def __init__(self, said: Simulated, arm: Arm, own: Float) -> None:
+        self._own, body, plan = own, arm.body, said.plan
+        self._target = said.torque - body.inverse_dynamics(*plan.courses)
+        self._variance = np.where(_clear(plan, arm), np.square(FINE * _size(said)), 1e12)
+        regressor = body.regressor(*plan.courses)
+        links = body.parameters().reshape(-1, PER_LINK)
+        priors = [link_prior(each, OFF) for each in links]
+        tool = body_prior(TOOL[0] * float(np.sum(links[:, 0])), TOOL[1])
+        priors[-1] = Prior(priors[-1].mean, priors[-1].covariance + tool.covariance)
+        self._links = [
+            Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, prior) for i, prior in enumerate(priors)
+        ]
+        lead = arm.description.friction_lead
+        courses = [(j, _courses(plan, j, lead)) for j in range(body.joints)]
+        self._courses = [(j, each[:, k : k + 1]) for j, each in courses for k in range(len(FRICTION))]
+        self._wide = [_size(said)[j] / max(float(np.sqrt(np.mean(c**2))), 1e-6) for j, c in self._courses]
+
+    def left(self, fixed: dict[int, float]) -> float:
+        """Rms of the residual with some friction numbers given, in units of the standard deviation."""
+        fit = self._fit(fixed)
+        return float(np.sqrt(np.mean(np.square(fit.residual) / self._variance)))
+
+    def solved(self, fixed: dict[int, float]) -> tuple[Float, Float]:
+        """Corrections of the links (10 n,), and friction (3 n,)."""
+        coefficients = self._fit(fixed).coefficients
+        links = PER_LINK * len(self._links)
+        friction = coefficients[links:].copy()
+        for i, value in fixed.items():
+            friction[i] = value
+        return coefficients[:links], friction
+
+    def _fit(self, fixed: dict[int, float]) -> Regression:
+        friction = [Block(course, joint, self._prior(i, fixed)) for i, (joint, course) in enumerate(self._courses)]
+        design = Design(self._target, self._variance, [*self._links, *friction])
+        return Regression(design, [], np.ones(self._target.shape[1]))
+
+    def _prior(self, i: int, fixed: dict[int, float]) -> Prior:
+        if i in fixed:
+            return Prior(np.array([fixed[i]]), np.array([[(1e-6 * self._wide[i]) ** 2]]))
+        return Prior(self._own[i : i + 1], np.array([[self._wide[i] ** 2]]))
+
+
+def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
+    """Standby power and windings as the simulation has them."""
+    if said.power is None:
+        return robot
+    left = said.power - nominal_power(robot, said.torque, said.plan.velocity)
+    if np.sqrt(np.mean(left**2)) < SAME * np.sqrt(np.mean(said.power**2)):
+        return robot
+    drives = np.sum(said.torque * said.plan.velocity, axis=1)
+    plain = _drawn(said, np.column_stack([np.ones_like(drives), np.square(said.torque)]), said.power - drives)
+    ways = np.column_stack([np.ones_like(drives), np.maximum(drives, 0.0), np.minimum(drives, 0.0)])
+    lossy = _drawn(said, np.column_stack([ways, np.square(said.torque)]), said.power)
+    if lossy[1] > LINKS * plain[1] or not 1 <= lossy[0][1] < 1 / LOSSIEST:
+        (standby, *gains), gain, back = plain[0].tolist(), 1.0, 1.0
+    else:
+        standby, gain, back, *gains = lossy[0].tolist()
+    joints = []
+    for joint, heat in zip(robot.joints, gains, strict=True):
+        # R / K² is what heats: where K is not known it is taken as 1 Nm/A.
+        constant = joint.torque_constant or 1.0
+        ohms = heat / gain * constant**2
+        joints.append(joint.model_copy(update={"torque_constant": constant, "winding_resistance": ohms}))
+    supply = {"standby_power": standby, "converter_efficiency": 1 / gain, "regeneration": min(back, 1.0)}
+    return robot.model_copy(update={**supply, "joints": tuple(joints)})
+
+
+def _drawn(said: Simulated, columns: Float, power: Float) -> tuple[Float, float]:
+    """Coefficients, none negative and small ones 0, that make ``power`` (N,) W of columns (N, m); mean square left."""
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+    found = nnls(columns / scale, power)[0]
+    found = np.where(found < FINE * float(np.sqrt(np.mean(power**2))), 0.0, found) / scale
+    return found, float(np.mean(np.square(power - columns @ found)))

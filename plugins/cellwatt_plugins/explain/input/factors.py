@@ -1,0 +1,41 @@
+"""Units that people mix up, by the factor that they bring; and words that several checks share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.explain.input.run import Run
+
+DEGREES = float(np.degrees(1.0))
+RPM = 30 / np.pi
+
+
+def recognised(factor: float, known: Mapping[str, float], within: float = 1.25) -> str | None:
+    """The name of the known factor nearest to ``factor`` (> 0); None where none is ``within`` this ratio."""
+    far = {name: abs(np.log(factor / value)) for name, value in known.items()}
+    name = min(far, key=far.__getitem__, default=None)
+    return name if name is not None and far[name] < np.log(within) else None
+
+
+def times_text(factor: float, digits: int = 3) -> str:
+    """A factor in figures that are easily read: ``57.3``, ``1000``, ``0.001``."""
+    return f"{float(f'{factor:.{digits}g}'):g}"
+
+
+def joints_text(numbers: Sequence[int]) -> str:
+    """``joint 2``, or ``joints 2, 3``; numbers from 1."""
+    return f"joint{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+
+
+def order_text(stem: str, order: Sequence[int]) -> str:
+    """``q_1 holds joint 3, q_3 holds joint 1``; ``order`` counts from 0."""
+    return ", ".join(f"{stem}_{i + 1} holds joint {j + 1}" for i, j in enumerate(order) if i != j)
+
+
+def usable(run: Run, most: int | None = None) -> NDArray[np.intp]:
+    """Samples of a run that were not filled in; at most about ``most``, evenly spread."""
+    there = np.flatnonzero(~run.filled)
+    return there if most is None else there[:: max(1, len(there) // most)]

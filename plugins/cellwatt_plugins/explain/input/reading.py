@@ -1,0 +1,208 @@
+"""From what the user gives (recordings, simulations, the robot's description) to runs on even time grids."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
+from cellwatt.progress import steps
+from cellwatt.scheduler import spread
+from cellwatt_plugins.explain.input.alignment import LATE, SAME, delay
+from cellwatt_plugins.explain.input.driven import driven
+from cellwatt_plugins.explain.input.factors import joints_text
+from cellwatt_plugins.explain.input.moved import moved
+from cellwatt_plugins.explain.input.run import Run, Simulated
+from cellwatt_plugins.explain.input.signals import Signals, motor_torque, read_signals
+from cellwatt_plugins.explain.input.sources import Source, run_name
+from cellwatt_plugins.explain.input.unread import without_unread
+from cellwatt_plugins.explain.simulators import Simulator, load_simulator
+from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.meter.file import power_beside
+from cellwatt_plugins.robot.motion import Moved, Plan, exact
+from cellwatt_plugins.robot.samples import interpolated
+
+SAME_CLOCK = 0.5
+"""Recording and simulation that share less of the shorter one have different clocks."""
+RATE, SAMPLES = 250.0, 100_000
+"""Samples a second that are looked at: joints ring below 50 Hz, and what is faster is the drives' own. Of long
+recordings fewer, so that there are not more than so many in all: what is slow needs no more."""
+COVERED = 0.5
+"""Share of a recording that its simulation must cover."""
+COLUMNS = ("time", "position", "velocity", "torque", "power", "temperature", "command", "gaps")
+"""What a run has for each of its samples."""
+
+
+def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Path | None = None) -> list[Run]:
+    """The files as runs; each with a plan where it has a simulation, or target columns of its own.
+
+    A simulator's own file (MJCF, URDF) is run on each recording. Raises ``RecordingError`` where a file cannot be used,
+    ``ConfigError`` where the description lacks what it needs.
+    """
+    every = spread(read_source, files, "reading recordings", shared=robot)
+    rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
+    slowed = [each.slower(rate) for each in every]
+    loaded, gains = _loaded(simulator, robot)
+    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=(robot, gains))
+    if loaded is None:
+        return runs
+    return [_run_through(loaded, run) for run in steps(driven(runs, loaded), "simulating run")]
+
+
+def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
+    """One of many recordings as a run of ``rate`` Hz or less. Raises as ``read_sources``."""
+    loaded, gains = _loaded(simulator, robot)
+    run = _prepared((source, read_source(source, robot).slower(rate)), (robot, gains))
+    return run if loaded is None else _run_through(loaded, driven([run], loaded)[0])
+
+
+def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator | None, Float | None]:
+    """The arm in a simulator's file, and the Nm (n,) of one unit of its control."""
+    if simulator is None:
+        return None, None
+    loaded = load_simulator(simulator, [joint.name for joint in robot.joints])
+    return loaded, loaded.control_gains()
+
+
+def _prepared(told: tuple[Source, Signals], known: tuple[RobotDescription, Float | None]) -> Run:
+    """The run of its files and of what was recorded.
+
+    ``known`` are the robot, and the Nm (n,) of one unit of a simulator's control; NaN where it is no torque.
+    """
+    (source, signals), (robot, gains) = told, known
+    signals = signals.with_controls(gains)
+    run = without_unread(
+        Run(
+            name=source.name,
+            time=signals.time,
+            position=signals.needed("position"),
+            velocity=signals.joints.get("velocity"),
+            torque=motor_torque(signals, robot),
+            power=signals.power,
+            temperature=signals.joints.get("temperature"),
+            command=signals.joints.get("command"),
+            gaps=signals.gaps,
+            torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
+            notes=signals.notes,
+        )
+    )
+    if source.simulation is not None:
+        simulated = read_signals(source.simulation, robot).with_controls(None)
+        return _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
+    return _with_targets(run, signals) if "target_position" in signals.joints else run
+
+
+def read_source(source: Source, robot: RobotDescription) -> Signals:
+    """A recording, with the power of its meter's own file where there is one. Raises ``RecordingError``."""
+    signals = read_signals(source.recording, robot)
+    if source.meter is None:
+        return signals
+    return replace(signals, power=power_beside(source.meter, signals.time, signals.needed("position")))
+
+
+def _run_through(simulator: Simulator, run: Run) -> Run:
+    """The run with what a simulator says of the motion that was commanded, or made where no command was recorded."""
+    plan = Plan(*moved(run).courses) if run.plan is None else run.plan
+    # How friction turns over is told by motion alone: no simulator's way is taken for the arm's there.
+    torque = simulator.torque(*plan.courses, leading=run.drive is None)
+    notes = [note for note in simulator.notes if note not in run.notes]
+    return replace(run, simulated=Simulated(run.time, plan, torque), notes=(*run.notes, *notes))
+
+
+def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) -> tuple[Run, Moved | None]:
+    """A motion to simulate as a run without torque, and the motion itself where it is known rather than measured.
+
+    One with accelerations was planned. ``simulation`` is what the user's simulation says of it. Raises
+    ``RecordingError``.
+    """
+    signals = read_signals(path, robot)
+    position, velocity = signals.needed("position"), signals.joints.get("velocity")
+    temperature = signals.joints.get("temperature")
+    run = Run(run_name(path), signals.time, position, velocity, np.zeros_like(position), temperature=temperature)
+    if simulation is not None:
+        run = _with_simulation(run, read_signals(simulation, robot).with_controls(None), cut=False)
+    if "acceleration" not in signals.joints:
+        return run, None
+    return replace(run, plan=None), exact(position, *signals.derivatives("position", "velocity", "acceleration"))
+
+
+def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
+    """The run with what its simulation says; both begin together where neither clock nor motion tells."""
+    planned = _planned(simulation, "" if "position" in simulation.joints else "target_")
+    when, note = simulation.time, ""
+    own = np.arange(when[0], when[-1], run.step)
+    late, error = delay(run.position, interpolated(own, when, planned.position))
+    shift = float(run.time[0] - when[0])
+    shared = min(when[-1], run.time[-1]) - max(when[0], run.time[0])
+    apart = shared < SAME_CLOCK * min(when[-1] - when[0], run.time[-1] - run.time[0])
+    if error < SAME and (apart or abs(shift + late * run.step) > LATE):
+        shift, how = shift + late * run.step, "lined up by their motion"
+    elif apart:
+        how = "taken to begin together"
+    else:
+        shift = 0.0
+    if shift:
+        when, note = when + shift, f"recording and simulation have different clocks ({shift:.3f} s apart), {how}"
+    run = _with_plan(run, simulation, when, planned, note, cut)
+    torque = simulation.joints.get("torque")
+    if torque is not None and not np.isfinite(torque).all():
+        silent = joints_text((1 + np.flatnonzero(np.isnan(torque).any(axis=0))).tolist())
+        raise RecordingError(f"{simulation.place}: no torque of {silent}: a simulation tells the torque of every joint")
+    return replace(run, simulated=None if torque is None else Simulated(when, planned, torque, simulation.power))
+
+
+def _with_targets(run: Run, signals: Signals) -> Run:
+    """The run with the motion that it says was commanded; some controllers log commands long before they are met."""
+    planned = _planned(signals, "target_")
+    samples, error = delay(run.position, planned.position)
+    late = samples * run.step
+    if abs(late) <= LATE or error > SAME:
+        return _with_plan(run, signals, signals.time, planned)
+    note = f"the target columns are {late:.2f} s ahead of the motion and moved back by that"
+    return _with_plan(run, signals, signals.time + late, planned, note)
+
+
+def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str = "", cut: bool = True) -> Run:
+    """The run, cut to what a plan at times ``when`` (M,) covers, with that plan on its own time grid.
+
+    Raises ``RecordingError`` where the plan covers too little of the recording.
+    """
+    slack = 0.51 * max(run.step, source.step)
+    covered = (run.time >= when[0] - slack) & (run.time <= when[-1] + slack)
+    if np.mean(covered) < COVERED:
+        raise RecordingError(
+            f"{run.name}: its simulation {source.place} spans {when[0]:.2f} to {when[-1]:.2f} s, the recording "
+            f"{run.time[0]:.2f} to {run.time[-1]:.2f} s: is it the simulation of this run?"
+        )
+    if cut:
+        run = _cut(run, slice(int(np.argmax(covered)), len(covered) - int(np.argmax(covered[::-1]))))
+    gaps = (np.interp(run.time, when, source.gaps) > 0) | run.filled
+    time = np.clip(run.time, when[0], when[-1])
+    position = CubicHermiteSpline(when, planned.position, planned.velocity)
+    velocity = CubicHermiteSpline(when, planned.velocity, planned.acceleration)
+    # Straight lines between accelerations would lack a share of their second derivative, as an elastic joint does.
+    plan = Plan(np.asarray(position(time)), np.asarray(velocity(time)), np.asarray(velocity.derivative()(time)))
+    more = [f"{run.name}: {note}"] if note else []
+    return replace(run, plan=plan, gaps=gaps, notes=(*run.notes, *more))
+
+
+def _cut(run: Run, part: slice) -> Run:
+    lost = len(run.time) - (part.stop - part.start)
+    if not lost:
+        return run
+    note = f"{run.name}: {lost * run.step:.2f} s of the recording lie outside its simulation and are left out"
+    columns = {name: getattr(run, name) for name in COLUMNS}
+    kept: dict[str, Any] = {name: None if column is None else column[part] for name, column in columns.items()}
+    return replace(run, **kept, notes=(*run.notes, note))
+
+
+def _planned(signals: Signals, prefix: str) -> Plan:
+    """The motion that columns of a ``prefix`` tell, on their own time grid."""
+    names = [f"{prefix}{quantity}" for quantity in ("position", "velocity", "acceleration")]
+    return Plan(signals.needed(names[0]), *signals.derivatives(*names))

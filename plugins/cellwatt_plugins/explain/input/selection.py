@@ -1,0 +1,73 @@
+"""Many recordings: those that are looked at closely, and the others, which are compared with what is found in these.
+
+To look at all of them would mean to look at fewer samples of each, and what a joint does in a tenth of a second is in
+none of those: the more was recorded, the less would be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.scheduler import spread
+from cellwatt_plugins.explain.input.reading import RATE, SAMPLES, read_source
+from cellwatt_plugins.explain.input.sources import Source
+from cellwatt_plugins.robot import RobotDescription
+
+FEW = 6
+"""Recordings that are all looked at closely, however long they are; of more, so many if that leaves ``SLOWEST``."""
+LEAST = 2
+"""Recordings that are looked at in any case."""
+SLOWEST = 100.0
+"""Samples a second with which less is seen of what is quick, but not much less."""
+
+
+def select(files: Sequence[Source], robot: RobotDescription) -> tuple[list[Source], list[Source]]:
+    """The recordings to be looked at closely, and the others: none where they are few or short.
+
+    Else those whose motions differ most are looked at.
+
+    Raises ``RecordingError`` where a file cannot be read.
+    """
+    if len(files) <= FEW:
+        return list(files), []
+    looked = spread(_look, files, "looking at recordings", shared=robot)
+    seconds = np.array([length for length, _ in looked])
+    if SAMPLES / seconds.sum() >= SLOWEST:
+        return list(files), []
+    enough = LEAST + int(SAMPLES / SLOWEST / seconds.min())
+    order = list(islice(furthest_first(np.stack([motion for _, motion in looked])), enough))
+    best, most = np.searchsorted(np.cumsum(seconds[order]), [SAMPLES / RATE, SAMPLES / SLOWEST], side="right").tolist()
+    close = set(order[: max(LEAST, best, min(FEW, most))])
+    chosen, others = ([file for i, file in enumerate(files) if (i in close) == asked] for asked in (True, False))
+    return chosen, others
+
+
+def furthest_first(places: Float) -> Iterator[int]:
+    """Numbers of the rows (N, m): first the one furthest from their mean, then always the one furthest from all before.
+
+    Each column counts in units of its standard deviation (Gonzalez 1985).
+    """
+    size = np.std(places, axis=0)
+    scaled = (places - np.mean(places, axis=0)) / np.where(size > 0, size, 1.0)
+    away = np.sum(scaled**2, axis=1)
+    taken = np.zeros(len(scaled), bool)
+    for turn in range(len(scaled)):
+        last = int(np.argmax(np.where(taken, -1.0, away)))
+        taken[last] = True
+        yield last
+        near = np.sum((scaled - scaled[last]) ** 2, axis=1)
+        away = np.minimum(away, near) if turn else near
+
+
+def _look(file: Source, robot: RobotDescription) -> tuple[float, Float]:
+    """Length of a recording, s, and its motion: the ends of each joint's way, rad, and its speed, rad/s rms."""
+    signals = read_source(file, robot)
+    position = signals.needed("position")
+    speed = np.sqrt(np.mean(np.square(np.diff(position, axis=0) / signals.step), axis=0))
+    return float(signals.time[-1] - signals.time[0]), np.concatenate(
+        [position.min(axis=0), position.max(axis=0), speed]
+    )

@@ -1,0 +1,226 @@
+"""Quantities of one file, joint by joint, on an even time grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.arrays import Bool, Float
+from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.tables import Table, listed, read_table, usual
+from cellwatt.tables.likely import hint
+from cellwatt_plugins.explain.input.grid import EVEN, even
+from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.meter.held import held, onto
+from cellwatt_plugins.robot.motion import slope
+
+SLOW = "temperature"
+"""Changes over minutes and is often logged more rarely than the rest."""
+OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "command", "control")
+"""Count as not recorded where all their columns are empty."""
+LOSSY = ("torque", "current")
+"""May lack joints, and samples of joints: these are NaN."""
+NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
+POWER = "power"
+LEAST_MEANS = 8
+"""Means that are left of a recording however short it is beside others: it is refused for what it is."""
+FOLLOWS = 0.3
+"""Spread of commanded less real positions, as a share of the motion, up to which controls are positions."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Content of one file: N samples, evenly spaced, (N, n) by quantity."""
+
+    place: str
+    """Name of the file in messages."""
+    time: Float
+    """(N,) s."""
+    joints: dict[str, Float]
+    power: Float | None
+    """(N,) W."""
+    gaps: Bool
+    """(N,) true where values were filled in."""
+    notes: tuple[str, ...]
+    columns: tuple[str, ...]
+    """All the file has beside the time, for messages."""
+    hint: str = ""
+    """What the columns with unknown names look like, for messages."""
+
+    @property
+    def step(self) -> float:
+        """Seconds between samples."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+    def needed(self, *quantities: str) -> Float:
+        """The first of these quantities that is there. Raises ``RecordingError`` where none is."""
+        for quantity in quantities:
+            if quantity in self.joints:
+                return self.joints[quantity]
+        names = " or ".join(_family(quantity) for quantity in quantities)
+        raise RecordingError(
+            f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}{self.hint}"
+        )
+
+    def with_controls(self, gains: Float | None) -> Signals:
+        """A simulator's controls as torques, by ``gains`` (n,) Nm a unit, or as commands where these are NaN.
+
+        Without gains, controls are torques where the file has no others, but commands where they follow the positions.
+        """
+        if "control" not in self.joints:
+            return self
+        control = self.joints["control"]
+        if gains is None:
+            gains = np.where(self._followed(control), np.nan, 1.0)
+        motors = np.isfinite(gains)
+        found = dict(self.joints)
+        if motors.any() and "current" not in found:
+            found.setdefault("torque", control * gains)
+        if not motors.all():
+            found.setdefault("command", np.where(motors, np.nan, control))
+        return replace(self, joints=found)
+
+    def _followed(self, control: Float) -> Bool:
+        """True (n,) where the positions follow the controls."""
+        position = self.needed("position", "target_position")
+        apart = np.std(control - position, axis=0)
+        return np.asarray(apart < FOLLOWS * np.std(position, axis=0), np.bool_)
+
+    def slower(self, rate: float) -> Signals:
+        """Means of as many samples as bring it to ``rate`` Hz or less; a mean is a gap where one of them is."""
+        count = min(int(np.ceil(1 / (self.step * rate) - EVEN)), len(self.time) // LEAST_MEANS)
+        if count < 2:
+            return self
+        rows = len(self.time) // count
+
+        def mean(values: Float) -> Float:
+            return np.asarray(values[: rows * count].reshape(rows, count, *values.shape[1:]).mean(axis=1))
+
+        return replace(
+            self,
+            time=mean(self.time),
+            joints={quantity: mean(values) for quantity, values in self.joints.items()},
+            power=None if self.power is None else self._slower_power(mean),
+            gaps=np.any(self.gaps[: rows * count].reshape(rows, count), axis=1),
+        )
+
+    def _slower_power(self, mean: Callable[[Float], Float]) -> Float:
+        """Means, but of a slow meter the value in the middle of them."""
+        assert self.power is not None
+        if held([(self.time, self.power)]) is None:
+            return mean(self.power)
+        return onto(mean(self.time), self.time, self.power)
+
+    def derivatives(self, position: str, velocity: str, acceleration: str) -> tuple[Float, Float]:
+        """Velocity and acceleration; differentiated where the file lacks them."""
+        speed = self.joints.get(velocity)
+        if speed is None:
+            speed = slope(self.joints[position], self.step)
+        gain = self.joints.get(acceleration)
+        if gain is None:
+            gain = slope(speed, self.step)
+        return speed, gain
+
+
+def read_signals(path: Path, robot: RobotDescription) -> Signals:
+    """Read a file. Raises ``RecordingError`` that says what is wrong with it."""
+    table = read_table(path, [joint.name for joint in robot.joints])
+    time = table.time
+    names, joints = _joints(table, robot)
+    power = table.whole("supply.power")
+    if power is not None and not np.isfinite(power).any():
+        power = None
+    positions = next((q for q in ("position", "target_position") if q in joints), None)
+    if positions is None:
+        wanted = f"{_family('position')} or {_family('target_position')}"
+        raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}{hint(table)}")
+    columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
+    # Rows in which no joint was heard hold nothing: to leave them out makes them holes in time.
+    heard = np.isfinite(joints[positions]).any(axis=1)
+    grid = even(
+        path.name,
+        time[heard],
+        {name: column[heard] for name, column in (columns if power is None else columns | {POWER: power}).items()},
+        slow=names.get(SLOW, ()),
+        positions=names[positions],
+        lossy=[name for q in LOSSY for name in names.get(q, ())],
+        power=POWER,
+    )
+    silent = np.full(len(grid.time), np.nan)
+    found = {q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints}
+    if SLOW in found and np.isnan(found[SLOW]).any():
+        del found[SLOW]
+    return Signals(
+        place=str(path),
+        time=grid.time,
+        joints=found,
+        power=grid.columns.get(POWER),
+        gaps=grid.gaps,
+        notes=(*_turned(path.name, table, names), *grid.notes),
+        columns=table.names,
+        hint="" if {"torque", "current", "control", "command"} & joints.keys() else hint(table),
+    )
+
+
+def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str, ...]], dict[str, Float]]:
+    """Names of the columns and values (N, n) of each quantity that the file holds, for all joints of the robot.
+
+    The name of a column that is absent from a ``LOSSY`` quantity is "".
+    """
+    names: dict[str, tuple[str, ...]] = {}
+    joints, expected = {}, len(robot.joints)
+    for quantity in (*NEEDED, *OPTIONAL):
+        lossy = quantity in LOSSY
+        own = table.some_joint_names(quantity, expected, "position") if lossy else table.joint_names(quantity)
+        found = [np.full(len(table), np.nan) if (one := table.channel(name)) is None else one for name in own]
+        if not found or (quantity in OPTIONAL and not np.isfinite(found).any()):
+            continue
+        names[quantity], joints[quantity] = own, np.column_stack(found)
+        if len(own) != expected:
+            first, *rest = own
+            many = f"{first} … {rest[-1]}" if rest else first
+            raise RecordingError(
+                f"{table.path}: {len(own)} joints in the columns {many}, but the robot's description has "
+                f"{expected} ({listed([joint.name for joint in robot.joints])})"
+            )
+        for name, joint in zip(own, robot.joints, strict=True):
+            if table.along(name) not in (None, joint.kind == "prismatic"):
+                raise RecordingError(
+                    f"{table.path}: the unit of column {name} is not one of joint {joint.name}, which is {joint.kind}"
+                )
+    return names, joints
+
+
+def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+    """One line where angles modulo a turn were counted on."""
+    found = {name: count for q in NEEDED for name in names.get(q, ()) if (count := table.wraps(name))}
+    if found:
+        times = ", ".join(f"{name} ({count} times)" for name, count in found.items())
+        yield f"{place}: angles modulo a turn, counted on by whole turns: {times}"
+
+
+def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
+    """Torque (N, n) Nm as recorded, or current times torque constant; NaN where a joint's is missing.
+
+    It is NaN throughout where commands were recorded alone. Raises ``RecordingError`` where nothing of these was, and
+    ``ConfigError`` where a constant is not known.
+    """
+    if not {"torque", "current"} & signals.joints.keys() and "command" in signals.joints:
+        return np.full_like(signals.joints["command"], np.nan)
+    if "torque" in signals.joints or "current" not in signals.joints:
+        return signals.needed("torque", "current")
+    currents, constants = signals.joints["current"], robot.column("torque_constant")
+    heard = np.flatnonzero(np.isfinite(currents).any(axis=0) & (constants == 0)).tolist()
+    if unknown := [robot.joints[i].name for i in heard]:
+        raise ConfigError(
+            f"{signals.place} has currents, no torques, and the torque_constant of {listed(unknown)} is 0: "
+            "write it into the robot's description, in Nm/A at the joint side"
+        )
+    return np.asarray(currents * constants)
+
+
+def _family(quantity: str) -> str:
+    return f"{usual(quantity, 1)}, {usual(quantity, 2)}, …"

@@ -1,0 +1,97 @@
+"""Torque channels that say nothing of the arm: not recorded, or not read while the joint moved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.arrays import Bool, Float
+from cellwatt_plugins.explain.input.factors import joints_text, usable
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot.motion import rates
+
+SAMPLES = 2000
+"""Samples of a run that are looked at."""
+MOVES = 0.05
+"""rad or m that a joint must go to be known to move."""
+COUNTS = 16
+"""Different values at most of a channel that holds the noise of a converter."""
+LITTLE = 0.002
+"""Share of the arm's largest torque spread below which a torque that goes with no motion was not read."""
+RELATED = 0.1
+"""Share of a torque's variance that its arm's motion explains at least; friction alone explains most of it."""
+TURNED = 0.02
+"""rad/s over which friction turns its sign."""
+ROWS_EACH = 10
+"""Rows a term that a regression needs to tell chance from relation."""
+
+
+def without_unread(run: Run) -> Run:
+    """The run with NaN for the torque of each joint whose channel is dead: constant, or noise beside the motion."""
+    dead = _dead(run)
+    return replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
+
+
+def unread(run: Run) -> Bool:
+    """(n,) true where a run holds no torque of a joint."""
+    return np.asarray(np.isnan(run.torque).all(axis=0), np.bool_)
+
+
+def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
+    """One line where the torque of joints is no evidence."""
+    silent = np.array([unread(run) for run in runs])
+    joints = np.flatnonzero(silent.any(axis=0))
+    if not len(joints):
+        return
+    names = [run.name for run, one in zip(runs, silent, strict=True) if one.any()]
+    where = "" if silent[:, joints].all() else f" in {', '.join(names)}"
+    yield (
+        f"no torque of {joints_text((1 + joints).tolist())}{where}: the column is absent, empty, constant, or "
+        "noise that does not go with the motion. It is not used; the other joints are"
+    )
+
+
+def _dead(run: Run) -> Bool:
+    kept = usable(run, SAMPLES)
+    torque = run.torque[kept]
+    moves = np.ptp(run.position[kept], axis=0) > MOVES
+    dead = unread(run)
+    heard = np.flatnonzero(~dead)
+    if not len(heard):
+        return dead
+    size = np.zeros(run.joints)
+    size[heard] = np.nanstd(run.torque[:, heard], axis=0)
+    constant = np.zeros(run.joints, bool)
+    constant[heard] = np.nanmax(run.torque[:, heard], axis=0) == np.nanmin(run.torque[:, heard], axis=0)
+    dead |= constant & (moves | (run.torque[0] == 0))
+    suspect = moves & ~dead & ((size < LITTLE * size.max()) | (_levels(run.torque) <= COUNTS))
+    if suspect.any():
+        terms = _terms(run)[kept]
+        dead[suspect] = [_related(terms, torque[:, i]) < RELATED for i in np.flatnonzero(suspect)]
+    return dead
+
+
+def _levels(torque: Float) -> NDArray[np.int_]:
+    return np.array([len(np.unique(one[np.isfinite(one)])) for one in torque.T])
+
+
+def _terms(run: Run) -> Float:
+    """(N, 5 n): what friction, weight and inertia of an arm go with."""
+    _, velocity, acceleration = rates(run.position, run.step)
+    q = run.position
+    return np.column_stack([np.tanh(velocity / TURNED), velocity, acceleration, np.sin(q), np.cos(q)])
+
+
+def _related(terms: Float, torque: Float) -> float:
+    """Share of the variance of ``torque`` (N,) that ``terms`` (N, k) explain, less what chance does; 1 of few rows."""
+    rows = np.isfinite(torque)
+    count, unknowns = int(rows.sum()), terms.shape[1] + 1
+    if count < ROWS_EACH * unknowns:
+        return 1.0
+    wanted = torque[rows] - torque[rows].mean()
+    centred = terms[rows] - terms[rows].mean(axis=0)
+    left = wanted - centred @ np.linalg.lstsq(centred, wanted, rcond=None)[0]
+    return float(1 - np.var(left) / np.var(wanted) * (count - 1) / (count - unknowns))

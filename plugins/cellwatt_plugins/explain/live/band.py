@@ -1,0 +1,106 @@
+"""Difference of recording and simulation in one interval, and its permitted band."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.noise import floor
+from cellwatt_plugins.explain.live.intake import Judged
+from cellwatt_plugins.explain.live.motions import MOST
+from cellwatt_plugins.explain.live.settings import BandSettings
+
+RECENT = 20
+"""Intervals from which the noise floor is measured."""
+
+
+@dataclass(frozen=True)
+class IntervalResidual:
+    """One channel in one interval, all in the channel's unit.
+
+    ``residual`` is the root mean square of measured - simulated torque, or the size of the mean for the supply's power:
+    a meter may lag, the energy of an interval does not. ``mean`` is measured - simulated on average, ``simulated`` the
+    root mean square of what the simulation says, ``noise`` the noise floor.
+    """
+
+    channel: Judged
+    residual: float
+    mean: float
+    simulated: float
+    noise: float
+    limit: float
+
+    @property
+    def outside(self) -> bool:
+        """True if the channel is outside its band."""
+        return self.residual > self.limit
+
+
+@dataclass
+class Band:
+    """Reads intervals; remembers residuals for the noise floor and what is normal of each motion.
+
+    Only joints that move are read: friction may hold any torque at a joint at rest. ``step`` is s from frame to frame.
+    """
+
+    settings: BandSettings
+    channels: Sequence[Judged]
+    step: float
+    _recent: deque[Float] = field(default_factory=lambda: deque(maxlen=RECENT))
+    _learned: dict[int, list[Float]] = field(default_factory=dict)
+    """Residuals (C,) of the first times of a motion, which count as normal; the motion seen last is the last."""
+
+    def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[IntervalResidual]:
+        """Readings of an interval in which the 1-based joints ``moving`` move, by the number of its motion.
+
+        measured and simulated are (N, C), NaN where ``measured`` is missing. Empty while the motion is being learned.
+        """
+        residual = measured - simulated
+        self._recent.append(residual)
+        mean = _mean(residual)
+        is_torque = np.array([c.joint is not None for c in self.channels])
+        sizes = np.where(is_torque, np.sqrt(_mean(np.square(residual))), np.abs(mean))
+        normal = self._normal(motion, sizes)
+        if normal is None:
+            return []
+        level = np.sqrt(np.mean(np.square(simulated), axis=0))
+        noise = self._noise()
+        limit = self.settings.noise * noise + self.settings.share * level + normal
+        return [
+            IntervalResidual(c, *(float(x[i]) for x in (sizes, mean, level, noise, limit)))
+            for i, c in enumerate(self.channels)
+            if np.isfinite(sizes[i]) and (c.joint is None or c.joint in moving)
+        ]
+
+    def _normal(self, motion: int, sizes: Float) -> Float | None:
+        """Normal residual (C,) of this motion; None while it is being learned."""
+        if not self.settings.learn:
+            return np.zeros(len(sizes))
+        learned = self._learned[motion] = self._learned.pop(motion, [])
+        if len(self._learned) > MOST:
+            del self._learned[next(iter(self._learned))]
+        if len(learned) == self.settings.learn:
+            return np.asarray(np.fmax.reduce(learned, initial=0.0))
+        learned.append(sizes)
+        return None
+
+    def _noise(self) -> Float:
+        """Noise floor (C,) of the recent intervals; 0 where a channel was not measured."""
+        out = np.zeros(len(self.channels))
+        for i in range(len(out)):
+            parts = [part for r in self._recent if len(part := r[np.isfinite(r[:, i]), i : i + 1])]
+            if parts:
+                out[i] = floor(parts, [self.step] * len(parts))[0]
+        return out
+
+
+def _mean(values: Float) -> Float:
+    """Mean (C,) of values (N, C) without what is missing; NaN where all is."""
+    there = np.isfinite(values)
+    count = there.sum(axis=0)
+    total = np.where(there, values, 0.0).sum(axis=0)
+    return np.asarray(np.divide(total, count, out=np.full(values.shape[1], np.nan), where=count > 0))

@@ -1,0 +1,148 @@
+"""The simulation of a moving arm, a stretch of frames at a time. Imports Pinocchio and scipy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.errors import ConfigError
+from cellwatt.files import Place
+from cellwatt_plugins.explain.fit.problem import said
+from cellwatt_plugins.explain.input.driven import drive_of
+from cellwatt_plugins.explain.input.moved import moved
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.model import FittedTerm, Model, Prediction, Retuned, load_model, predict_states
+from cellwatt_plugins.robot import Arm, load_robot
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.mjcf import is_mjcf
+from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact, smooth
+from cellwatt_plugins.robot.servo.filtered import compared
+from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
+from cellwatt_plugins.robot.simulated import described, is_simulator
+
+Driven = tuple[Float, Float]
+"""What servos are told (N, n) rad, so that it holds over each sample, and the torque (N, n) Nm that their law gives."""
+
+PAST = 10.0
+"""s of past that effects with a state of their own (hysteresis, a spring) are simulated from."""
+ALIKE = 0.05
+"""An effect follows where its last second hardly changes, by this share, when much more of the past is known."""
+LONG = 60.0
+"""s of past that this is tried with."""
+
+
+class Simulation:
+    """A model of an arm on ``recorded`` motion.
+
+    ``left_out`` names the effects of the model that cannot be followed: they depend on more of the past than a daemon
+    can know (it was not there at the start of the run, nor when the joint was cold).
+    """
+
+    def __init__(
+        self, model: Model, step: float, warm: bool, servo: Servo | None = None, hold: float | None = None
+    ) -> None:
+        """``step`` s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``.
+
+        ``hold`` s is how long what a ``servo`` is told holds, ``step`` where left out.
+        """
+        self._arm, self._servo = model.arm(), servo
+        self._late = 0.0 if hold is None else (hold - step) / 2
+        followed = _followed(model, self._arm, step, warm, servo is not None)
+        self.left_out = tuple(said(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
+        self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
+        self.known = frozenset((t.term.effect.name, t.term.number) for t in model.terms)
+        """Effects of the model by name and 1-based joint."""
+
+    @property
+    def lead(self) -> float:
+        """s of past that it wants."""
+        return PAST if self.model.terms else 0.0
+
+    def run(
+        self, time: Float, position: Float, velocity: Float | None, temperature: Float | None, command: Float | None
+    ) -> tuple[Prediction, Driven | None]:
+        """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends.
+
+        With a ``command`` (N, n) the torque is what the servos' law tells, too, both as slow as they can be compared.
+        """
+        recorded = Run("live", time, position, velocity, np.zeros_like(position), temperature=temperature)
+        drive: Drive | None = None
+        if self._servo is not None and command is not None:
+            command = earlier(command, self._late, recorded.step)
+            drive = drive_of(self._servo, position, command, recorded.step)
+            recorded = replace(recorded, drive=drive)
+        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature, drive=drive)
+        predicted = predict_states(self.model, states)
+        if drive is None or command is None:
+            return predicted, None
+        torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (predicted.torque, drive.torque))
+        return replace(predicted, torque=torque), (command, law)
+
+
+def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) -> Model:
+    """The model that the settings name; ``folder`` is where a relative path starts.
+
+    Of a simulator's file as the ``robot``, the first ``joints`` are the arm. Raises ``ConfigError`` where there is no
+    model, or where it cannot be read.
+    """
+    if simulation != "robot":
+        return load_model(folder / simulation)
+    if robot is None:
+        raise ConfigError(
+            "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, for the cell or here"
+        )
+    own = described(Path(robot), joints) if is_simulator(Path(robot)) else load_robot(robot)
+    return Model(own, Retuned.nothing(len(own.joints)))
+
+
+def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
+    """The MJCF that tells the law of an arm's servos, and the servos of its joints.
+
+    Raises ``ConfigError`` where neither ``robot`` nor the model's own file is an MJCF with a servo for each joint.
+    """
+    files = [*([] if robot is None else [Path(robot)]), model.robot.urdf]
+    names = [joint.name for joint in model.robot.joints]
+    for file in filter(is_mjcf, files):
+        if servo := servo_of(file, names):
+            return file.absolute(), servo
+    raise ConfigError(
+        "an arm that gives no torque and no current is compared by its servos' law: set `robot` to an MJCF with a "
+        f"<position> actuator for each of {', '.join(names)}"
+    )
+
+
+def _followed(model: Model, arm: Arm, step: float, warm: bool, driven: bool) -> list[bool]:
+    """Tell of each term if it comes out alike with ``PAST`` and with far more past, on a motion of all joints."""
+    if not model.terms:
+        return []
+    long = _probe(arm, round((LONG + PAST + 1) / step), step, True)
+    short = _probe(arm, round((PAST + 1) / step), step, warm)
+    return [
+        driven if fitted.term.effect.acts_on == "drive" else _alike(fitted, long, short, round(1 / step))
+        for fitted in model.terms
+    ]
+
+
+def _probe(arm: Arm, samples: int, step: float, warm: bool) -> States:
+    """A motion that ends at t = 0, whenever it began."""
+    time: Float = step * np.arange(1.0 - samples, 1.0)
+    turn: Float = 2 * np.pi * (0.2 + 0.05 * np.arange(arm.joints, dtype=np.float64))
+    sine, cosine = np.sin(time[:, None] * turn), np.cos(time[:, None] * turn)
+    motion = exact(0.3 + 0.5 * sine, 0.5 * turn * cosine, -0.5 * turn**2 * sine)
+    temperature = np.full((samples, arm.joints), 35.0) if warm else None
+    return States("probe", -1, time, motion, arm, temperature)
+
+
+def _alike(fitted: FittedTerm, long: States, short: States, samples: int) -> bool:
+    term = fitted.term
+    whole, last = (
+        (term.effect.columns(states, term.joint, term.shape) @ fitted.coefficients)[-samples:]
+        for states in (long, short)
+    )
+    size = float(np.sqrt(np.mean(np.square(whole))))
+    if size == 0 and term.effect.form.intermittent:
+        return False
+    return float(np.sqrt(np.mean(np.square(whole - last)))) <= ALIKE * size

@@ -1,0 +1,220 @@
+"""The augmented model: nominal law with retuned parameters and the effects found; kept as ``model.yaml``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import AfterValidator, BaseModel
+
+from cellwatt.arrays import Float
+from cellwatt.config import KeyPath, read_settings, reads_version
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.files import write_file
+from cellwatt_plugins.explain.fit.problem import Term, on_joints
+from cellwatt_plugins.explain.input.baseline import Baseline
+from cellwatt_plugins.robot import Arm, RobotDescription
+from cellwatt_plugins.robot.body import urdf_bytes
+from cellwatt_plugins.robot.drive import copper_loss
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.effect import Effect
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.servo import BY_NAME_IN_MOTION, IN_MOTION
+
+FORMAT = 2
+
+if TYPE_CHECKING:
+    Array = Float
+    Vector = Float
+else:  # of a file's numbers
+    Array = Annotated[tuple[float, ...], AfterValidator(np.array)]
+    Vector = Annotated[tuple[float, float, float], AfterValidator(np.array)]
+
+
+@dataclass(frozen=True)
+class FittedTerm:
+    """An effect with its numbers."""
+
+    term: Term
+    coefficients: Float
+
+    def course(self, states: States) -> Float:
+        """What it adds along a run: (N, n) Nm at the joints, (N,) W of the supply."""
+        term = self.term
+        course = np.asarray(term.effect.columns(states, term.joint, term.shape) @ self.coefficients)
+        return course if term.effect.place == "supply" else on_joints(course, term.joint, states.q.shape[1])
+
+
+@dataclass(frozen=True)
+class Retuned:
+    """Corrections of the nominal parameters of n joints."""
+
+    inertial: Array
+    """(10 n,), added to the links' parameters."""
+    coulomb_friction: Array
+    """(n,) Nm, added; likewise the next two."""
+    viscous_friction: Array
+    rotor_inertia: Array
+    standby_power: float
+    """W, added."""
+    resistance: Array
+    """(n,), added to 1 as a factor of each winding's resistance."""
+
+    @classmethod
+    def nothing(cls, joints: int) -> Retuned:
+        """The nominal parameters as they are."""
+        zeros = np.zeros(joints)
+        return cls(np.zeros(10 * joints), zeros, zeros, zeros, 0.0, zeros)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Prediction of a model for a motion."""
+
+    time: Float
+    """(N,) s."""
+    torque: Float
+    """(N, n) Nm as it would be measured."""
+    power: Float
+    """(N,) W."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A robot with retuned parameters and the effects that its simulation lacked."""
+
+    robot: RobotDescription
+    """With friction, rotors, windings and standby power as the simulation has them."""
+    retuned: Retuned
+    terms: tuple[FittedTerm, ...] = ()
+    links: Float | None = None
+    """(10 n,) inertial parameters where the simulation has others than the URDF."""
+    gravity: Float | None = None
+    """(3,) m/s² in the base's frame where the simulation has another mount than the URDF."""
+    mount: Float | None = None
+    """The same of the arm, where the simulation has another one than the arm."""
+    lead: float | None = None
+    """s by which friction of the arm turns over early, where the simulation's does otherwise."""
+
+    def arm(self) -> Arm:
+        """The arm as the simulation has it. Raises ``ConfigError``."""
+        arm = Arm.of(self.robot)
+        arm = arm if self.links is None else arm.with_parameters(self.links)
+        return arm if self.gravity is None else arm.with_gravity(self.gravity)
+
+    @property
+    def baseline(self) -> Baseline:
+        """The law of the simulation that it adds to. Raises ``ConfigError``."""
+        return Baseline(self.arm(), self.mount, self.lead)
+
+
+def predict_states(model: Model, states: States) -> Prediction:
+    """Torque and power along a motion."""
+    mechanical = mechanical_torque(model, states)
+    states = states.with_torque(mechanical)
+    torque, power = mechanical.copy(), _supply(model, states)
+    for fitted in model.terms:
+        effect = fitted.term.effect
+        if effect.place == "supply":
+            power = power + fitted.course(states)
+        elif effect.acts_on == "reading" or (effect.acts_on == "drive" and states.drive is not None):
+            torque += fitted.course(states)
+    return Prediction(states.time, torque, power)
+
+
+def mechanical_torque(model: Model, states: States) -> Float:
+    """Torque (N, n) Nm of law and mechanical effects, before what only the measurement does."""
+    retuned = model.retuned
+    friction = retuned.coulomb_friction * states.sign + retuned.viscous_friction * states.qd
+    carried = states.regressor @ retuned.inertial
+    for fitted in model.terms:
+        if fitted.term.effect.acts_on == "links":
+            carried += fitted.course(states)
+    torque = states.nominal + carried + friction + retuned.rotor_inertia * states.qdd
+    states = states.with_torque(states.torque, carried)
+    for fitted in model.terms:
+        if fitted.term.effect.acts_on not in ("links", "supply", "reading", "drive"):
+            torque += fitted.course(states)
+    return np.asarray(torque)
+
+
+def _supply(model: Model, states: States) -> Float:
+    """Supply power (N,) W of the simulation with retuned standby power and resistances."""
+    copper = copper_loss(model.robot, states.torque) * model.retuned.resistance
+    return np.asarray(states.nominal_power + model.retuned.standby_power + np.sum(copper, axis=1))
+
+
+def save_model(model: Model, path: Path) -> None:
+    """Write ``model.yaml`` with the URDF beside it. Raises ``CellwattError`` where it cannot be written."""
+    urdf = path.with_name("robot.urdf")
+    if urdf.resolve() != model.robot.urdf.resolve():
+        write_file(urdf, urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
+    robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
+    retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
+    terms = [_term(fitted) for fitted in model.terms]
+    arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount}
+    known = {name: values.tolist() for name, values in arrays.items() if values is not None}
+    known |= {} if model.lead is None else {"lead": model.lead}
+    content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
+    write_file(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _term(fitted: FittedTerm) -> dict[str, Any]:
+    effect, shape = fitted.term.effect, [float(x) for x in fitted.term.shape]
+    numbers = {"shape": shape, "coefficients": fitted.coefficients.tolist()}
+    told = {"effect": effect.name, "joint": fitted.term.number, **numbers}
+    return told | ({"in_motion": True} if effect in IN_MOTION and BY_NAME.get(effect.name) is not effect else {})
+
+
+class _Effect(BaseModel):
+    effect: str
+    joint: int | None
+    shape: tuple[float, ...]
+    coefficients: Array
+    in_motion: bool = False
+    """True of what only motion without torque shows, under a name that torque may have, too."""
+
+    @property
+    def known(self) -> Mapping[str, Effect]:
+        """The effects among which it is."""
+        return BY_NAME_IN_MOTION if self.in_motion else BY_NAME
+
+
+class _File(BaseModel):
+    """Content of ``model.yaml``."""
+
+    format: Annotated[int, reads_version(FORMAT, "run `cellwatt explain` again")]
+    robot: RobotDescription
+    links: Array | None = None
+    gravity: Vector | None = None
+    mount: Vector | None = None
+    lead: float | None = None
+    retuned: Retuned
+    effects: tuple[_Effect, ...]
+
+
+def load_model(path: Path) -> Model:
+    """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` with file, line and column."""
+    file = path / "model.yaml" if path.is_dir() else path
+    try:
+        found = read_settings(file, _File, _known, refusal=ModelError, computed=True)
+    except ModelError as error:
+        raise ConfigError(f"{error}; models are written by `cellwatt explain`") from error
+    robot = found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf})
+    terms = tuple(
+        FittedTerm(Term(each.known[each.effect], each.joint and each.joint - 1, each.shape), each.coefficients)
+        for each in found.effects
+    )
+    return Model(robot, found.retuned, terms, found.links, found.gravity, found.mount, found.lead)
+
+
+def _known(file: _File) -> Iterator[tuple[KeyPath, str]]:
+    for i, each in enumerate(file.effects):
+        if each.effect not in each.known:
+            yield ("effects", i, "effect"), f"effect {each.effect!r} is not known to this version"
+        if each.joint is not None and not 1 <= each.joint <= len(file.robot.joints):
+            yield ("effects", i, "joint"), f"the robot has the joints 1 to {len(file.robot.joints)}"

@@ -1,0 +1,64 @@
+"""How the arm moved, beside the simulator rolled out under the same commands, as it is and mended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.report import Axis, Figure, Folded, Panel, Section, Switch
+from cellwatt.report.drawing import curve
+from cellwatt.report.figure import Json
+from cellwatt.report.theme import FOUND, MEASURED, MODEL, SIMULATION
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.report.curves import stacked
+from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
+
+POINTS = 3000
+"""Points of a curve at most."""
+SECONDS = 20.0
+"""Shown at first."""
+DIGITS = 5
+"""Decimals of rad."""
+
+
+def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended: Path | None) -> Section:
+    """Commanded, measured, simulated and mended motion of each joint; ``mended`` is None where no file was."""
+    before = rolled_out(simulator, joints, runs)
+    after = None if mended is None else rolled_out(mended, joints, runs)
+    errors = rms_of(before)
+    parts = list[Folded]()
+    for joint in np.argsort(-errors).tolist():
+        drawn = [
+            _figure(run, joint, before[i].position, None if after is None else after[i].position, i)
+            for i, run in enumerate(runs)
+        ]
+        told = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
+        told += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
+        parts.append(Folded(told, drawn, not parts))
+    lead = f"The simulator rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
+    return Section("How the arm and its simulation move", [Switch("moved", [run.name for run in runs]), *parts], lead)
+
+
+def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number: int) -> Figure:
+    assert run.command is not None
+    start = float(run.time[0])
+
+    def drawn(name: str, values: Float, colour: str, width: float) -> Json:
+        of = values[:, joint]
+        return curve(name, of, colour, start=start, step=run.step, width=width, most=POINTS, decimals=DIGITS)
+
+    upper = [
+        drawn("commanded", run.command, FOUND, 1.0),
+        drawn("measured", run.position, MEASURED, 2.4),
+        drawn("simulation", simulated, SIMULATION, 1.3),
+    ]
+    lower = [drawn("measured − simulation", run.position - simulated, SIMULATION, 1.1)]
+    if mended is not None:
+        upper.append(drawn("mended", mended, MODEL, 1.3))
+        lower.append(drawn("measured − mended", run.position - mended, MODEL, 1.1))
+    x, y = Axis("s", (start, start + SECONDS)), Axis("rad")
+    label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and what is left of the difference"
+    return stacked(label, Panel(upper, x, y), Panel(lower, x, y), ("moved", number))

@@ -1,0 +1,67 @@
+"""Findings as a person reads them at the terminal: numbers, then what takes the error away, then each finding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from cellwatt_plugins.explain.explain import Explained
+from cellwatt_plugins.explain.report.falls import NumberRow, number_rows
+from cellwatt_plugins.explain.report.wording import verdict
+from cellwatt_plugins.explain.verdict.findings import Findings, Step
+
+BAR = 30
+"""Characters of the longest bar."""
+
+
+def in_words(found: Explained, out: Path, report: bool) -> str:
+    """The findings as a person reads them at the terminal, and what was written into ``out``."""
+    findings = found.findings
+    with_curves = {curve.channel for curve in findings.curves}
+    lines = [verdict(findings), *_numbers(findings), *_cascade(findings)]
+    for finding in findings.findings:
+        gain = finding.improvement
+        lines.append(f"  • {finding.statement}")
+        curved = " with the curves below" if not finding.followed and gain.channel in with_curves else ""
+        lines.append(
+            f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
+            f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
+        )
+        lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
+    lines += [f"  ? {left.statement}" for left in findings.without_finding]
+    lines += [f"  = {moved.statement}" for moved in findings.retuned]
+    lines += [f"  ~ {curve.statement}" for curve in findings.curves]
+    lines += [f"  note: {note}" for note in findings.notes]
+    page = ", report.html" if report else ""
+    return "\n".join([*lines, f"written to {out}: findings.json, model.yaml{page}"])
+
+
+def _numbers(findings: Findings) -> list[str]:
+    """Each number in the simulation and on the arm, in columns."""
+    rows = number_rows(findings)
+    if not rows:
+        return []
+    rows = [NumberRow("", "in your simulation", "on your arm", ""), *rows]
+    name, was, now = (max(len(getattr(row, part)) for row in rows) for part in ("name", "was", "now"))
+    return [f"  {row.name:<{name}}  {row.was:<{was}}  {row.now:<{now}}  {row.remark}".rstrip() for row in rows]
+
+
+def _cascade(findings: Findings) -> list[str]:
+    """The steps from the user's simulation to the model as bars that fall to the noise."""
+    steps, units = findings.cascade, {f.channel: f.unit.replace("*", "") for f in findings.fit}
+    if not steps:
+        return []
+    top, wide = max(step.error for step in steps), max(len(step.label) for step in steps) + 2
+    lines = ["  error of a typical channel in units of its noise, on data left out of the fit (1: noise alone):"]
+    for before, step in zip((None, *steps), steps, strict=False):
+        label = step.label if before is None else f"+ {step.label}"
+        drawn = "█" * max(1, round(BAR * step.error / top))
+        gone = "" if before is None else _fallen(before, step, units)
+        lines.append(f"    {label:<{wide}} {step.error:6.1f}  {drawn:<{BAR}}  {gone}".rstrip())
+    return lines
+
+
+def _fallen(before: Step, after: Step, units: Mapping[str, str]) -> str:
+    """The channel of which a step takes the greatest share, with its error."""
+    channel = min(after.channels, key=lambda c: after.channels[c] / max(before.channels[c], 1e-12))
+    return f"{channel} {before.channels[channel]:.3g} → {after.channels[channel]:.3g} {units.get(channel, '')}"

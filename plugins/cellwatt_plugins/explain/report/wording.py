@@ -1,0 +1,118 @@
+"""Findings in plain words: numbers rounded to what is known of them, names, places, the verdict's sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from cellwatt.report.numbers import capital, fixed, listed
+from cellwatt_plugins.explain.fit.solution import Trial
+from cellwatt_plugins.explain.report.trace import joint_of
+from cellwatt_plugins.explain.verdict.findings import Alternative, Finding, Findings, Span
+
+UNKNOWN = "unknown"
+"""The effect's name where something is there that the library does not hold."""
+MOST_CAUSES = 3
+"""Named in the verdict's sentence; more are counted."""
+_NAMES = {"stribeck": "Stribeck", "coulomb": "Coulomb"}
+_WORDS = ((0.99, "near certain"), (0.95, "very likely"), (0.8, "likely"), (0.5, "more likely than not"))
+
+
+def confidence(share: float) -> str:
+    """A word and the percentage, never rounded up to certainty."""
+    word = next((w for least, w in _WORDS if share >= least), "a guess")
+    percent = ">99" if share > 0.99 else f"{math.floor(share * 100 + 1e-9)}"
+    return f"{word}, {percent} %"
+
+
+def effect_name(effect: str) -> str:
+    """An effect's identifier as a person would say it."""
+    if effect == UNKNOWN:
+        return "an effect that is not in the library"
+    text = effect.replace("_dependent", "-dependent").replace("_", " ")
+    return " ".join(_NAMES.get(word, word) for word in text.split(" "))
+
+
+def named(what: Finding | Alternative | Trial) -> str:
+    """Effect and joint, e.g. ``Stribeck friction (joint 2)``."""
+    name = effect_name(what.effect)
+    return name if what.joint is None else f"{name} (joint {what.joint})"
+
+
+def channel_name(channel: str) -> str:
+    """A channel as a person would say it."""
+    joint = joint_of(channel)
+    return f"joint {joint} torque" if joint is not None else "supply power" if channel == "power" else channel
+
+
+def between(limits: tuple[float, float], suffix: str) -> str:
+    """A range with its unit, e.g. ``−0.30 to 0.30 rad/s``."""
+    return f"{fixed(limits[0], 2)} to {fixed(limits[1], 2)} {suffix}"
+
+
+def degrees(limits: tuple[float, float]) -> str:
+    """A range of angles in degrees, for those who think in them."""
+    return between(limits, "rad") + f" ({fixed(math.degrees(limits[0]), 0)} to {fixed(math.degrees(limits[1]), 0)}°)"
+
+
+def moments(parts: Sequence[Span], most: int = 2) -> str:
+    """The first few stretches of time and how many more there are."""
+    text = ", ".join(f"{s.recording} {fixed(s.start, 1)} to {fixed(s.end, 1)} s" for s in parts[:most])
+    return text + (f" and {len(parts) - most} more" if len(parts) > most else "")
+
+
+def _causes(findings: Sequence[Finding]) -> str:
+    names = [named(f) for f in findings]
+    more = len(names) - MOST_CAUSES
+    return listed(names if more <= 0 else [*names[:MOST_CAUSES], f"{more} more"])
+
+
+def _open_places(findings: Findings) -> str:
+    """Places where something stays unexplained, e.g. ``joint 3 and the supply power``."""
+    joints = [f.joint for f in findings.findings if f.effect == UNKNOWN]
+    joints += [joint_of(rest.channel) for rest in findings.unexplained if rest.looked_at]
+    places = _joints([j for j in joints if j is not None])
+    return listed(places + (["the supply"] if None in joints else []))
+
+
+def _joints(joints: Sequence[int]) -> list[str]:
+    """``joint 3``, or ``joints 1``, ``3`` and so on, to be listed."""
+    own = sorted(set(joints))
+    return [f"joint{'s' * (len(own) > 1)} {own[0]}", *map(str, own[1:])] if own else []
+
+
+def _unlooked(findings: Findings) -> str:
+    """Channels that were not looked at, e.g. ``joints 5 and 6 were not looked at: the time was up``."""
+    late = [joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at]
+    places = _joints([joint for joint in late if joint is not None])
+    verb = "were" if len(places) > 1 else "was"
+    return f"{listed(places)} {verb} not looked at in full: the time was up" if places else ""
+
+
+def verdict(findings: Findings) -> str:
+    """The whole outcome in one plain sentence."""
+    known = [f for f in findings.findings if f.effect != UNKNOWN]
+    missing = [f for f in known if f.kind == "missing"]
+    mistuned = [f for f in known if f.kind == "mistuned"]
+    place = _open_places(findings)
+    remains = f"at {place} something" if place else "something"
+    late = _unlooked(findings)
+    only_late = bool(late) and not place
+    if findings.verdict == "unexplained":
+        if only_late:
+            return f"Recordings and simulation differ; {late}."
+        at = f"At {place} recordings" if place else "Recordings"
+        return f"{at} and simulation differ, and no known effect explains it{late and '; ' + late}."
+    if findings.verdict == "partly_explained":
+        causes = missing or mistuned
+        names = capital(_causes(causes)) if causes else "Retuning"
+        rest = late if only_late else f"{remains} remains unexplained{late and '; ' + late}"
+        return f"{names} explain{'s' * (len(causes) < 2)} part of the difference; {rest}."
+    if missing:
+        off = f"; the simulation's value is off for {_causes(mistuned)}" if mistuned else ""
+        return f"The difference is explained: {_causes(missing)}{off}."
+    if mistuned:
+        return f"Nothing is missing from the simulation; only its value is off for {_causes(mistuned)}."
+    if findings.retuned:
+        return "No physics is missing from the simulation; numbers of it are off, and these explain the difference."
+    return "Simulation and recordings agree: what differs is noise and tuning within tolerance."

@@ -1,0 +1,221 @@
+"""The found physics given back to the user's simulator, and what that is worth on motion it was not fitted to."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.explain.explain import Explained
+from cellwatt_plugins.explain.fit.leave_out import LeaveOut, compared, rms
+from cellwatt_plugins.explain.fit.problem import Problem
+from cellwatt_plugins.explain.fit.retuning import all_fixed, confirmed, freed, links_fixed
+from cellwatt_plugins.explain.fit.search.solve import fitted
+from cellwatt_plugins.explain.fit.solution import Solution
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.model import FittedTerm
+from cellwatt_plugins.explain.simulators.correction import EXPRESSED, correction, holds, remainder, why_left
+from cellwatt_plugins.explain.simulators.mujoco import Simulator, load_simulator
+from cellwatt_plugins.explain.simulators.placing import Placing, placing
+from cellwatt_plugins.explain.simulators.target import Target, expected, target
+from cellwatt_plugins.explain.simulators.write_mjcf import write_mjcf
+from cellwatt_plugins.explain.simulators.write_urdf import what_urdf_holds, write_urdf
+from cellwatt_plugins.explain.simulators.written import Applied, Written
+from cellwatt_plugins.explain.verdict.estimates import retuned
+from cellwatt_plugins.robot import Body
+
+RISES = 1.01
+"""Factor on a joint's error on data left out that makes a file worse."""
+POSES = 60
+SAME = 1e-3
+"""Share of a joint's torque by which the written file may differ from what was to be written."""
+WORTH = 0.02
+"""Share of the noise floor from which torque that is left counts."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """Finding that is not in the mended file."""
+
+    effect: str
+    joint: int | None
+    """1-based: the joint whose torque it is; None for the supply."""
+    why: str
+    rms: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Error of the simulator on blocks that the numbers written were not fitted to."""
+
+    channel: str
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class Mended:
+    """A mended simulator."""
+
+    path: Path
+    applied: tuple[Applied, ...]
+    left: tuple[Left, ...]
+    error: tuple[ChannelError, ...]
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``findings.json``."""
+        return {**asdict(self), "path": str(self.path)}
+
+
+def to_mend(path: Path, body: Body) -> Placing:
+    """A user's file, and where the URDF's frames are in it. Raises ``ConfigError`` where it cannot be used."""
+    return placing(load_simulator(path, body.names), body)
+
+
+def mend(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Mended:
+    """Writes ``out/NAME.mended.xml`` (or ``.urdf``) with what was found, and compares it with the recordings.
+
+    What the file holds is fitted anew without what it cannot hold. The numbers that stay the user's are more and more,
+    until the error on data left out rises at no joint. Raises ``ConfigError`` where the file cannot be changed, or
+    would be worse whatever is written.
+    """
+    simulator, worse = user.simulator, list[str]()
+    for solution in _choices(found):
+        error = _held_out(user, found, solution, runs)
+        worse = [each.channel for each in error if each.after > RISES * each.before]
+        if worse:
+            continue
+        goal = target_of(user, solution, found.mounted)
+        written = write(simulator, goal, out)
+        verify(user, goal, solution.problem, written)
+        refused = [*goal.refused, *written.refused]
+        notes = (*simulator.notes, *user.notes, *goal.notes)
+        return Mended(written.path, tuple(written.applied), tuple(left_of(found, solution, refused)), error, notes)
+    raise ConfigError(
+        f"{simulator.path}: not mended: whatever is written, its error on data left out would rise at "
+        f"{', '.join(worse)}; what was found is in findings.json and model.yaml"
+    )
+
+
+def _choices(found: Explained) -> Iterator[Solution]:
+    """What the file may hold, fitted: all of it first, then with more and more numbers as the user has them."""
+    torque = found.torque
+    free = torque.free or torque.problem
+    terms = [term for term in torque.terms if holds(term)]
+    for factors in (confirmed(free, terms, torque.factor), links_fixed(free), all_fixed(free)):
+        yield fitted(freed(free, factors), terms)
+    # Of what is left, joint after joint: the terms of a joint that is no better with them stay out.
+    problem = freed(free, all_fixed(free))
+    held, kept = LeaveOut(problem, torque.factor), list(terms)
+    for joint in problem.told:
+        others = [t for t in kept if t.joint != joint]
+        if compared(held.errors(others), held.errors(kept), [joint]).share <= 0:
+            kept = others
+    yield fitted(problem, kept)
+
+
+def target_of(user: Placing, solution: Solution, mount: Float | None) -> Target:
+    """Values to be written, as far as the kind of file can hold them."""
+    states = solution.problem.states
+    terms = [FittedTerm(term, solution.coefficients(term)) for term in solution.terms]
+    found = correction(retuned(solution, None), terms, states, mount)
+    goal = target(user, found, states, solution.problem.floor)
+    return what_urdf_holds(user.simulator, goal) if user.simulator.path.suffix.lower() == ".urdf" else goal
+
+
+def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
+    """Writes the user's file anew. Raises ``ConfigError``."""
+    if simulator.path.suffix.lower() == ".urdf":
+        return write_urdf(simulator, goal, folder)
+    return write_mjcf(simulator, goal, folder)
+
+
+def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> None:
+    """Raises ``ConfigError`` where the written file does not say what it should of random poses."""
+    simulator, rng = user.simulator, np.random.default_rng(1)
+    shape = POSES, len(simulator.joints)
+    motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
+    wanted = expected(user, goal, problem.states[0], *motion)
+    off = rms(_mended(simulator, written)[0].torque(*motion, leading=False) - wanted)
+    added = rms(wanted - simulator.torque(*motion, leading=False))
+    share = off / (SAME * np.maximum(rms(wanted), problem.floor) + user.off * added)
+    if np.max(share) > 1:
+        written.path.unlink()
+        worst = int(np.argmax(share))
+        raise ConfigError(
+            f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} Nm "
+            "(something in the file overrules what its joints and bodies say, e.g. inertiafromgeom, settotalmass, "
+            "fusestatic)"
+        )
+
+
+def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
+    """The written simulator, and the factor (n,) of its gears on the user's: that of true to measured torque."""
+    new = load_simulator(written.path, simulator.joints)
+    factor = np.ones(len(simulator.joints))
+    for at in range(len(factor)):
+        one, other = simulator.motor(at), new.motor(at)
+        if one is not None and other is not None:
+            factor[at] = new.model.actuator_gear[other, 0] / simulator.model.actuator_gear[one, 0]
+    return new, factor
+
+
+def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
+    """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
+    simulator, problem = user.simulator, solution.problem
+    held = LeaveOut(problem, solution.factor)
+    measured = problem.stack([run.torque for run in runs])
+    motion = [problem.stack([getattr(s, name) for s in problem.states]) for name in ("q", "qd", "qdd")]
+    before = measured - simulator.torque(*motion)
+    after = np.empty_like(before)
+    for k, coefficients in enumerate(held.coefficients(solution.terms)):
+        rows = held.fold == k
+        with tempfile.TemporaryDirectory() as folder:
+            goal = target_of(user, solution.with_coefficients(coefficients), found.mounted)
+            new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
+        after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
+    return tuple(
+        ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
+        for c, (b, a, f) in enumerate(zip(problem.rms(before), problem.rms(after), problem.floor, strict=True))
+        if c in problem.told
+    )
+
+
+def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
+    """Findings that the file cannot hold, with the torque or power that they leave."""
+    problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
+    out = []
+    for term in found.model.terms:
+        effect, joint = term.term.effect, term.term.joint
+        if (effect.name, joint) in why:
+            course = [term.course(s) for s in problem.states]
+            out += _entries(effect.name, why.pop((effect.name, joint)), course, problem)
+        elif effect.place == "supply":
+            states = (problem if found.supply is None else found.supply.problem).states
+            course = [remainder(term, s, states) for s in states]
+            out.append(Left(effect.name, None, why_left(term), float(rms(np.concatenate(course))[0]), "W"))
+        elif effect.name not in EXPRESSED:
+            course = [remainder(term, s, problem.states) for s in problem.states]
+            out += _entries(effect.name, why_left(term), course, problem)
+    rotor = retuned(solution, None).rotor_inertia
+    if any(effect == "rotor_inertia" for effect, _ in why):
+        reason = next(text for (effect, _), text in why.items() if effect == "rotor_inertia")
+        out += _entries("rotor_inertia", reason, [rotor * s.qdd for s in problem.states], problem)
+    return out
+
+
+def _entries(effect: str, why: str, course: Sequence[Float], problem: Problem) -> list[Left]:
+    """One entry for each joint where a course (N, n) Nm of each run counts."""
+    size = rms(np.concatenate(course))
+    there, robot = np.flatnonzero(size > WORTH * problem.floor), problem.states[0].robot
+    return [Left(effect, joint + 1, why, float(size[joint]), robot.unit(joint, "N*m")) for joint in there.tolist()]

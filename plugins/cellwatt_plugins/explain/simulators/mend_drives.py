@@ -1,0 +1,186 @@
+"""Servos as the motion tells them, written into an MJCF; what that is worth is told by rolling the file out."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.explain import Explained
+from cellwatt_plugins.explain.fit.problem import Problem, Term
+from cellwatt_plugins.explain.fit.retuning import FIXED, all_fixed, confirmed, freed, links_fixed
+from cellwatt_plugins.explain.fit.search.solve import fitted
+from cellwatt_plugins.explain.fit.solution import Solution
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.simulators.callback import write_callback
+from cellwatt_plugins.explain.simulators.correction import holds
+from cellwatt_plugins.explain.simulators.mend import (
+    RISES,
+    ChannelError,
+    Mended,
+    left_of,
+    target_of,
+    verify,
+    write,
+)
+from cellwatt_plugins.explain.simulators.placing import Placing
+from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
+from cellwatt_plugins.explain.simulators.target import Target
+from cellwatt_plugins.robot.regression import Prior
+from cellwatt_plugins.robot.servo.law import Servo
+
+TRIES = 3
+"""Fits, each with the numbers of those joints as the user has them that followed worse before."""
+SAME = 0.1
+"""Share of the encoders' noise by which a joint may follow worse: that is none."""
+ROLLED = (
+    f"Errors are of the file rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
+)
+HISTORY = "After a reset MuJoCo's commands are 0 until the delay is over; mj_initCtrlHistory gives it others."
+WRITTEN = ("drive_gain", "torque_saturation", "time_delay")
+"""Effects of drives that an actuator has a number for."""
+WIDTH = 0.01
+"""rad/s that are tried first as what dry friction turns over within."""
+WIDTHS = (1.0, 2.0, 0.5, 1.4, 0.7, 1.2, 0.85)
+"""Factors on the best until then."""
+LATE = (2, 3)
+"""Places, among the numbers of a drive, of the s by which its velocity and its commands are later."""
+DAMPED = {0: -1.0, 1: 0.0}
+"""Half steps by which Euler's and Runge and Kutta's velocity that is damped is later; of others one."""
+
+
+def _starts(free: Problem, found: Explained) -> Iterator[tuple[Float, list[Term]]]:
+    """What may be written, with more and more numbers as the user has them.
+
+    What the file cannot hold is among the terms: other numbers are not to stand for it, and the callback adds it.
+    """
+    terms = sorted(found.torque.terms, key=lambda t: holds(t) or t.effect.name in WRITTEN)
+    yield confirmed(free, terms, found.torque.factor), terms
+    yield links_fixed(free), terms
+    for count in range(len(terms), -1, -1):
+        yield all_fixed(free), terms[:count]
+
+
+def _as_stepped(problem: Problem, model: Any) -> Problem:
+    """The problem of drives as MuJoCo steps them, and without the delays that an MJCF does not hold.
+
+    A command acts from the first step of its row on, half a step earlier than held over the row. Implicit integrators
+    damp the velocity of a step's end, Euler's that of its beginning.
+    """
+    joints, priors, half = len(problem.floor), [], 0.5 * model.opt.timestep
+    for i, block in enumerate(problem.nuisance):
+        prior = block.prior
+        if i >= len(problem.nuisance) - joints:
+            mean, spread = np.zeros(block.size), prior.deviations.copy()
+            spread[list(LATE)] *= FIXED
+            mean[list(LATE)] = half * DAMPED.get(int(model.opt.integrator), 1.0), -half
+            prior = Prior.spread(spread, mean)
+        priors.append(prior)
+    return problem.with_priors(priors)
+
+
+def _servo(solution: Solution) -> Servo:
+    """The servos (n,) that a solution tells: of error and velocity, (1 + a) · torque + (a + b) · damping · velocity."""
+    problem = solution.problem
+    own, joints = problem.states[0].servos.servo, len(problem.floor)
+    numbers = [solution.fit.coefficients[place][:2] for place in problem.design.slices[-joints:]]
+    pull, braked = np.array(numbers).T
+    low, high, delay = own.low.copy(), own.high.copy(), own.delay.copy()
+    for term in solution.terms:
+        joint = term.joint or 0
+        if term.effect.name == "drive_gain":
+            pull[joint] += solution.coefficients(term)[0]
+        elif term.effect.name == "torque_saturation":
+            low[joint], high[joint] = -term.shape[0], term.shape[0]
+        elif term.effect.name == "time_delay":
+            delay += solution.coefficients(term)[0] * term.shape[0]
+    return replace(
+        own,
+        pull=own.pull / (1 + pull),
+        stiffness=own.stiffness / (1 + pull),
+        damping=own.damping * np.maximum(1 + pull + braked, 0.0) / (1 + pull),
+        low=low,
+        high=high,
+        delay=np.maximum(delay, 0.0),
+    )
+
+
+def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Mended:
+    """``mend`` where motion alone is known: of what the file may hold, that is written which follows the arm best.
+
+    Each is rolled out under the recorded commands, and no joint may follow worse; at worst the file stays as it is.
+    Raises ``ConfigError`` where it cannot be changed.
+    """
+    simulator = user.simulator
+    noise = np.max([run.drive.moved.resolution for run in runs if run.drive is not None], axis=0)
+    before = rms_of(rolled_out(simulator.path, simulator.joints, runs))
+    free = _as_stepped(found.torque.free or found.torque.problem, simulator.model)
+    unchanged = fitted(freed(free, all_fixed(free)), [])
+    best = 0.0, _goal(found, unchanged, user), unchanged, before
+    turnover: Float | None = None
+    for factors, terms in _starts(free, found):
+        for _ in range(TRIES):
+            solution = fitted(freed(free, factors), terms)
+            goal = _goal(found, solution, user)
+            turnover = _turnover(goal, user, runs) if turnover is None else turnover
+            goal = replace(goal, turnover=turnover)
+            after = _errors(goal, user, runs)
+            worse = np.flatnonzero(after > RISES * before + SAME * noise).tolist()
+            if not worse:
+                break
+            # Friction, rotors and drives of these joints stay the user's.
+            factors = np.where([block.channel in worse for block in free.nuisance], FIXED, factors)
+        left = float(np.sum(np.log((after + noise) / (before + noise))))
+        if not worse and left < best[0]:
+            best = left, goal, solution, after
+    _, goal, solution, after = best
+    written = write(simulator, goal, out)
+    verify(user, goal, solution.problem, written)
+    stiffness = solution.problem.states[0].servos.servo.stiffness
+    refused = [*goal.refused, *written.refused]
+    left_out = [
+        replace(left, rms=left.rms / float(stiffness[at]), unit=simulator.unit(at, "rad"))
+        for left in left_of(found, solution, refused)
+        for at in [(left.joint or 1) - 1]
+        if left.effect not in WRITTEN or left.effect in [effect for effect, *_ in refused]
+    ]
+    error = tuple(
+        ChannelError(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))
+        for j, (b, a, f) in enumerate(zip(before, after, noise, strict=True))
+    )
+    beside = write_callback(written.path, simulator.joints, found.model.terms)
+    notes = [*simulator.notes, *user.notes, *goal.notes, ROLLED]
+    if best[0] == 0:
+        notes.append("Nothing that was found makes it follow better: its numbers stay.")
+    if any(change.what == "delay" for change in written.applied):
+        notes.append(HISTORY)
+    if beside is not None:
+        notes.append(f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.")
+    return Mended(written.path, tuple(written.applied), tuple(left_out), error, tuple(notes))
+
+
+def _turnover(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
+    """The rad/s (n,) within which friction turns over with which each joint follows best; NaN where as it is."""
+    best, least = np.full(len(goal.friction), np.nan), _errors(goal, user, runs)
+    for factor in WIDTHS:
+        tried = np.where(np.isnan(best), WIDTH, best) * factor
+        after = _errors(replace(goal, turnover=tried), user, runs)
+        better = after < least
+        best, least = np.where(better, tried, best), np.where(better, after, least)
+    return best
+
+
+def _errors(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
+    """Error (n,) rad of a file with the numbers of ``goal``."""
+    with tempfile.TemporaryDirectory() as folder:
+        written = write(user.simulator, goal, Path(folder))
+        return rms_of(rolled_out(written.path, user.simulator.joints, runs))
+
+
+def _goal(found: Explained, solution: Solution, user: Placing) -> Target:
+    return replace(target_of(user, solution, found.mounted), servo=_servo(solution))

@@ -1,0 +1,55 @@
+"""A mended simulator as a person reads of it at the terminal."""
+
+from __future__ import annotations
+
+from cellwatt_plugins.explain.simulators.mend import Left, Mended
+from cellwatt_plugins.explain.simulators.written import Applied
+
+SAID = 0.05
+"""Share of a number by which it must have changed to be said in a line of its own."""
+
+
+def mended_in_words(mended: Mended) -> str:
+    """Describe what was written, what could not be, and the simulator's error before and after."""
+    lines = [f"mended: {mended.path}"]
+    told = [change for change in mended.applied if _worth_a_line(change)]
+    lines += [f"  {change.where}: {change.what} {_values(change)}" for change in told]
+    if rest := len(mended.applied) - len(told):
+        lines.append(
+            f"  and {rest} numbers that were off by less than {100 * SAID:.0f} % or of which mass tells enough"
+        )
+    lines += [f"  left out: {_left(left)}" for left in mended.left]
+    lines += [f"  note: {note}" for note in mended.notes]
+    held = "" if any(e.channel.startswith("q_") for e in mended.error) else "held-out "
+    lines.append(f"  {held}error of the simulator, before → after (noise):")
+    lines += [
+        f"    {e.channel}: {e.before:.3g} → {e.after:.3g} {_plain(e.unit)} ({e.noise_floor:.3g})" for e in mended.error
+    ]
+    return "\n".join(lines)
+
+
+def _plain(unit: str) -> str:
+    return unit.replace("*", "")
+
+
+def _left(left: Left) -> str:
+    where = "" if left.joint is None else f" at joint {left.joint}"
+    return f"{left.effect.replace('_', ' ')}{where}, {left.rms:.3g} {_plain(left.unit)} rms: {left.why}"
+
+
+def _worth_a_line(change: Applied) -> bool:
+    if change.what.startswith(("inertia", "centre")):
+        return change.was is None and change.what.startswith("centre")
+    if isinstance(change.value, tuple) or isinstance(change.was, tuple) or change.was is None:
+        return True
+    return abs(change.value - change.was) > SAID * max(abs(change.value), abs(change.was))
+
+
+def _values(change: Applied) -> str:
+    unit = change.unit.replace("N*m", "Nm").replace("*", "·")
+    before = "" if change.was is None else f"{_number(change.was)} → "
+    return f"{before}{_number(change.value)} {unit}".rstrip()
+
+
+def _number(value: float | tuple[float, ...]) -> str:
+    return f"({', '.join(f'{v:.3g}' for v in value)})" if isinstance(value, tuple) else f"{value:.3g}"

@@ -1,0 +1,107 @@
+"""Writes what was found into a URDF: friction, damping, inertias and a payload; it has no more."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.explain.simulators.files import Files
+from cellwatt_plugins.explain.simulators.inertia import at_centre
+from cellwatt_plugins.explain.simulators.markup import Element, number
+from cellwatt_plugins.explain.simulators.mujoco import Simulator
+from cellwatt_plugins.explain.simulators.target import Target, spring_of
+from cellwatt_plugins.explain.simulators.written import Written, differ, differs, name_of_payload, write_inertial
+
+NO_TERM = "a URDF has no such term"
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
+    """Writes the mended file into ``folder``. Raises ``ConfigError``."""
+    files = Files(simulator.path)
+    done = Written(folder)
+    links, joints = (
+        {e.attributes.get("name", ""): e for e in files.root.children if e.tag == tag} for tag in ("link", "joint")
+    )
+    own = simulator.links()
+    for at, name in enumerate(simulator.joints):
+        _write_dynamics(simulator, goal, at, joints[name], done)
+        child = joints[name].child("child")
+        link = links.get("" if child is None else child.attributes.get("link", ""))
+        if link is None:
+            raise ConfigError(f"{simulator.path}: joint {name} has no child link")
+        if differ(goal.links[at], own[at]):
+            write_inertial(link, _inertial(goal.links[at]))
+            done.say_inertial(goal.links[at], own[at], f"link {link.attributes.get('name', '')}")
+        if goal.payload is not None and at == len(own) - 1:
+            _add_payload(goal.payload, files.root, link, links, done)
+    done.path = files.write(folder)[0]
+    return done
+
+
+def _write_dynamics(simulator: Simulator, goal: Target, at: int, joint: Element, done: Written) -> None:
+    model, dof, name = simulator.model, simulator.places[1][at], simulator.joints[at]
+    there = joint.child("dynamics")
+    wanted = {
+        "damping": (goal.damping[at, 0], model.dof_damping[dof], "N*m*s/rad"),
+        "friction": (goal.friction[at], model.dof_frictionloss[dof], "N*m"),
+    }
+    new = {what: number(value) for what, (value, was, _) in wanted.items() if differs(value, was)}
+    for what in new:
+        value, was, unit = wanted[what]
+        done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
+    if there is not None:
+        there.set(**new)
+    elif new:
+        joint.added.append("<dynamics " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>")
+
+
+def _inertial(parameters: Float) -> str:
+    mass, centre, inertia = at_centre(parameters)
+    entries = " ".join(f'{name}="{number(value)}"' for name, value in sorted(zip(ENTRIES, inertia, strict=True)))
+    return (
+        f'<inertial><origin xyz="{" ".join(map(number, centre))}"/><mass value="{number(mass)}"/>'
+        f"<inertia {entries}/></inertial>"
+    )
+
+
+def _add_payload(parameters: Float, root: Element, link: Element, taken: Collection[str], done: Written) -> None:
+    name = name_of_payload(taken)
+    root.added += [
+        f'<link name="{name}">{_inertial(parameters)}</link>',
+        f'<joint name="{name}_fixed" type="fixed">'
+        f'<parent link="{link.attributes["name"]}"/><child link="{name}"/></joint>',
+    ]
+    done.say_inertial(parameters, None, f"link {name}")
+
+
+def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
+    """The part of a target that a URDF can say; the rest stays the user's, and why."""
+    model, (_, dof) = simulator.model, simulator.places
+    armature, (stiffness, rest) = model.dof_armature[dof].copy(), spring_of(simulator)
+    lacking = (
+        ("rotor_inertia", goal.armature - armature),
+        ("nonlinear_viscous_friction", np.abs(goal.damping[:, 1:]).sum(axis=1)),
+        ("spring_load", goal.stiffness - stiffness),
+        ("torque_gain", goal.gear - 1),
+    )
+    refused: list[tuple[str, int | None, str]] = [
+        (effect, int(at), NO_TERM) for effect, more in lacking for at in np.flatnonzero(np.abs(more) > 1e-9)
+    ]
+    if np.any(np.abs(goal.gravity - model.opt.gravity) > 1e-9):
+        refused.append(("gravity_tilt", None, "a URDF does not say where gravity points"))
+    return replace(
+        goal,
+        armature=armature,
+        damping=goal.damping * np.array([1.0, 0.0, 0.0]),
+        stiffness=stiffness,
+        rest=rest,
+        gear=np.ones_like(goal.gear),
+        gravity=np.array(model.opt.gravity),
+        refused=(*goal.refused, *refused),
+    )

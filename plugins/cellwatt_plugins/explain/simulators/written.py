@@ -1,0 +1,85 @@
+"""Record of what was written into a simulator's file, and what could not be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.simulators.inertia import at_centre
+from cellwatt_plugins.explain.simulators.markup import Element
+
+SMALL = 1e-9
+"""Share of a number by which it must change to be written."""
+INERTIAL = (("mass", "kg"), ("centre of mass", "m"), ("inertia (xx yy zz xy xz yz)", "kg*m^2"))
+"""What ``at_centre`` gives, with the unit."""
+
+
+def differ(values: Float, were: Float) -> bool:
+    """True if the numbers of one body differ, rounding aside."""
+    return bool(np.max(np.abs(values - were)) > SMALL * np.max(np.abs([values, were])))
+
+
+@dataclass(frozen=True)
+class Applied:
+    """A number that was written."""
+
+    what: str
+    """The attribute, e.g. ``frictionloss``."""
+    where: str
+    """The element, e.g. ``joint elbow``."""
+    value: float | tuple[float, ...]
+    was: float | tuple[float, ...] | None
+    """The user's value; None where there was none."""
+    unit: str
+
+
+@dataclass
+class Written:
+    """The changes of one file."""
+
+    path: Path
+    applied: list[Applied] = field(default_factory=list)
+    refused: list[tuple[str, int | None, str]] = field(default_factory=list)
+    """Effects with their joints (0-based) that this kind of file cannot hold, and why."""
+
+    def say(self, what: str, where: str, value: ArrayLike, was: ArrayLike | None, unit: str) -> None:
+        """Note what was written, one number or some, and what it was."""
+        self.applied.append(Applied(what, where, _told(value), None if was is None else _told(was), unit))
+
+    def say_inertial(self, new: Float, own: Float | None, where: str) -> None:
+        """Note mass, centre and inertia of a body (10,) that was ``own`` (10,) before."""
+        now: Sequence[ArrayLike] = at_centre(new)
+        before: Sequence[ArrayLike | None] = [None] * len(now) if own is None or own[0] <= 0 else at_centre(own)
+        for (what, unit), value, was in zip(INERTIAL, now, before, strict=True):
+            self.say(what, where, value, was, unit)
+
+
+def _told(value: ArrayLike) -> float | tuple[float, ...]:
+    numbers = np.asarray(value, np.float64)
+    return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
+
+
+def differs(value: float, was: float) -> bool:
+    """True if a number differs, rounding aside; a finite one differs from one without limit."""
+    return not math.isclose(value, was, rel_tol=SMALL, abs_tol=1e-12 * SMALL)
+
+
+def write_inertial(body: Element, text: str) -> None:
+    """Write a body's inertia in place of what is there."""
+    there = body.child("inertial")
+    if there is None:
+        body.added.append(text)
+    else:
+        there.instead = text
+
+
+def name_of_payload(taken: Collection[str]) -> str:
+    """A name that no other body has."""
+    names = ("payload", *(f"payload_{i}" for i in range(2, 101)))
+    return next(name for name in names if name not in taken)

@@ -1,0 +1,139 @@
+"""From the user's simulation to the model, step by step: what each finding takes off the error on data left out."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.leave_out import LeaveOut
+from cellwatt_plugins.explain.fit.problem import Place, Problem, Term, said
+from cellwatt_plugins.explain.fit.retuning import all_fixed, freed
+from cellwatt_plugins.explain.fit.solution import Solution
+from cellwatt_plugins.explain.verdict.findings import Step, StepKind
+from cellwatt_plugins.robot.curves import Curve
+
+LEAST = 0.01
+"""Error in units of the noise that a channel counts for at least."""
+
+
+@dataclass(frozen=True)
+class Added:
+    """A term that enters, with the rms error (C,) of its side before and after."""
+
+    term: Term
+    before: Float
+    after: Float
+    drop: float
+    """Sum over the channels of the mean square error that it takes off, in units of the noise."""
+
+    @property
+    def curve(self) -> bool:
+        """True of a curve of no known law."""
+        return isinstance(self.term.effect, Curve)
+
+
+@dataclass(frozen=True)
+class Falling:
+    """The errors (C,) of one side from the simulation with the user's numbers to the model."""
+
+    problem: Problem
+    simulation: Float
+    added: tuple[Added, ...]
+    """Laws, the largest first, then curves."""
+    model: Float
+    """With the nominal numbers retuned, too."""
+
+    @property
+    def untuned(self) -> Float:
+        """With all terms, before the nominal numbers are retuned."""
+        return self.added[-1].after if self.added else self.simulation
+
+
+def falling(solution: Solution) -> Falling:
+    """The errors of one side on data left out; coefficients are fitted without each fold, the user's numbers stay."""
+    best = solution.best
+    steady = [t for t in best.terms if not t.effect.form.intermittent]
+    # Of what is there at one time only, no data can be left out: it counts as fitted.
+    once = {t.place: best.added(t) for t in _once(best)}
+    fixed = LeaveOut(freed(best.problem, all_fixed(best.problem)), best.factor)
+    free = LeaveOut(best.problem, best.factor)
+    floor = best.problem.floor
+
+    def error(held: LeaveOut, terms: Sequence[Term]) -> Float:
+        gone = sum((once[t.place] for t in terms if t.place in once), start=np.zeros(1))
+        return best.problem.rms(held.residual([t for t in terms if t.place not in once]) - gone)
+
+    before, chosen, out = error(fixed, []), list[Term](), list[Added]()
+    laws = _largest_first(fixed, best, [t for t in steady if not isinstance(t.effect, Curve)], once)
+    for term in [*laws, *(t for t in steady if isinstance(t.effect, Curve))]:
+        chosen.append(term)
+        after = error(fixed, chosen)
+        out.append(Added(term, before, after, float(np.sum(np.square(before / floor) - np.square(after / floor)))))
+        before = after
+    return Falling(best.problem, best.problem.rms(best.problem.design.target), tuple(out), error(free, best.terms))
+
+
+def _once(solution: Solution) -> list[Term]:
+    return [t for t in solution.terms if t.effect.form.intermittent]
+
+
+def _largest_first(
+    held: LeaveOut, solution: Solution, steady: Sequence[Term], once: Mapping[Place, Float]
+) -> list[Term]:
+    """Laws in the order of what each takes off the summed square error beside those before it."""
+    root = solution.problem.design.root
+    pushes = sorted(
+        ((float(np.sum(np.square(once[t.place] * root))), i) for i, t in enumerate(_once(solution))), reverse=True
+    )
+    left, chosen, order = list(steady), list[Term](), list[Term]()
+    error = float(np.sum(held.errors([])))
+    while left or pushes:
+        rest = [float(np.sum(held.errors([*chosen, t]))) for t in left]
+        best = int(np.argmin(rest)) if rest else -1
+        if pushes and (best < 0 or pushes[0][0] > error - rest[best]):
+            order.append(_once(solution)[pushes.pop(0)[1]])
+            continue
+        error = rest[best]
+        chosen.append(left.pop(best))
+        order.append(chosen[-1])
+    return order
+
+
+def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]:
+    """The steps of all sides, largest first; curves and retuned numbers last.
+
+    ``mounted`` (C,) are the errors of the torques in the simulation's own gravity, where the arm is mounted otherwise.
+    """
+    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.problem.told}
+    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.problem.told}
+
+    def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
+        ratios = [max(errors[at] / floors[at], LEAST) for at in errors]
+        total = float(np.exp(np.mean(np.log(ratios)))) if ratios else 0.0
+        named = {sides[i].problem.channel(c)[0]: value for (i, c), value in errors.items()}
+        return Step(kind, label, effect, joint, total, named, held_out)
+
+    def put(i: int, values: Float) -> None:
+        errors.update({(i, c): float(values[c]) for c in sides[i].problem.told})
+
+    steps = []
+    if mounted is None:
+        steps.append(step("simulation", "your simulation", held_out=False))
+    else:
+        upright = [side.simulation for side in sides]
+        put(0, mounted)
+        steps.append(step("simulation", "your simulation", held_out=False))
+        put(0, upright[0])
+        steps.append(step("finding", "mount of the base", "gravity_tilt", held_out=False))
+    parts = [[(i, added) for added in side.added] for i, side in enumerate(sides)]
+    for i, added in heapq.merge(*parts, key=lambda pair: (pair[1].curve, -pair[1].drop)):
+        put(i, added.after)
+        term, held_out = added.term, not added.term.effect.form.intermittent
+        steps.append(step("curve" if added.curve else "finding", said(term), term.effect.name, term.number, held_out))
+    for i, side in enumerate(sides):
+        put(i, side.model)
+    return (*steps, step("retuning", "your numbers retuned"))

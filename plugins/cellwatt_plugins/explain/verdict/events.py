@@ -1,0 +1,60 @@
+"""One event is one finding: pushes that several joints feel, and what picking up a part does at its edges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cellwatt_plugins.explain.verdict.findings import Finding, Span, Where
+
+TOGETHER = 0.4
+"""s within which pushes on several joints are one push on the arm."""
+EDGE = 1.0
+"""s about the moment at which a part is picked up or put down in which the gripper, too, pushes."""
+
+
+def merged(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings, each event once: a push under the joint that shows it best, none at the edges of a payload."""
+    pushes = [f for f in findings if f.effect == "external_contact"]
+    edges = [s for f in findings if f.effect == "payload_change" for s in f.where.times]
+    left = sorted((p for p in pushes if not _at_edge(p, edges)), key=_size, reverse=True)
+    kept: list[Finding] = []
+    for push in left:
+        same = next((i for i, other in enumerate(kept) if _together(push, other)), None)
+        if same is None:
+            kept.append(push)
+        else:
+            kept[same] = _joined(kept[same], push)
+    # In the order in which they were found.
+    places = {f.joint: f for f in kept}
+    return [places.get(f.joint, f) if f in pushes else f for f in findings if f not in pushes or f.joint in places]
+
+
+def _size(push: Finding) -> float:
+    return (push.improvement.before - push.improvement.after) / push.improvement.noise_floor
+
+
+def _at_edge(push: Finding, edges: Sequence[Span]) -> bool:
+    moments = [(span.recording, moment) for span in edges for moment in (span.start, span.end)]
+    return any(
+        span.recording == recording and span.start - EDGE < moment < span.end + EDGE
+        for span in push.where.times
+        for recording, moment in moments
+    )
+
+
+def _together(one: Finding, other: Finding) -> bool:
+    return any(
+        a.recording == b.recording and a.start - TOGETHER < b.end and b.start - TOGETHER < a.end
+        for a in one.where.times
+        for b in other.where.times
+    )
+
+
+def _joined(main: Finding, more: Finding) -> Finding:
+    """The push with another joint that felt it."""
+    torque = more.parameters["torque"]
+    where = main.where
+    channels = tuple(dict.fromkeys((*where.channels, *more.where.channels)))
+    statement = f"{main.statement.rstrip('.')}; joint {more.joint} felt {torque.value:.2g} ± {torque.std:.1g} Nm of it."
+    return replace(main, statement=statement, where=Where(channels, where.position, where.velocity, where.times))

@@ -1,0 +1,140 @@
+"""Lack of fit: channels whose residual is no noise, and where: an effect that is in no library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.solution import Solution
+from cellwatt_plugins.explain.fit.swinging_links import chi2_at_rest, swinging_channels
+from cellwatt_plugins.explain.verdict.findings import Span, UnexplainedChannel
+
+SHARE = 0.2
+"""Beyond this share of what the named effects explain there; below, it is what they do not get quite right."""
+ROUGH = 4.0
+"""The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much as
+``SHARE`` of it is left while no link swings, too."""
+WINDOW = 0.5
+"""s of the windows that are looked at."""
+STRONG = 6.0
+"""Mean square residual of a window, in units of the noise, that no chance makes."""
+AGAIN = 5
+"""Windows in which it acts so, at least: what happens once or twice is no physics of the arm."""
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """A channel (0-based) whose residual is no noise, and where."""
+
+    channel: int
+    rms: float
+    floor: float
+    velocity: tuple[float, float] | None
+    position: tuple[float, float] | None
+    times: tuple[Span, ...]
+
+
+def lack_of_fit(before: Float, solution: Solution, most: float = 0.35, size: float = 0.03) -> list[LackOfFit]:
+    """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone.
+
+    ``most`` is the mean square residual beyond noise, in units of the noise, over a whole channel; ``size`` the share
+    of what was measured (standard deviation) below which it is of no use to anybody. Of what acts only here and there,
+    its size is that in the windows where it does.
+    """
+    problem, residual = solution.problem, solution.residual
+    left = problem.chi2(residual)
+    rough, calm = swinging_channels(solution), chi2_at_rest(solution)
+    out = []
+    for channel, excess in enumerate(left - 1.0):
+        explained = max(0.0, float(before[channel] - left[channel]))
+        share = ROUGH if channel in rough else SHARE
+        theirs = channel in rough and calm[channel] - 1.0 < max(most, SHARE * excess)
+        if excess > max(most, share * explained) and not theirs:
+            means = np.concatenate([np.mean(w, axis=1) for w in _windows(solution, channel)])
+            strong = means > STRONG
+            acts = float(np.mean(means[strong])) - 1.0 if strong.sum() >= AGAIN else excess
+            if np.sqrt(acts) * problem.floor[channel] >= size * problem.measured[channel]:
+                out.append(_place(solution, channel, strong))
+    return out
+
+
+def _windows(solution: Solution, channel: int) -> list[Float]:
+    """Squared residual over its variance by windows of each run, (W, samples)."""
+    problem = solution.problem
+    squared = np.square(solution.residual * problem.design.root)
+    out = []
+    for rows, part in zip(problem.rows, problem.split(squared), strict=True):
+        width = max(1, round(WINDOW / rows.step))
+        count = len(part) // width
+        out.append(part[: count * width, channel].reshape(count, width))
+    return out
+
+
+def _place(solution: Solution, channel: int, strong: NDArray[np.bool_]) -> LackOfFit:
+    problem = solution.problem
+    squared = solution.residual[:, channel] ** 2
+    spans, positions, speeds, at = [], [], [], 0
+    every = zip(problem.states, problem.rows, _windows(solution, channel), strict=True)
+    for states, rows, windows in every:
+        width = windows.shape[1]
+        for i in range(len(windows)):
+            if strong[at + i]:
+                part = rows.span(slice(i * width, (i + 1) * width))
+                spans.append(Span(states.name, float(states.time[part][0]), float(states.time[part][-1])))
+                if problem.side == "torque":
+                    positions.append(states.q[part, channel])
+                    speeds.append(states.qd[part, channel])
+        at += len(windows)
+    position, velocity = (
+        mostly(np.concatenate(parts), np.concatenate([getattr(s, name)[:, channel] for s in problem.states]))
+        if parts
+        else None
+        for name, parts in (("q", positions), ("qd", speeds))
+    )
+    return LackOfFit(
+        channel,
+        float(np.sqrt(np.mean(squared))),
+        float(problem.floor[channel]),
+        velocity,
+        position,
+        tuple(_joined(spans)[:20]),
+    )
+
+
+def mostly(values: Float, everywhere: Float) -> tuple[float, float] | None:
+    """Range that holds most of some values; None where that is nearly the whole range."""
+    low, high = np.quantile(values, [0.05, 0.95])
+    return None if high - low > 0.7 * np.ptp(everywhere) else (float(low), float(high))
+
+
+def _joined(spans: list[Span]) -> list[Span]:
+    out: list[Span] = []
+    for span in spans:
+        if out and out[-1].recording == span.recording and span.start - out[-1].end < 0.1:
+            out[-1] = Span(span.recording, out[-1].start, span.end)
+        else:
+            out.append(span)
+    return out
+
+
+def between(found: LackOfFit, unit: str) -> str:
+    """Where a channel in ``unit`` mostly lacks fit, to end a sentence; empty where that is everywhere."""
+    if found.position is None:
+        return ""
+    return f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} {'m' if unit == 'N' else 'rad'}"
+
+
+def unexplained_channel(found: LackOfFit, name: str, unit: str, looked_at: bool = True) -> UnexplainedChannel:
+    """An unexplained channel as ``findings.json`` has it; ``looked_at`` is False where the time was up before."""
+    times = found.rms / found.floor
+    where = between(found, unit)
+    size, noise = f"{found.rms:.3g} {unit.replace('*', '')}", f"{times:.1f} times its noise"
+    said = (
+        f"{name} keeps {size} that no known effect explains, {noise}{where}."
+        if looked_at
+        else f"{name} was not looked at in full: the time was up. It keeps {size}, {noise}{where}; give more --time."
+    )
+    return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position, looked_at)

@@ -1,0 +1,93 @@
+"""Recordings that nothing was fitted to: does the model that was found in others explain them, too?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
+from cellwatt.scheduler import spread
+from cellwatt_plugins.explain.input.admission import check_run
+from cellwatt_plugins.explain.input.reading import read_one
+from cellwatt_plugins.explain.input.sources import Source
+from cellwatt_plugins.explain.model import Model, predict_states
+from cellwatt_plugins.explain.verdict.findings import Findings, Other
+from cellwatt_plugins.robot.meter.held import held
+
+FACTOR = 2.0
+"""Error over that in the data left out of the fit from which on a recording is not explained."""
+NAMED = 5
+"""Recordings that notes name; ``findings.json`` and the report have all."""
+
+
+def compare(
+    files: Sequence[Source], findings: Findings, model: Model, simulator: Path | None, rate: float
+) -> tuple[Other, ...]:
+    """Each recording beside the model, at ``rate`` Hz."""
+    usual = {fit.channel: max(fit.model, fit.noise_floor) for fit in findings.fit}
+    known = model, simulator, rate, usual
+    return tuple(spread(_compared, files, "comparing the other recordings", shared=known))
+
+
+def with_others(findings: Findings, others: Sequence[Other], close: int) -> Findings:
+    """The findings in ``close`` recordings, and how the others go with them."""
+    if not others:
+        return findings
+    odd = [other for other in others if other.explained is False]
+    told = (_summary(len(others), len(odd), close), *(_odd(other) for other in odd[:NAMED]))
+    left_out = tuple(f"{other.recording} was not compared: {other.why}" for other in others if other.explained is None)
+    verdict = findings.verdict
+    if odd:
+        verdict = "partly_explained" if any(f.effect != "unknown" for f in findings.findings) else "unexplained"
+    return replace(findings, verdict=verdict, others=tuple(others), notes=(*findings.notes, *told, *left_out[:NAMED]))
+
+
+def _summary(others: int, odd: int, close: int) -> str:
+    return f"{close} of {close + others} recordings, those whose motions differ most, were looked at closely; " + (
+        f"{odd} of the others differ{'s' * (odd == 1)} from what was found in them"
+        if odd
+        else "the others agree with them"
+    )
+
+
+def _odd(other: Other) -> str:
+    return (
+        f"{other.recording}: {other.channel} is off by {other.error:.3g} {other.unit.replace('*', '')} rms, "
+        f"{other.error / other.usual:.1f} times as much as elsewhere: explain this recording by itself"
+    )
+
+
+def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, float]]) -> Other:
+    """The channel of a recording that is furthest off the model; ``usual`` is each channel's error in data left out."""
+    model, simulator, rate, usual = known
+    try:
+        run = read_one(file, model.robot, simulator, rate)
+        states = model.baseline.states(run, -1, check_run(run, model.arm()))
+    except RecordingError as error:
+        return Other(file.name, None, why=str(error))
+    predicted = predict_states(model, states)
+    parts = [
+        (f"tau_{i + 1}", model.robot.unit(i, "N*m"), run.torque[:, i], predicted.torque[:, i])
+        for i in range(run.joints)
+    ]
+    if run.power is not None and held([(run.time, run.power)]) is None:
+        parts.append(("power", "W", run.power, predicted.power))
+    found = []
+    for name, unit, measured, said in parts:
+        read = np.isfinite(measured) & ~run.filled
+        if name in usual and read.any():
+            off = float(np.sqrt(np.mean(np.square(measured - said)[read])))
+            explained = _explained(off, usual[name], measured[read], model)
+            found.append(Other(file.name, explained, name, unit, off, usual[name]))
+    if not found:
+        return Other(file.name, None, why="no channel was read that the others were explained by")
+    return max(found, key=lambda other: (other.explained is False, other.error / other.usual))
+
+
+def _explained(error: float, usual: float, measured: Float, model: Model) -> bool:
+    """True unless a channel is off by more than usual, and by a share of what it measured that is of use to anybody."""
+    return error < max(FACTOR * usual, model.robot.tolerances.unexplained * float(np.std(measured)))

@@ -1,0 +1,138 @@
+"""Findings of what the model follows with no law: something unknown, a link's rebounds, a joint that rattles.
+
+A link that has crossed the gap of its gear hits the flank and rebounds, in a way that no model foretells blow by blow.
+When it does so can be told: just after its load has turned over, and at no other time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.leave_out import LeaveOut
+from cellwatt_plugins.explain.fit.noise import hum
+from cellwatt_plugins.explain.fit.rows import Filtered
+from cellwatt_plugins.explain.fit.sides import encoder_floor, rattling
+from cellwatt_plugins.explain.fit.solution import Solution
+from cellwatt_plugins.explain.verdict.findings import Alternative, Finding, Improvement, Where
+from cellwatt_plugins.explain.verdict.lack_of_fit import LackOfFit, between
+from cellwatt_plugins.robot.effects.effect import Parameter
+from cellwatt_plugins.robot.motion import FAST
+
+AT_ONCE = 1.0
+"""s: what shows from the beginning on has no first time that would tell anything."""
+DIE_OUT = 0.15
+"""s after the load has turned over within which rebounds die out."""
+AGAIN = 5
+"""Times that the load must turn over."""
+BLOWS = 5.0
+"""Mean square residual of these moments, in units of the noise, that blows leave at least."""
+ELSEWHERE = 0.1
+"""Of what these moments have beyond the noise, the most that all others may have."""
+SELDOM = 0.3
+"""Share of the time that these moments may be: beyond, they are no moments."""
+RATTLES = 0.05
+"""Share of the time from which it is told that a joint rattles."""
+
+
+def unknown_findings(solution: Solution, left: Sequence[LackOfFit]) -> list[Finding]:
+    """Findings of channels where something real is left that no known effect follows."""
+    supply = solution.problem.side == "supply"
+    error, after = (s.problem.rms(LeaveOut(s.problem, s.factor).residual(s.terms)) for s in (solution, solution.best))
+    return [_unknown(solution, u, error, after, None if supply else u.channel) for u in left]
+
+
+def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, joint: int | None) -> Finding:
+    name, unit = solution.problem.channel(left.channel)
+    place = "The supply" if joint is None else f"Joint {joint + 1}"
+    where = between(left, unit)
+    if not where and left.times and left.times[0].start > AT_ONCE:
+        where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
+    parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
+    tone = hum(parts, [rows.step for rows in solution.problem.rows])
+    if tone is not None:
+        where += f"; it hums at {tone:.1f} Hz"
+    size = f"{left.rms:.3g} {unit.replace('*', '')}"
+    share = None if joint is None else rebounds(solution, joint)
+    statement = (
+        f"{place} shows {size} that no known effect explains{where}."
+        if share is None
+        else f"{place} shows {size} that no law follows, all of it just after its load turned over, in "
+        f"{100 * share:.0f} % of the time: the link rebounds in a play between motor and link. Backlash is missing; "
+        "its width cannot be told."
+    )
+    return Finding(
+        effect="unknown" if share is None else "backlash",
+        joint=None if joint is None else joint + 1,
+        kind="missing",
+        confidence=0.9,
+        statement=statement,
+        parameters={"rms": Parameter(left.rms, 0.0, unit)},
+        where=Where((name,), left.position, left.velocity, left.times),
+        improvement=Improvement.at(solution.problem, left.channel, error, after),
+        followed=False,
+    )
+
+
+def rattling_findings(solution: Solution) -> list[Finding]:
+    """Findings of joints that rattle, faster than a servo's law and the motion are compared.
+
+    Drives that act late let joints swing, too: where they do, nothing is said.
+    """
+    problem = solution.problem
+    late = any(term.effect.name == "time_delay" for term in solution.terms)
+    if late or problem.states[0].drive is None:
+        return []
+    shares = np.zeros(len(problem.floor))
+    least = np.hypot(problem.size, encoder_floor(problem.states, fast=True))
+    for states, rows in zip(problem.states, problem.rows, strict=True):
+        if isinstance(rows, Filtered):
+            lost = rattling(states.servos.torque - states.nominal, rows, least)
+            shares += np.mean(lost > 0, axis=0) / len(problem.states)
+    told = {term.joint for term in solution.terms if term.effect.name == "backlash"}
+    error = problem.rms(solution.residual)
+    return [
+        Finding(
+            effect="backlash",
+            joint=joint + 1,
+            kind="missing",
+            confidence=0.7,
+            statement=f"Joint {joint + 1} rattles in {100 * shares[joint]:.0f} % of the time, though no command asks "
+            "for it: play between drive and link does this. What the joint did meanwhile was not judged.",
+            parameters={},
+            where=Where((problem.channel(joint)[0],)),
+            improvement=Improvement.at(problem, joint, error, error),
+            alternatives=(Alternative("time_delay", None, "a drive that acts late does this, too: lower its gain"),),
+            followed=False,
+        )
+        for joint in np.flatnonzero(shares > RATTLES).tolist()
+        if joint not in told
+    ]
+
+
+def rebounds(solution: Solution, joint: int) -> float | None:
+    """Share of the time after a joint's load turned over, if all that is left lies there; None where it does not.
+
+    Friction that turns over with the velocity is none of it: its moments are among the others.
+    """
+    problem = solution.problem
+    if min(1 / rows.step for rows in problem.rows) < FAST:
+        return None
+    squared = np.square(solution.residual[:, joint] * problem.design.root[:, joint])
+    there, turns = [], 0
+    for states, rows in zip(problem.states, problem.rows, strict=True):
+        load = np.sign(rows.of(states.load)[:, joint])
+        turned = np.flatnonzero(load[1:] != load[:-1]) + 1
+        after = np.zeros(len(load), np.bool_)
+        for row in turned.tolist():
+            after[row : row + round(DIE_OUT / rows.step) + 1] = True
+        there.append(after)
+        turns += len(turned)
+    after = np.concatenate(there)
+    share = float(np.mean(after))
+    if turns < AGAIN or not 0 < share < SELDOM:
+        return None
+    blows, others = float(np.mean(squared[after])), float(np.mean(squared[~after]))
+    return share if blows > BLOWS and others - 1 < ELSEWHERE * (blows - 1) else None

@@ -1,5 +1,0 @@
-"""Stepwise selection of effects by their evidence."""
-
-from cellwatt_plugins.mismatch.fit.search.stepwise import search
-
-__all__ = ["search"]

@@ -1,0 +1,62 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.explain.fit.acceptance import unconfirmed
+from cellwatt_plugins.explain.fit.problem import Problem, Term
+from cellwatt_plugins.explain.fit.sides import torque_problem
+from cellwatt_plugins.explain.fit.solution import Solution
+from cellwatt_plugins.explain.fit.thresholds import DEFAULT
+from cellwatt_plugins.explain.input.moved import moved
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
+from tests.plugins.explain import plant
+
+OFFSET = Term(BY_NAME["torque_offset"], 0, ())
+RIPPLES = [Term(BY_NAME["position_periodic_torque"], joint, (n,)) for joint, n in ((0, 11.3), (1, 17.7), (2, 23.4))]
+
+
+@pytest.fixture(scope="module")
+def problem(arm) -> Problem:
+    shifted = plant.Missing(read=lambda torque: torque + np.array([0.1, 0, 0]))
+    runs = [plant.record(f"run_{i:02d}", i, shifted, 20.0) for i in (1, 2, 3)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
+    return torque_problem(runs, states)
+
+
+def solved(problem: Problem, *terms: Term) -> Solution:
+    fit = problem.fit([problem.block(term) for term in terms], None)
+    return Solution(problem, list(terms), fit, problem.factor(fit.residual))
+
+
+def judged(problem: Problem, *terms: Term) -> str | None:
+    """Why data left out do not confirm the last of the terms."""
+    before = solved(problem, *terms[:-1])
+    gain = before.fit.gain(problem.block(terms[-1]))[0]
+    return unconfirmed(before, solved(problem, *terms), terms[-1], DEFAULT, gain)
+
+
+def test_a_small_real_term_holds_near_the_noise(problem):
+    """An offset of less than a third of the noise, in all runs."""
+    assert judged(problem, OFFSET) is None
+
+
+@pytest.mark.parametrize("ripple", RIPPLES, ids=lambda t: f"joint {t.joint + 1}, {t.shape[0]} a turn")
+def test_a_ripple_that_is_not_there_does_not(problem, ripple):
+    assert judged(problem, OFFSET, ripple) is not None
+
+
+@pytest.mark.parametrize(("centre", "sound"), [(0.3, True), (1.8, False)])
+def test_a_load_far_from_the_flange_is_none(problem, centre, sound):
+    coefficients = np.array([2.0, 0.0, 0.0, 2.0 * centre, *np.zeros(6)])
+    assert BY_NAME["payload"].sensible(coefficients, (), problem.states[0].robot, None) == sound
+
+
+def test_samples_that_tell_little_do_not_hide_what_is_left(problem):
+    """Half of the samples near stops, where friction may pull either way and 100 times the noise would be none."""
+    unsure = tuple(np.where(np.arange(len(v))[:, None] % 2, 1e4, 1.0) * problem.floor**2 for v in problem.variance)
+    doubtful = replace(problem, variance=unsure)
+    left = 3.0 * np.random.default_rng(1).normal(size=problem.design.target.shape) * problem.floor
+    assert doubtful.chi2(left) == pytest.approx(9.0, rel=0.1)
+    assert doubtful.fast_chi2(left) == pytest.approx(9.0, rel=0.15)

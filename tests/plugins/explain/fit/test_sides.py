@@ -1,0 +1,24 @@
+"""What samples count for."""
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.explain.fit.rows import Filtered
+from cellwatt_plugins.explain.fit.sides import _until, rattling
+
+
+def test_a_joint_that_rattles_counts_for_little_while_it_does():
+    time = np.arange(2000) / 125
+    slow, burst = np.sin(2 * np.pi * 0.5 * time), np.where((time > 8) & (time < 11), 1.0, 0.0)
+    target = np.column_stack([slow, slow + 20 * burst * np.sin(2 * np.pi * 16 * time)])
+    variance = rattling(target, Filtered(len(time), 5, 1 / 125, 8.0), np.ones(2))
+    assert not variance[:, 0].any()
+    assert not variance[(time < 7) | (time > 12), 1].any()
+    assert np.all(np.sqrt(variance[(time > 8.5) & (time < 10.5), 1]) > 1.0)
+
+
+@pytest.mark.parametrize(("rows", "there"), [(0, [5]), (3, [5, 6, 7, 8]), (-2, [3, 4, 5])])
+def test_what_the_motion_leaves_unsure_is_so_until_it_was_read(rows, there):
+    values = np.zeros((12, 1))
+    values[5] = 1.0
+    assert np.flatnonzero(_until(values, rows)[:, 0]).tolist() == there

@@ -1,0 +1,77 @@
+"""A log with MuJoCo's own names, and the simulator's file alone."""
+
+import numpy as np
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt.tables import write_table
+from cellwatt_plugins.explain.api import arm_of
+from tests.plugins.explain.input.reading import examine, read_runs
+from tests.plugins.explain.logs import numbered
+from tests.plugins.explain.simulators.arms import TwoLinks
+
+pytest.importorskip("mujoco")
+
+GEAR = (3.0, 0.5)
+LINKS = TwoLinks(friction=(2.0, 1.0), damping=(0.4, 0.2), armature=(0.1, 0.05))
+GRIPPER = """
+<body name="finger" pos="0 0 -0.3"><joint name="grip" type="slide" axis="1 0 0"/>
+<geom type="box" size="0.01 0.01 0.02" mass="0.05"/></body>"""
+
+
+def motion():
+    time = np.arange(0, 12, 0.01)
+    w, p = np.array([1.3, 2.1]), np.array([0.0, 1.0])
+    angle = np.outer(time, w) + p
+    return time, 0.8 * np.sin(angle), 0.8 * w * np.cos(angle), -0.8 * w**2 * np.sin(angle)
+
+
+def logged(folder, actuators, controls):
+    """The file of the arm and a log of it, as a user of MuJoCo writes them."""
+    before, _, after = LINKS.mjcf(hand=GRIPPER).partition("<actuator>")
+    text = before + f"<actuator>{actuators}</actuator>" + after.partition("</actuator>")[2]
+    (folder / "arm.xml").write_text(text)
+    time, q, qd, _ = motion()
+    columns = {"time": time, **numbered("qpos", q, 0), **numbered("qvel", qd, 0), **numbered("ctrl", controls, 0)}
+    write_table(folder / "log.parquet", {name.replace("_", ""): values for name, values in columns.items()})
+    return folder / "arm.xml", folder / "log.parquet"
+
+
+def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
+    torque = LINKS.torque(*motion()[1:])
+    motors = "".join(f'<motor joint="{n}" gear="{g}"/>' for n, g in zip(("shoulder", "elbow"), GEAR, strict=True))
+    simulator, log = logged(tmp_path, motors, torque / GEAR)
+    arm = arm_of(None, simulator, [log])
+    assert [joint.name for joint in arm.description.joints] == ["shoulder", "elbow"]
+    (run,) = read_runs([log], [simulator], arm.description)
+    np.testing.assert_allclose(run.torque, torque)
+    assert run.command is None
+    notes = examine([run], arm)[1]
+    assert "arm.xml: held at their reference: grip" in notes
+    assert not any("otherwise than the simulation" in note for note in notes)
+
+
+def test_controls_of_servos_are_commands_and_their_law_is_the_torque(tmp_path):
+    _, q, qd, _ = motion()
+    servos = '<position joint="shoulder" kp="200"/><position joint="elbow" kp="80"/>'
+    simulator, log = logged(tmp_path, servos, q + 0.01)
+    (run,) = read_runs([log], [simulator], arm_of(None, simulator, [log]).description)
+    np.testing.assert_allclose(run.command, q + 0.01)
+    # A command is held over a row of 10 ms, so it is half of that late.
+    law = np.array([200, 80]) * (0.01 - 0.005 * qd)
+    np.testing.assert_allclose(run.torque[5:-5], law[5:-5], atol=0.05)
+
+
+@pytest.mark.parametrize("servo", [False, True])
+def test_controls_without_their_simulator_are_torques_unless_positions_follow_them(tmp_path, servo):
+    _, q, qd, qdd = motion()
+    torque = LINKS.torque(q, qd, qdd)
+    simulator, log = logged(tmp_path, "", q + 0.01 if servo else torque)
+    (run,) = read_runs([log], [], arm_of(None, simulator, [log]).description)
+    assert (run.command is not None) == servo
+    np.testing.assert_allclose(run.torque, np.nan if servo else torque)
+
+
+def test_something_describes_the_arm(tmp_path):
+    with pytest.raises(ConfigError, match=r"give --robot robot\.yaml, or a simulator's file"):
+        arm_of(None, None, [tmp_path / "log.parquet"])

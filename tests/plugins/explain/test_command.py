@@ -1,0 +1,165 @@
+import json
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.commands import EXIT_ERROR, EXIT_USAGE
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain import api
+from cellwatt_plugins.explain.model import load_model
+from tests.plugins.explain import plant
+from tests.plugins.explain.calling import call
+
+OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
+
+
+def parquet(path, columns):
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """A folder with the robot and two runs, under the names that the contract gives them."""
+    folder = tmp_path_factory.mktemp("cell")
+    plant.write_robot(folder)
+    for seed, name in ((1, "run_01"), (2, "run_02")):
+        plant.write(folder, plant.record(name, seed, OFFSET, 8.0))
+    return folder
+
+
+def recordings(cell):
+    return [cell / "run_01.recording.parquet", cell / "run_02.recording.parquet"]
+
+
+def simulations(cell):
+    return [cell / "run_01.simulation.parquet", cell / "run_02.simulation.parquet"]
+
+
+@pytest.fixture(scope="module")
+def explained(cell, tmp_path_factory):
+    """What ``explain`` leaves in its folder."""
+    out = tmp_path_factory.mktemp("explained") / "results"
+    words = [*recordings(cell), "--simulation", *simulations(cell), "--robot", cell / "robot.yaml", "--out", out]
+    assert call("explain", *words)[0] == 0
+    return out
+
+
+def test_findings_model_and_report_are_written(explained):
+    found = json.loads((explained / "findings.json").read_text())
+    assert found["verdict"] == "explained"
+    assert [(f["effect"], f["joint"]) for f in found["findings"]] == [("torque_offset", 3)]
+    assert found["findings"][0]["parameters"]["offset"]["value"] == pytest.approx(1.5, abs=0.2)
+    assert [f["channel"] for f in found["fit"]] == ["tau_1", "tau_2", "tau_3", "power"]
+    start, offset, retuned = found["cascade"]
+    gain = found["findings"][0]["improvement"]
+    assert [start["kind"], offset["effect"], retuned["kind"]] == ["simulation", "torque_offset", "retuning"]
+    assert (gain["before"], gain["after"]) == (
+        pytest.approx(start["channels"]["tau_3"], rel=1e-3),
+        offset["channels"]["tau_3"],
+    )
+    assert {name: pytest.approx(error) for name, error in retuned["channels"].items()} == {
+        f["channel"]: f["model"] for f in found["fit"]
+    }
+    assert (explained / "model.yaml").exists()
+    page = (explained / "report.html").read_text()
+    assert "<html" in page
+    assert 'src="http' not in page
+
+
+def test_in_words_each_finding_is_a_sentence(cell, tmp_path):
+    code, said, _ = call(
+        "explain",
+        *recordings(cell),
+        *("--simulation", *simulations(cell)),
+        *("--robot", cell),
+        *("--out", tmp_path),
+        "--no-report",
+    )
+    assert code == 0
+    assert said.startswith("The difference is explained: torque offset (joint 3).")
+    assert "joint 3" in said.lower()
+    assert "held-out error" in said
+    assert (
+        said.index("your simulation") < said.index("+ torque offset of joint 3") < said.index("+ your numbers retuned")
+    )
+    assert str(tmp_path) in said
+
+
+def test_without_a_simulation_the_robot_is_simulated(cell, tmp_path):
+    code, said, _ = call("explain", *recordings(cell), "--robot", cell, "--out", tmp_path, "--json", "--no-report")
+    assert code == 0
+    assert ("torque_offset", 3) in {(f["effect"], f["joint"]) for f in json.loads(said)["findings"]}
+
+
+def motion_columns():
+    time = np.arange(500) / plant.RATE
+    q, qd, qdd = plant.moves(9, 5.0)(time)
+    columns = {"t": time}
+    for stem, values in (("q", q), ("qd", qd), ("qdd", qdd)):
+        columns |= {f"{stem}_{i + 1}": values[:, i] for i in range(plant.JOINTS)}
+    return columns, (time, q, qd, qdd)
+
+
+def test_simulate_says_what_the_model_says(explained, tmp_path):
+    columns, motion = motion_columns()
+    source = parquet(tmp_path / "motion.parquet", columns)
+    code, _, errors = call(
+        "simulate", "--model", explained / "model.yaml", "--motion", source, "--out", tmp_path / "deep" / "said.parquet"
+    )
+    assert (code, errors) == (0, "")
+    table = pq.read_table(tmp_path / "deep" / "said.parquet")
+    assert table.column_names == ["t", "tau_1", "tau_2", "tau_3", "power"]
+    expected = plant.predict(load_model(explained), *motion)
+    assert np.allclose(table["t"], motion[0])
+    assert np.allclose(table["power"], expected.power)
+    for i in range(plant.JOINTS):
+        assert np.allclose(table[f"tau_{i + 1}"], expected.torque[:, i])
+
+
+def one_line(*words):
+    code, said, errors = call(*words)
+    assert said == ""
+    assert "Traceback" not in errors
+    assert len(errors.strip().splitlines()) == 1
+    return code, errors
+
+
+def explain_words(cell, out):
+    first = cell / "run_01.recording.parquet"
+    return ["explain", first, "--simulation", cell / "run_01.simulation.parquet", "--robot", cell, "--out", out]
+
+
+def test_a_bad_recording_is_one_line_and_an_error(cell, tmp_path):
+    folder = shutil.copytree(cell, tmp_path / "cell")
+    path = folder / "run_01.recording.parquet"
+    table = pq.read_table(path)
+    parquet(path, {n: np.degrees(table[n]) if n.startswith("q_") else table[n] for n in table.column_names})
+    code, errors = one_line(*explain_words(folder, tmp_path / "out"))
+    assert code == EXIT_ERROR
+    assert "deg" in errors
+    assert "run_01" in errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_list_without_recordings_is_refused(cell):
+    with pytest.raises(RecordingError, match="no recording given"):
+        api.explain([], robot=cell)
+
+
+def test_an_option_without_its_file_is_no_comparison_with_the_robot(cell, tmp_path):
+    first = cell / "run_01.recording.parquet"
+    code, said, errors = call("explain", first, "--simulation", "--robot", cell, "--out", tmp_path)
+    assert (code, said) == (EXIT_USAGE, "")
+    assert "Option '--simulation' requires an argument." in errors
+
+
+def test_simulate_refuses_what_is_no_model(cell, tmp_path):
+    source = parquet(tmp_path / "m.parquet", motion_columns()[0])
+    words = ["simulate", "--model", cell / "robot.yaml", "--motion", source, "--out", tmp_path / "p.parquet"]
+    code, errors = one_line(*words)
+    assert code == EXIT_USAGE
+    assert "models are written by `cellwatt explain`" in errors

@@ -1,0 +1,115 @@
+"""``explain`` from commands and motion, without torque: a planar arm on servos, its dynamics in closed form."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.tables import write_table
+from cellwatt_plugins.explain.command import explain
+from cellwatt_plugins.explain.input.driven import driven
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.simulators import load_simulator
+from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
+from cellwatt_plugins.robot.servo.law import servo_of
+from tests.plugins.explain.logs import numbered
+from tests.plugins.explain.servos import KP, PLANTS, integrated, mjcf
+
+mujoco = pytest.importorskip("mujoco")
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return dict(zip(PLANTS, integrated(list(PLANTS.values())), strict=True))
+
+
+def explained(folder, log, *words):
+    if isinstance(log, tuple):
+        time, told, seen = log
+        log = folder / "log.parquet"
+        write_table(log, {"t": time, **numbered("command", told), **numbered("q", seen)})
+    (folder / "arm.xml").write_text(mjcf())
+    given = [str(log), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
+    words = words or ("--no-report",)
+    done = CliRunner().invoke(explain, [*given, "-q", *words], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    found = json.loads((folder / "out" / "findings.json").read_text())
+    return found, {(f["effect"], f["joint"]): f["parameters"] for f in found["findings"]}
+
+
+def test_servos_are_read_with_their_gears(tmp_path):
+    (tmp_path / "arm.xml").write_text(mjcf().replace('kp="400.0"', 'gear="2" kp="400.0"'))
+    servo = servo_of(tmp_path / "arm.xml", ["shoulder", "elbow"])
+    assert servo.stiffness.tolist() == [900.0, 1600.0]
+    assert servo.pull.tolist() == [900.0, 800.0]
+    assert servo.damping.tolist() == [45.0, 72.0]
+    assert servo.high.tolist() == [200.0, 400.0]
+
+
+def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
+    assert explained(tmp_path, logs["null"])[1] == {}
+
+
+def test_a_soft_loop_is_named_and_mended(tmp_path, logs):
+    found, named = explained(tmp_path, logs["gain"], "--mend", str(tmp_path / "arm.xml"))
+    assert named.keys() == {("drive_gain", 2)}
+    assert "How the arm and its simulation move" in (tmp_path / "out" / "report.html").read_text()
+    assert named["drive_gain", 2]["gain"]["value"] == pytest.approx(-0.3, abs=0.03)
+    before, after = ([e[key] for e in found["mended"]["error"]] for key in ("before", "after"))
+    assert after[1] < 0.2 * before[1]
+    assert after[0] < 1.02 * before[0]
+    kp = mujoco.MjModel.from_xml_path(found["mended"]["path"]).actuator_gainprm[1, 0]
+    assert kp == pytest.approx(0.7 * KP[1], rel=0.03)
+
+
+def test_what_the_file_cannot_hold_is_a_callback_beside_it(tmp_path, logs, monkeypatch):
+    found, named = explained(tmp_path, logs["dead"], "--mend", str(tmp_path / "arm.xml"))
+    assert named.keys() == {("drive_dead_band", 2)}
+    assert named["drive_dead_band", 2]["half_width"]["value"] == pytest.approx(0.008, rel=0.15)
+    (left,) = found["mended"]["left"]
+    assert (left["effect"], left["joint"], left["unit"]) == ("drive_dead_band", 2, "rad")
+    monkeypatch.syspath_prepend(tmp_path / "out")
+    import arm_mended
+
+    time, told, seen = logs["dead"]
+    model = mujoco.MjModel.from_xml_path(found["mended"]["path"])
+
+    def error():
+        data, off = mujoco.MjData(model), []
+        data.qpos[:], data.ctrl[:] = seen[0], told[0]
+        for row in range(len(time) - 1):
+            data.ctrl[:] = told[row]
+            mujoco.mj_step(model, data, 10)
+            off.append(data.qpos - seen[row + 1])
+        return float(np.sqrt(np.mean(np.square(off), axis=0))[1])
+
+    without = error()
+    try:
+        arm_mended.attach(model)
+        assert error() < 0.4 * without
+    finally:
+        mujoco.set_mjcb_passive(None)
+
+
+def test_a_run_shorter_than_a_window_is_rolled_out_whole(tmp_path, logs):
+    (tmp_path / "arm.xml").write_text(mjcf())
+    time, told, seen = (part[:101] for part in logs["null"])
+    simulator = load_simulator(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    runs = driven([Run("short", time, seen, None, np.full_like(seen, np.nan), command=told)], simulator)
+    assert time[-1] - time[0] < WINDOW
+    assert np.isfinite(rms_of(rolled_out(simulator.path, simulator.joints, runs))).all()
+
+
+@pytest.mark.parametrize(
+    ("plant", "place", "number", "value"),
+    [
+        ("late", ("time_delay", None), "delay", 0.03),
+        ("rough", ("coulomb_friction", 1), "force", 1.5),
+        ("weak", ("torque_saturation", 1), "limit", 47.0),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path, logs, plant, place, number, value):
+    _, named = explained(tmp_path, logs[plant])
+    assert named.keys() == {place}
+    assert named[place][number]["value"] == pytest.approx(value, rel=0.15)
