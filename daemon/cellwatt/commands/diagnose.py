@@ -17,8 +17,8 @@ from cellwatt.diagnose import bundle_of
 def command(file: Path | None, out: Path | None, log: Path | None) -> None:
     """Write a bundle for a bug report about the cell of FILE: versions, settings, health, log, facts about the PC.
 
-    Secrets and environment variables stay out. A file that is wrong, a daemon that does not run and a log that you may
-    not read are told, and the rest is written.
+    Secrets and environment variables are left out. If FILE is invalid, the daemon is not running or you may not read
+    the log, the bundle states this and contains the rest.
     """
     out = out or Path(f"cellwatt-diagnosis-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.zip")
     bundle = bundle_of(file, log)

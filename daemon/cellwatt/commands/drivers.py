@@ -1,4 +1,4 @@
-"""``cellwatt drivers``: what is installed, and the settings of each."""
+"""``cellwatt drivers``: lists installed drivers, stages and outlets, and their settings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cellwatt.runtime.assemble import typical_streams
 @click.argument("name", required=False, shell_complete=completion.parts)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(name: str | None, as_json: bool) -> None:
-    """List drivers, stages and outlets; with NAME print the settings of one."""
+    """List installed drivers, stages and outlets; with NAME, print the settings of that one."""
     parts = installed()
     if name is None:
         _list(parts, as_json)
@@ -112,7 +112,7 @@ def _show_channels(part: Installed) -> None:
 
 
 def rate_of(stream: Stream) -> str:
-    """Rate at which a stream is declared to come."""
+    """Declared rate of a stream, as text."""
     return f"{stream.rate:g} Hz" if stream.rate else "on change"
 
 

@@ -1,4 +1,4 @@
-"""``cellwatt emulate``: a device's side of the wire, or that of all devices of a cell."""
+"""``cellwatt emulate``: emulates one device, or all devices of a cell."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def command(
     options: tuple[str, ...],
     control: bool,
 ) -> None:
-    """Emulate the device that DRIVER speaks to, or with --cell all devices of a cell."""
+    """Emulate the device that DRIVER connects to, or with --cell all devices of a cell."""
     if (driver is None) == (cell is None):
         raise click.UsageError("expected either a DRIVER, like 'ur', or --cell FILE")
     start = time.time() if epoch is None else epoch
@@ -110,7 +110,7 @@ def _pair(option: str) -> tuple[str, str]:
 
 
 def begin(planned: Mishap, emulator: Emulator) -> None:
-    """Let a fault or change begin. Raises ``ValueError`` where the device does not know it."""
+    """Start a fault or change. Raises ``ValueError`` if the device does not support it."""
     if isinstance(planned.what, Fault):
         emulator.inject(planned.what)
     else:

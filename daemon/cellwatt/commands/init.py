@@ -50,8 +50,8 @@ def command(
 ) -> None:
     """Write a commented settings file for a cell.
 
-    `cellwatt drivers` lists drivers, `cellwatt drivers NAME` what each has to be told. Each device is opened read-only,
-    unless --no-doctor is given. Exit code 1: FILE is written, and doctor found a device that fails.
+    `cellwatt drivers` lists the drivers, `cellwatt drivers NAME` the settings of one. Each device is opened read-only,
+    unless --no-doctor is given. Exit code 1: FILE is written, but doctor found a device that fails.
     """
     if file.exists() and not force:
         raise click.UsageError(f"{file} is there already: choose another name, or --force to replace it")
@@ -72,7 +72,7 @@ def command(
 
 
 def _with_values(sources: list[SourcePlan], values: tuple[str, ...]) -> list[SourcePlan]:
-    """Sources with the settings of ``--set``. Raises ``UsageError`` where one names no source."""
+    """Return the sources with the settings of ``--set``. Raises ``UsageError`` if a setting names no source."""
     named = {source.name: source for source in sources}
     if len(named) < len(sources):
         raise click.UsageError("--source: two sources have the same name")

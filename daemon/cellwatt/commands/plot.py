@@ -1,4 +1,4 @@
-"""``cellwatt plot``: a recording as one self-contained page."""
+"""``cellwatt plot``: draws a recording as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def command(
     units: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Draw RECORDING (files or folders): frames by quantity, intervals and tasks behind them, alarms across.
+    """Draw RECORDING (files or folders) as an HTML page: frames by quantity, with intervals, tasks and alarms.
 
-    Where no intervals were recorded they are found now, with the segment stage's defaults. Of tables (CSV, Parquet)
-    every column is drawn, in the units of the file.
+    If the recording has no intervals, the segment stage finds them now, with its default settings. Of a table (CSV,
+    Parquet) every column is drawn, in the units of the file.
     """
     if all(is_table(path) and not is_log(path) for path in recording):
         from cellwatt.tables import page as tables_page

@@ -1,4 +1,4 @@
-"""``cellwatt replay``: a recording through the same aligner and stages as live data."""
+"""``cellwatt replay``: runs a recording through the same aligner and stages as live data."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from cellwatt.runtime.replaying import Comparison, compare, replay_frames, run_s
 @click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
 @with_progress
 def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as_json: bool) -> None:
-    """Run RECORDING (files or folders of one session) through frames and stages again."""
+    """Align the raw samples of RECORDING (files or folders of one session) to frames and run the stages on them."""
     opened = open_recording(recording)
     config = load(settings) if settings is not None else None
     if not opened.has_samples:
@@ -71,7 +71,7 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
 
 
 def _check_sources(recording: Recording) -> None:
-    """Raise ``RecordingError`` if a later file has streams that the first does not declare."""
+    """Raise ``RecordingError`` if a later file has streams that the first file does not declare."""
     declared = {(source, s.name) for source, streams in recording.header.streams.items() for s in streams}
     if new := {(source, s.name) for source, streams in recording.streams.items() for s in streams} - declared:
         names = ", ".join(sorted(f"{source}.{stream}" for source, stream in new))
@@ -85,7 +85,7 @@ def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
 
 
 def _shown(items: Iterable[Frames | Result], counts: Counter[str], as_json: bool) -> Iterator[Frames]:
-    """Frames as they come, results printed; counts frames and results of each kind."""
+    """Yield the frames, print the results, and count frames and results of each kind."""
     for item in items:
         if isinstance(item, Frames):
             counts["frames"] += len(item)

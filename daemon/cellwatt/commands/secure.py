@@ -1,4 +1,4 @@
-"""``cellwatt secure``: certificates, access rules and keys for signatures of a site."""
+"""``cellwatt secure``: certificates, access rules and signing keys of a site."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ except ImportError as error:
     raise ConfigError("cellwatt secure needs the extra 'secure': pip install 'cellwatt[secure]'") from error
 
 SOON = timedelta(days=60)
-"""Certificates that end sooner are renewed unless others are named."""
+"""Certificates that expire sooner are renewed if no names are given."""
 
 _folder = click.option(
     "--in",
@@ -34,10 +34,10 @@ _folder = click.option(
 
 @click.group(short_help="Make certificates and access rules.")
 def command() -> None:
-    """Make certificates for cells and viewers, and rules who may publish, ask and see.
+    """Create certificates for cells and viewers, and rules for who may publish, query and subscribe.
 
-    DIR holds the private key of your authority: keep it on a PC or stick of its own. Each member gets the folder of
-    its name. docs/outlets/zenoh.md goes through it.
+    DIR contains the private key of your certificate authority: store it on a separate PC or USB stick. Copy to each
+    member the folder with its name. docs/outlets/zenoh.md explains the steps.
     """
 
 
@@ -45,7 +45,7 @@ def command() -> None:
 @click.argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--site", required=True, help="Site of the cells, as in their settings.")
 def init(folder: Path, site: str) -> None:
-    """Make a small certificate authority for a site in DIR."""
+    """Create a certificate authority for a site in DIR."""
     Folder.create(folder, site)
     click.echo(f"{folder}: authority of {site}. Keep {folder / 'private'} to yourself. Next, in {folder}:")
     click.echo("  cellwatt secure router NAME --host HOST    where cells and viewers meet at a router")
@@ -67,9 +67,9 @@ def router(name: str, hosts: tuple[str, ...], path: Path) -> None:
 @click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
 @_folder
 def cell(name: str, hosts: tuple[str, ...], path: Path) -> None:
-    """Add a cell: it alone may publish and answer under its name.
+    """Add a cell: only this cell may publish and answer queries under its name.
 
-    Without a router it listens, and needs --host.
+    Without a router the cell itself listens for viewers, and needs --host.
     """
     _add(path, Member(name, "cell", hosts))
 
@@ -80,7 +80,7 @@ def cell(name: str, hosts: tuple[str, ...], path: Path) -> None:
 @click.option("--live-only", is_flag=True, help="It may not ask: no settings, no record, no alarms of the past.")
 @_folder
 def viewer(name: str, cells: tuple[str, ...], live_only: bool, path: Path) -> None:
-    """Add who may see cells and ask them, and publishes nothing."""
+    """Add a viewer, which may subscribe to cells and query them, and may not publish."""
     _add(path, Member(name, "viewer", (), cells, not live_only))
 
 
@@ -88,7 +88,7 @@ def viewer(name: str, cells: tuple[str, ...], live_only: bool, path: Path) -> No
 @click.argument("name")
 @_folder
 def remove(name: str, path: Path) -> None:
-    """Take all rights of a member away, though its certificate has not ended."""
+    """Revoke all rights of a member whose certificate has not expired."""
     folder = Folder.open(path)
     changed = folder.remove(name)
     click.echo(f"{name} may do nothing any more as soon as these have their new folder:")
@@ -99,9 +99,9 @@ def remove(name: str, path: Path) -> None:
 @click.argument("names", metavar="[NAME]...", nargs=-1)
 @_folder
 def renew(names: tuple[str, ...], path: Path) -> None:
-    """Make new certificates for NAMEs, or for all that end within 60 days.
+    """Create new certificates for NAMEs, or for all members whose certificates expire within 60 days.
 
-    The old ones hold until they end: give the new ones out any time before.
+    The old certificates are valid until they expire: copy the new ones to the members before that.
     """
     folder = Folder.open(path)
     changed = folder.renew(names, SOON)
@@ -116,7 +116,7 @@ def renew(names: tuple[str, ...], path: Path) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list.")
 @_folder
 def listing(as_json: bool, path: Path) -> None:
-    """Show who has a certificate, what it may do, and when it ends. Exit code 1 where one has ended."""
+    """List the members, their rights, and when their certificates expire. Exit code 1 if one has expired."""
     folder = Folder.open(path)
     now = datetime.now(UTC)
     ends = {name: folder.end_of(name) for name in folder.members}
@@ -139,9 +139,9 @@ def listing(as_json: bool, path: Path) -> None:
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="One JSON line a file.")
 def verify(key: Path, recordings: tuple[Path, ...], as_json: bool) -> None:
-    """Check RECORDINGS (files or folders) against the public KEY of their cell.
+    """Check the signatures of RECORDINGS (files or folders) with the public KEY of their cell.
 
-    Exit code 1 where a file is not signed by it, or is not what was signed.
+    Exit code 1 if a file is not signed with that key, or has changed since it was signed.
     """
     from cellwatt.record.seal import verify as check
 

@@ -52,10 +52,11 @@ def command(
     hash_password: bool,
     seconds: float | None,
 ) -> None:
-    """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
+    """Serve a page with the live cell of FILE, or of --connect, --site and --cell; without --cell, all of the site.
 
-    The page only looks: alarms are acknowledged on the page that the cell itself serves (page: in its file). Recordings
-    dropped on it are drawn, and explained with a simulation; without any cell it is a page for them alone.
+    The page is read-only: alarms are acknowledged on the page that the cell itself serves (`page:` in its file). It
+    draws recordings dropped on it, and runs explain on them if a simulation is dropped, too. Without any cell, it
+    serves dropped recordings only.
     """
     if hash_password:
         click.echo(str(hash_of(click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True))))
@@ -69,7 +70,7 @@ def command(
         values = _written(page)
     else:
         values = revealed(own) if isinstance(own, PageSettings) else {}
-        values.pop("listen", None)  # there the cell's own page is
+        values.pop("listen", None)  # the cell's own page listens at that address
     settings = _settings(values, listen, arms, page)
     if (plant := where.whole_site) is not None:
         if foxglove:
@@ -103,7 +104,7 @@ def _write_layout(out: Path, config: CellConfig | None) -> None:
 
 
 def _written(file: Path) -> dict[str, Any]:
-    """Settings of the page in a file; relative paths in it start at its folder."""
+    """Settings of the page from a file; relative paths are relative to its folder."""
     from cellwatt.config.fields import anchored
 
     try:

@@ -1,4 +1,4 @@
-"""Gathers the parts of a bundle; each part that cannot be had is told and the rest goes on."""
+"""Collects the files of a bundle; a file that cannot be collected is listed with the reason."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from cellwatt.runtime.assemble import prepare
 from cellwatt.version import __version__
 
 _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
-"""Parts of keys below which a wrong file may hold secrets that no settings class has declared."""
+"""Words in keys below which an invalid file may contain secrets that no settings class declares."""
 
 
 _CHECK: Final = "what cellwatt check says"
 LINES: Final = 2000
-"""Last lines of the log."""
+"""Number of lines taken from the end of the log."""
 _MOST_LOG: Final = 100_000_000
 _EXAMINED: Final = 100
-"""Recordings, the newest ones, that are opened for a verdict."""
+"""Number of newest recordings that are opened for a verdict."""
 
 
 def bundle_of(file: Path | None, log: Path | None) -> Bundle:
-    """Gather the bundle for a settings file, or for the PC alone; ``log`` replaces the journal."""
+    """Collect the bundle for a settings file, or for the PC alone; ``log`` replaces the journal."""
     bundle = Bundle()
     bundle.add("versions.json", "versions of cellwatt, Python, its packages and the system", _versions)
     config = None if file is None else _settings(bundle, file)
@@ -52,7 +52,7 @@ def bundle_of(file: Path | None, log: Path | None) -> Bundle:
 
 
 def _settings(bundle: Bundle, file: Path) -> CellConfig | None:
-    """Add what a settings file says; of a wrong one, which may hold secrets anywhere, only what is wrong."""
+    """Add the settings; of an invalid file, which may contain secrets anywhere, only the problems."""
     try:
         config = load(file)
     except ConfigError as error:
@@ -78,7 +78,7 @@ def _prepared(config: CellConfig) -> list[str]:
 
 
 def _suspected(file: Path) -> dict[str, str]:
-    """What may be secret in a wrong file."""
+    """Values that may be secrets in an invalid file."""
     try:
         document = read(file, os.environ)
     except ConfigError:
