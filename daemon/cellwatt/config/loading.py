@@ -117,7 +117,7 @@ class _Reading:
         values: Mapping[Any, Any],
         hint: str = "",
     ) -> tuple[type[Any] | None, Any]:
-        """Class and settings of a driver, stage or outlet with its kind at ``place``; ``None`` after adding a problem."""
+        """Class and settings of a driver, stage or outlet, with its kind at ``place``; None after adding a problem."""
         if not isinstance(kind, str):
             self.complain(place, f"found {found(self.document, place)}, expected a name")
             return None, None

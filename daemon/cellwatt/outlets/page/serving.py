@@ -84,7 +84,7 @@ async def view(
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(seconds):
                             await asyncio.Event().wait()
-                for task in tasks:  # if this is cancelled, the group cancels them: a second cancel would interrupt their cleanup
+                for task in tasks:  # not if view is cancelled: the group cancels them, and twice would interrupt
                     task.cancel()
     finally:
         await asyncio.to_thread(desk.close)

@@ -203,7 +203,7 @@ def alarm_history(
 def _told(episode: Episode, store: Store) -> dict[str, Any]:
     known = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
     said = episode.acknowledged if known is None else Acknowledgement(**_person(known), time=known.time)
-    pack = episode.pack or f"{packs.name_of(store.cell, episode.first)}.mcap"  # default: the name derived from the alarm
+    pack = episode.pack or f"{packs.name_of(store.cell, episode.first)}.mcap"  # or named by the alarm
     page = packs.page_of(store.folder / packs.FOLDER / Path(pack).name)
     there = store.recorded and page.exists()
     return {
