@@ -18,17 +18,13 @@ from cellwatt.subscriber import LinkSettings
 PEM: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
 _OPTIONS: Final = (
     click.argument("file", required=False, type=click.Path(path_type=Path)),
-    click.option(
-        "--connect", metavar="ENDPOINT", help="Where the cell or its router listens, e.g. tcp/192.0.2.1:7447."
-    ),
+    click.option("--connect", metavar="ENDPOINT", help="Endpoint of the cell or its router, e.g. tcp/192.0.2.1:7447."),
     click.option("--site", help="Site of the cell (with --connect)."),
     click.option("--cell", help="Name of the cell (with --connect)."),
-    click.option("--ca", type=PEM, help="Authority that signed the cell's certificate: for tls/ endpoints."),
-    click.option(
-        "--certificate", type=PEM, help="Your own certificate, where the cell asks for one (with --ca, --key)."
-    ),
-    click.option("--key", type=PEM, help="Its private key."),
-    click.option("--verify", type=PEM, help="The cell's public key: leave out what it has not signed."),
+    click.option("--ca", type=PEM, help="Certificate of the authority that signed the cell's, for tls/ endpoints."),
+    click.option("--certificate", type=PEM, help="Your own certificate, if the cell requires one (with --ca, --key)."),
+    click.option("--key", type=PEM, help="Private key of --certificate."),
+    click.option("--verify", type=PEM, help="Public key of the cell: discard messages that it has not signed."),
 )
 
 
@@ -81,12 +77,12 @@ def _tls_of(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsS
     if ca is None and certificate is None and key is None:
         return None
     if ca is None or (certificate is None) != (key is None):
-        raise click.UsageError("give --ca, and --certificate and --key together where the cell asks for yours")
+        raise click.UsageError("give --ca, and --certificate and --key together if the cell requires them")
     return TlsSettings(root_ca=ca, certificate=certificate, key=key)
 
 
 def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
     """The link to an endpoint. Raises ``click.UsageError`` if it needs certificates and none are given."""
     if connect.startswith(("tls/", "quic/")) and tls is None:
-        raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")
+        raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key if the cell requires them")
     return client_of((connect,), tls)

@@ -23,7 +23,7 @@ from cellwatt.runtime.assemble import Prepared, prepare
 @click.command(short_help="Check settings files; connects to nothing.")
 @click.argument("files", metavar="FILE...", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the problems as a JSON list.")
-@click.option("--schema", is_flag=True, help="Print the JSON Schema of a settings file, for editors, and stop.")
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of a settings file, for editors, and exit.")
 def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
     """Check settings files without connecting to anything.
 
@@ -73,7 +73,7 @@ def _describe(config: CellConfig, prepared: Prepared) -> None:
     click.echo(
         f"{config.path}: configuration is valid. Cell {config.cell} at {config.site}: "
         f"{_count(config.sources, 'source')}, {_count(prepared.layout.channels, 'channel')} "
-        f"in frames at {config.frames.rate:g} Hz, given after {1e3 * config.frames.latency:g} ms"
+        f"in frames at {config.frames.rate:g} Hz with a latency of {1e3 * config.frames.latency:g} ms"
     )
     show_table(
         ("source", "driver", "stream", "rate", "clock", "channels"),

@@ -41,12 +41,12 @@ class _Demos(Commands):
 
 
 @click.command(
-    cls=_Demos, invoke_without_command=True, short_help="Try the whole chain on emulated devices: no hardware."
+    cls=_Demos, invoke_without_command=True, short_help="Run the daemon on emulated devices; needs no hardware."
 )
-@click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Which devices.")
-@click.option("--seconds", default=60.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
+@click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Cell to emulate.")
+@click.option("--seconds", default=60.0, show_default=True, help="Run time, s; at least 20, with --cell all 1.")
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
-@click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Keep recording and log in this folder.")
+@click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Folder for recording and log.")
 @click.pass_context
 def command(context: click.Context, cell: str, seconds: float, as_json: bool, keep: Path | None) -> None:
     """Run emulated devices, the daemon and a subscriber; `demo explain` runs a demo of explain.
@@ -100,7 +100,7 @@ def _lines(folder: Path, seconds: float) -> Demonstration:
         try:
             click.echo(text)
         except BrokenPipeError:
-            run.stop("nobody reads its output any more")
+            run.stop("its output was closed")
 
     run = Demonstration(folder, seconds, show, say)
     return run
@@ -130,10 +130,10 @@ def _show(summary: Mapping[str, Any]) -> None:
         if summary["meter"]:
             click.echo(summary["meter"]["statement"])
     for name, reason in summary.get("left_out", {}).items():
-        click.secho(f"{name} is left out: {reason}", fg="yellow")
+        click.secho(f"{name} is skipped: {reason}", fg="yellow")
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
-            told = f"{name}: {source['host_stalled']} samples fell due while this PC stood still or was taken by others"
+            told = f"{name}: {source['host_stalled']} samples missed because this PC was stalled or busy otherwise"
             click.secho(told, fg="yellow")
     for problem in summary["problems"]:
         click.secho(problem, fg="red")

@@ -24,11 +24,11 @@ from cellwatt.runtime.examine import Examination, examine, examine_meters
 COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 
 
-@click.command(short_help="Open each device read-only: declared beside measured.")
+@click.command(short_help="Compare declared with measured rates of each device.")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--seconds", type=SECONDS, default=5.0, show_default=True, help="How long to read each device.")
+@click.option("--seconds", type=SECONDS, default=5.0, show_default=True, help="Time to read each device, s.")
 @click.option(
-    "--patience", type=SECONDS, default=5.0, show_default=True, help="How long a device may take to answer, s."
+    "--patience", type=SECONDS, default=5.0, show_default=True, help="Longest time for a device to answer, s."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:

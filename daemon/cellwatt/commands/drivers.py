@@ -19,7 +19,7 @@ from cellwatt.progress.terminal import show_table
 from cellwatt.runtime.assemble import typical_streams
 
 
-@click.command(short_help="List what is installed, and every key of one.")
+@click.command(short_help="List drivers, stages and outlets, or the settings of one.")
 @click.argument("name", required=False, shell_complete=completion.parts)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(name: str | None, as_json: bool) -> None:
@@ -104,7 +104,7 @@ def _page(part: Installed) -> None:
 def _show_channels(part: Installed) -> None:
     streams = typical_streams(part)
     if not streams:
-        click.echo("\nIts channels depend on its settings; they are shown by: cellwatt check FILE")
+        click.echo("\nIts channels depend on its settings; cellwatt check FILE lists them.")
         return
     click.echo("\nChannels with the default settings:")
     rows = [(s.name, rate_of(s), c.name, c.unit, c.kind, c.method) for s in streams for c in s.channels]

@@ -60,7 +60,7 @@ def _check_here(file: Path, devices: Sequence[Device]) -> None:
     if elsewhere:
         copy = file.with_name(f"{file.stem}-emulated.yaml")
         raise ConfigError(
-            f"{file}: {', '.join(elsewhere)} can only be real; add --write {copy}, a copy that reads the emulators"
+            f"{file}: not on this PC: {', '.join(elsewhere)}; add --write {copy}, a copy with local addresses"
         )
 
 

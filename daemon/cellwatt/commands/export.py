@@ -34,7 +34,7 @@ Written = dict[str, Any]
 @click.option("--raw", "only", flag_value="raw", help="Only the raw samples.")
 @click.option("--force", is_flag=True, help="Overwrite tables of an earlier export.")
 @with_units
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object.")
 @with_scheduler
 @with_progress
 def command(
@@ -126,7 +126,7 @@ class Export:
     def _path(self, name: str) -> Path:
         path = self.out / name
         if path.exists() and not self.force:
-            raise RecordingError(f"{path} is there already: choose another folder, or --force to overwrite")
+            raise RecordingError(f"{path} already exists: choose another folder, or --force to overwrite")
         return path
 
 

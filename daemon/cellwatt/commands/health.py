@@ -13,7 +13,7 @@ from cellwatt.config import load
 from cellwatt.outlets.zenoh.reach import ask_cell
 
 
-@click.command(short_help="Ask the running daemon how its cell is.")
+@click.command(short_help="Query the state of a running cell.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the whole health message as one JSON object.")
 def command(file: Path, as_json: bool) -> None:

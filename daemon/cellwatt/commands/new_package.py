@@ -33,11 +33,11 @@ _folder = click.option(
     "--folder",
     type=click.Path(file_okay=False, path_type=Path),
     default=Path(),
-    help="Where to put the folder NAME (default: here).",
+    help="Parent of the new folder NAME (default: here).",
 )
 
 
-@click.command(short_help="Write a package for a driver of your own.")
+@click.command(short_help="Write a package for your own driver.")
 @_name
 @_folder
 def driver(name: str, folder: Path) -> None:
@@ -45,7 +45,7 @@ def driver(name: str, folder: Path) -> None:
     _write(DRIVER, name, folder)
 
 
-@click.command(short_help="Write a package for an outlet of your own.")
+@click.command(short_help="Write a package for your own outlet.")
 @_name
 @_folder
 def outlet(name: str, folder: Path) -> None:
@@ -57,7 +57,7 @@ def _write(kit: Kit, name: str, folder: Path) -> None:
     _check(kit, name)
     target = folder / name
     if os.path.lexists(target):
-        raise click.UsageError(f"{target} is there already: choose another name or --folder")
+        raise click.UsageError(f"{target} already exists: choose another name or --folder")
     for path, text in package(name, kit).items():
         write_file(target / path, text)
     click.echo(f"{target} is written. Next:\n")

@@ -30,7 +30,7 @@ PATIENCE = 8.0
 @click.option("--test", is_flag=True, required=True, help="Send a test message to each recipient.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("recipient", required=False)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the reason of each, or null.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: reason by recipient, null: sent.")
 def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> None:
     """Send a test message to the recipients of alarms in FILE, or to RECIPIENT alone.
 
@@ -40,10 +40,10 @@ def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> Non
     config = load(file)
     outlet = config.outlets.get("notify")
     if outlet is None or not isinstance(outlet.settings, NotifySettings):
-        raise ConfigError(f"{file}: notify: there is none: name the recipients with 'notify: {{to: …}}'")
+        raise ConfigError(f"{file}: no notify section: name the recipients with 'notify: {{to: …}}'")
     settings = outlet.settings
     if recipient is not None and recipient not in settings.to:
-        raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (there are: {', '.join(settings.to)})")
+        raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (known: {', '.join(settings.to)})")
     about = About(config.site, config.cell, settings.page, zone_of(settings.zone))
     chosen = {name: to for name, to in settings.to.items() if recipient in (None, name)}
     answers = asyncio.run(_try_all(chosen, about, min(settings.timeout, PATIENCE)))

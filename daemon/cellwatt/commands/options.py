@@ -71,7 +71,7 @@ def with_columns(command: Callable[..., R]) -> Callable[..., R]:
         "--columns",
         multiple=True,
         metavar="NAME=YOURS",
-        help="A name of your own, {} for the joint's number, like 'tau=Moment{}'; repeatable.",
+        help="Your name of a column, {} for the joint number, like 'tau=Moment{}'; may be repeated.",
     )
     @wraps(command)
     def run(*args: Any, columns: tuple[str, ...], **given: Any) -> R:
@@ -87,7 +87,7 @@ def with_columns(command: Callable[..., R]) -> Callable[..., R]:
 def with_progress(command: Callable[..., R]) -> Callable[..., R]:
     """Add the option ``--quiet`` to a command; without it, the command shows its progress."""
 
-    @click.option("--quiet", "-q", is_flag=True, is_eager=True, help="Say nothing of the progress.")
+    @click.option("--quiet", "-q", is_flag=True, is_eager=True, help="Show no progress.")
     @wraps(command)
     def run(*args: Any, quiet: bool, **given: Any) -> R:
         with show_progress(quiet):
@@ -103,7 +103,7 @@ def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
         "--scheduler",
         "place",
         metavar="local[:N]",
-        help="Do the work on all cores (local), or on so many (local:2).",
+        help="Run on all cores (local), or on N cores (local:N).",
     )
     @wraps(command)
     def run(*args: Any, place: str | None, **given: Any) -> R:

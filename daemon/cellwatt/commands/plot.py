@@ -21,9 +21,9 @@ from cellwatt.units import Units
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("plot.html"), show_default=True)
 @click.option("--from", "start", type=FINITE, help="First second to show, from the recording's start.")
 @click.option("--to", "end", type=FINITE, help="Last second to show.")
-@click.option("--channel", "channels", multiple=True, help="Only channels with this in their name; may be repeated.")
+@click.option("--channel", "channels", multiple=True, help="Only channels whose name contains this; may be repeated.")
 @with_units
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object.")
 @with_progress
 def command(
     recording: tuple[Path, ...],

@@ -36,10 +36,10 @@ def summary(channels: Sequence[ChannelCheck]) -> list[str]:
         unit = f" {by_name[names[0]].unit}".removesuffix(" 1")
         silent = len(names) - len(lows)
         if not lows:
-            lines.append(f"{title}: no number")
+            lines.append(f"{title}: no value")
         elif not silent and min(lows) == max(highs):
             still.append(f"{title} {min(lows):.6g}{unit}")
         else:
-            lacking = f", {silent} of {len(names)} without a number" if silent else ""
+            lacking = f", {silent} of {len(names)} without a value" if silent else ""
             lines.append(f"{title}: {min(lows):.4g} … {max(highs):.4g}{unit}{lacking}")
-    return [*lines, f"the same all the time: {', '.join(still)}"] if still else lines
+    return [*lines, f"constant: {', '.join(still)}"] if still else lines

@@ -31,9 +31,9 @@ LAST = 10 * 10**9
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder (default: record.folder "
-    "of FILE; where FILE has no record section ~/.local/state/cellwatt/CELL, for root /var/lib/cellwatt/CELL).",
+    "of FILE; if FILE has no record section ~/.local/state/cellwatt/CELL, for root /var/lib/cellwatt/CELL).",
 )
-@click.option("--seconds", type=SECONDS, help="How long (default: until Ctrl-C).")
+@click.option("--seconds", type=SECONDS, help="Run time, s (default: until Ctrl-C).")
 @click.option("--json", "as_json", is_flag=True, help="Print the final figures as one JSON object.")
 def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) -> None:
     """Record the sources of FILE, without stages and without publishing anything.

@@ -26,15 +26,15 @@ from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, replay_frames, run_stages
 
 
-@click.command(short_help="Run a recording through the stages again.")
+@click.command(short_help="Run a recording through frames and stages again.")
 @click.argument("recording", nargs=-1, required=True, type=INPUT)
 @click.option(
     "--settings",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Frames and stages of this cell file (default: frames as recorded, no stages).",
+    help="Settings file with the frames and stages to use (default: frames as recorded, no stages).",
 )
-@click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
-@click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
+@click.option("--verify", is_flag=True, help="Compare the frames with the recorded ones; exit code 1 if a bit differs.")
+@click.option("--json", "as_json", is_flag=True, help="Print results as JSON lines, then the summary as one object.")
 @with_progress
 def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as_json: bool) -> None:
     """Align the raw samples of RECORDING (files or folders of one session) to frames and run the stages on them."""
@@ -67,7 +67,7 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
     try:
         return recorded_section(recording.header.settings, "frames", FrameSettings)
     except RecordingError as error:
-        raise RecordingError(f"{error}: give them by --settings") from error
+        raise RecordingError(f"{error}: give them with --settings") from error
 
 
 def _check_sources(recording: Recording) -> None:

@@ -26,11 +26,11 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 @click.command(short_help="Show a live cell, or a recording, in a browser.")
 @cell_options
-@click.option("--listen", metavar="HOST:PORT", help="Where the page is served (default: 127.0.0.1:8480).")
+@click.option("--listen", metavar="HOST:PORT", help="Address of the page (default: 127.0.0.1:8480).")
 @click.option(
     "--page",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="YAML file with the keys of page: in a cell's file: users, certificate … (default: those of FILE).",
+    help="YAML file with the keys of a page: section, like users, certificate (default: that of FILE).",
 )
 @click.option("--arm", "arms", multiple=True, metavar="SOURCE=FILE", help="URDF or robot.yaml of a source; repeatable.")
 @click.option("--foxglove", is_flag=True, help="Serve the Foxglove app instead of browsers.")
@@ -38,10 +38,10 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
     "--foxglove-layout",
     "layout",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write the Foxglove app's layout for the cell of FILE, and end.",
+    help="Write the Foxglove app's layout for the cell of FILE, and exit.",
 )
-@click.option("--hash-password", is_flag=True, help="Ask for a password and print what to write under users.")
-@click.option("--seconds", type=SECONDS, help="How long (default: until Ctrl-C).")
+@click.option("--hash-password", is_flag=True, help="Ask for a password and print its hash, for users.")
+@click.option("--seconds", type=SECONDS, help="Run time, s (default: until Ctrl-C).")
 def command(
     where: Where,
     listen: str | None,

@@ -27,13 +27,13 @@ PULSE = 1.0
 
 @click.command(short_help="Show a live cell in the terminal.")
 @cell_options
-@click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
+@click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only this topic; repeatable.")
 @click.option(
-    "--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count, time and power."
+    "--json", "as_json", is_flag=True, help="Print one JSON line per message; blocks as count, times and power."
 )
 @click.option("--patience", type=SECONDS, default=5.0, show_default=True, help="How long to try to reach the cell, s.")
-@click.option("--wait", is_flag=True, help="Wait for the cell as long as it takes.")
-@click.option("--seconds", type=SECONDS, help="How long, once connected (default: until Ctrl-C).")
+@click.option("--wait", is_flag=True, help="Wait until the cell answers.")
+@click.option("--seconds", type=SECONDS, help="Run time once connected, s (default: until Ctrl-C).")
 def command(
     where: Where,
     topics: tuple[str, ...],

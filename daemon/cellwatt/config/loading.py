@@ -48,7 +48,7 @@ def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
     if type(version) is int and version > VERSION:  # all other problems may follow from this one
         message = (
             f"settings of version {version}, this cellwatt reads version {VERSION}: "
-            "install the cellwatt that they were written for, or a later one"
+            "install the version of cellwatt that they were written for, or a later one"
         )
         raise ConfigError([document.problem(("version",), message)])
     return load_document(document)
@@ -256,7 +256,7 @@ def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, St
     for name, wanted in needs.items():
         for kind in wanted:
             if kind not in kinds:
-                message = f"needs a stage of the kind {kind!r}, and there is none: add '{kind}: {{}}' to stages"
+                message = f"needs a stage of the kind {kind!r}: add '{kind}: {{}}' to stages"
                 reading.complain(("stages", name), message, at_key=True)
 
 

@@ -140,7 +140,7 @@ class Demonstration:
                 return None
             for name in fault.FAULTY:
                 await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
-            self.say(f"a spring is hooked on joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
+            self.say(f"a spring is attached to joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
             sprung = self._compare("with-the-spring", hooked + 1, hooked + COMPARED, look)
             comparing.append(asyncio.create_task(sprung))
             await self._pause(start + self.seconds - time.time())
@@ -169,7 +169,7 @@ class Demonstration:
             if self._stopped:
                 raise CellwattError(f"the demo was ended before everything ran: {self._stopped}")
             await asyncio.sleep(0.05)
-        raise CellwattError(f"not everything ran within {processes.START:.0f} s: {'; '.join(self.seen.not_up())}")
+        raise CellwattError(f"not all sources ran within {processes.START:.0f} s: {'; '.join(self.seen.not_up())}")
 
     async def _until_delivered(self) -> None:
         """Wait for messages in transit to the subscriber; the summary reports those that never arrive."""

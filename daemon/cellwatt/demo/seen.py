@@ -44,6 +44,6 @@ class Seen:
     def not_up(self) -> list[str]:
         """Sources that do not deliver yet, each with its state and error."""
         if not self.status:
-            return ["no health of the daemon came"]
+            return ["no health message from the daemon"]
         sources: dict[str, Any] = self.status["sources"]
         return [f"{name} is {s['state']} ({s['error']})" for name, s in sources.items() if s["state"] != "ok"]

@@ -16,9 +16,9 @@ from cellwatt.host import without
 _README: Final = """\
 This is a bundle for a bug report about cellwatt, written by `cellwatt diagnose`.
 
-Passwords and whatever the settings fill in from the environment are left out: *** or ${NAME} stands in their place.
-Environment variables are not in it. It does name the plant, its cells, devices and addresses, as well as paths and
-users of this PC: open the files and read them before you give the bundle to others.
+Passwords and values from the environment are left out: *** or ${NAME} replaces them. The bundle contains no environment
+variables. It does contain names of the plant, its cells, devices and addresses, and paths and users of this PC: read
+the files before you give the bundle to others.
 
 """
 
@@ -49,7 +49,7 @@ class Bundle:
         wide = max(map(len, sizes), default=0)
         lines = [f"  {name:<{wide}}  {size / 1e3:9.1f} kB  {what}" for name, (what, size) in sizes.items()]
         absent = [f"  {self._blanked(reason)}" for reason in self.missing.values()]
-        return "\n".join(["Inside:", *lines, *(["Could not be had:", *absent] if absent else [])]) + "\n"
+        return "\n".join(["Contents:", *lines, *(["Not collected:", *absent] if absent else [])]) + "\n"
 
     def write(self, path: Path) -> None:
         """Write the zip, readable by its owner only. Raises ``CellwattError`` if it cannot be written."""

@@ -29,7 +29,7 @@ _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 """Words in keys below which an invalid file may contain secrets that no settings class declares."""
 
 
-_CHECK: Final = "what cellwatt check says"
+_CHECK: Final = "output of cellwatt check"
 LINES: Final = 2000
 """Number of lines taken from the end of the log."""
 _MOST_LOG: Final = 100_000_000
@@ -58,7 +58,7 @@ def _settings(bundle: Bundle, file: Path) -> CellConfig | None:
     except ConfigError as error:
         bundle.secrets = _suspected(file)
         bundle.texts["check.txt"] = _CHECK, f"{error}\n"
-        bundle.missing["settings.json"] = "the settings: the file is wrong and may hold secrets anywhere: see check.txt"
+        bundle.missing["settings.json"] = "the settings: the file is invalid and may contain secrets: see check.txt"
         return None
     bundle.secrets = dict(config.secrets)
     disk = obstacles(config.record) if config.record is not None else Obstacles()
@@ -96,7 +96,7 @@ def _cell(bundle: Bundle, config: CellConfig) -> None:
     if "status.json" in bundle.texts:
         bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"))
     if (record := config.record) is not None:
-        kept = "recordings with sizes and verdicts"
+        kept = "list of recordings with sizes and verdicts"
         bundle.add("recordings.json", kept, lambda: _recordings(listing(record.folder, config.cell)))
 
 
@@ -121,9 +121,9 @@ def _log(file: Path | None, log: Path | None) -> str:
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=30, check=False)
     except (FileNotFoundError, subprocess.TimeoutExpired):
-        raise CellwattError("there is no journal to ask; give the log with --log FILE") from None
+        raise CellwattError("the journal cannot be read; give the log with --log FILE") from None
     if not done.stdout.strip():
-        reason = done.stderr.strip() or "it has no lines that this user may read"
+        reason = done.stderr.strip() or "no lines that this user may read"
         raise CellwattError(f"journal of {unit}: {reason}; run as root, or give the log with --log FILE")
     return done.stdout
 

@@ -76,12 +76,12 @@ class Bulletin:
         """Lines about the changes that ``take`` makes; ``take`` gives a message to the cell."""
         if self._silent:
             self._silent = False
-            yield _line("messages again")
+            yield _line("receiving messages again")
         before, restarts = self.cell.status, self.cell.restarts
         alarms = take()
         if self.cell.restarts > restarts:
             before = {}
-            yield _line("the daemon was started again")
+            yield _line("the daemon was restarted")
         kind, content = line["kind"], line["content"]
         if kind == "health":
             yield from _changes(before, self.cell.status)
@@ -115,7 +115,7 @@ def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[s
             why = f": {source['error']}" if source["error"] else ""
             yield _line(f"source {name}: {f'{was}, now ' if was else ''}{state}{why}", status["time"])
     for name in known.keys() - sources.keys():
-        yield _line(f"source {name}: gone from the settings", status["time"])
+        yield _line(f"source {name}: removed from the settings", status["time"])
     for warning in status.get("warnings", ()):
         if warning not in before.get("warnings", ()):
             yield _line(f"warning: {warning}", status["time"])

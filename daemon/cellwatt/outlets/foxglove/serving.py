@@ -154,12 +154,12 @@ def _shown(host: str) -> str:
 def _summary(outlet: FoxgloveOutlet, pace: Pace, counts: Mapping[str, int]) -> str:
     parts = [f"{outlet.sent.total()} messages sent on {len(outlet.sent)} topics"]
     if lost := counts.get("lost", 0):
-        parts.append(f"{lost} samples and results lost on the way from the cell")
+        parts.append(f"{lost} samples and results lost between the cell and this command")
     bad = ("unreadable", "unsigned", "refused")
     parts += [f"{counts[kind]} messages {kind}" for kind in bad if counts.get(kind, 0)]
     if pace.dropped:
-        parts.append(f"{pace.dropped} moments dropped: the cell told them faster than they can be shown")
+        parts.append(f"{pace.dropped} moments dropped: the cell sent them faster than they can be shown")
     if outlet.behind:
         slow = ", ".join(outlet.behind)
-        parts.append(f"too slow, so that their oldest messages were dropped (how many is not known): {slow}")
+        parts.append(f"clients too slow, so that the library dropped their oldest messages (number unknown): {slow}")
     return "Foxglove: " + "; ".join(parts)

@@ -71,7 +71,7 @@ class Translator:
 
     def lost(self, time: int, topic: str, count: int) -> Moment:
         """A log message at ``time``, UTC ns: ``count`` samples or results of a topic are lost."""
-        text = f"{count} of {topic} did not arrive: the cell no longer has them"
+        text = f"{count} of {topic} are lost: the cell no longer stores them"
         return Moment(time, (Outgoing(self._log, time, _line(time, "Warning", text, "cellwatt")),))
 
 

@@ -119,7 +119,7 @@ class CellApi:
             url = page_of(feed.live.status)
             return refusal(HTTPStatus.FORBIDDEN, f"acknowledge on the cell's own page{f': {url}' if url else ''}")
         if not visitor.may_act:
-            return refusal(HTTPStatus.FORBIDDEN, "you may look, but not act: ask for a login that may")
+            return refusal(HTTPStatus.FORBIDDEN, "this login may look, but not act: it needs may: act")
         body = await body_of(request)
         alarm = text_of(body, "id", 500)
         order: dict[str, Any] = {
@@ -131,8 +131,8 @@ class CellApi:
         if what == "shelve":
             order["until"] = time.time_ns() + round(_minutes(body) * 60e9)
         if not (feed.is_shelved(alarm) if what == "unshelve" else feed.is_up(alarm)):
-            where = "on the shelf" if what == "unshelve" else "active"
-            return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be over")
+            where = "shelved" if what == "unshelve" else "active"
+            return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be cleared")
         await cell.order(order)
         return answer({})
 

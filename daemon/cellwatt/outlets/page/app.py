@@ -136,7 +136,7 @@ class Page:
     async def _plant_stream(self, request: web.Request) -> web.StreamResponse:
         hub = self._cells.hub
         if hub is None:
-            return refusal(HTTPStatus.NOT_FOUND, "this page shows one cell: there is no plant to follow")
+            return refusal(HTTPStatus.NOT_FOUND, "this page shows one cell, not a plant")
         first = [encoded("plant", {"cells": self._cells.summary()})]
         return await hub.serve(request, (), 1.0, visitor_of(request).token, first)
 

@@ -38,7 +38,7 @@ class Desk:
     async def ask(self, work: Callable[P, T], *args: P.args, **more: P.kwargs) -> T:
         """Run ``work`` in a thread. Raises ``OutletError`` if too many requests are waiting."""
         if self._open >= THREADS + WAITING:
-            raise OutletError("too many questions about the past are waiting: ask again in some seconds")
+            raise OutletError("too many requests for past data are waiting: try again in some seconds")
         self._open += 1
         doing = asyncio.get_running_loop().run_in_executor(self._threads, lambda: work(*args, **more))
         doing.add_done_callback(self._done)  # a browser that disconnects does not end the work

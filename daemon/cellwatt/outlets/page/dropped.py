@@ -110,14 +110,14 @@ class Drops:
 
     def _checked(self, request: web.Request) -> None:
         if not self._may(request):
-            raise web.HTTPForbidden(text="recordings are dropped on a page of this PC, by those who may act")
+            raise web.HTTPForbidden(text="only users who may act can drop recordings, on a page served to this PC only")
 
     def _drop(self, request: web.Request) -> Drop:
         self._checked(request)
         try:
             return self._drops[request.match_info["name"]]
         except KeyError:
-            raise web.HTTPNotFound(text="these recordings are no longer kept: drop them again") from None
+            raise web.HTTPNotFound(text="these recordings are no longer stored: drop them again") from None
 
     async def _all(self, request: web.Request) -> web.StreamResponse:
         self._checked(request)
@@ -140,12 +140,12 @@ class Drops:
         for path in files:
             _check(path)
         if (size := sum(files.values())) > LARGEST:
-            most = f"{LARGEST / 1e9:.0f} GB are the most"
+            most = f"the maximum is {LARGEST / 1e9:.0f} GB"
             raise CellwattError(f"{size / 1e9:.1f} GB were dropped, {most}: use cellwatt plot")
         known = self._drops.get(into) if isinstance(into, str) else None
         drop = known or await self._new()
         if (free := (await asyncio.to_thread(shutil.disk_usage, drop.files)).free) < 2 * size:
-            raise CellwattError(f"{drop.files} has {free / 1e9:.1f} GB left: name a larger folder in TMPDIR")
+            raise CellwattError(f"{drop.files} has {free / 1e9:.1f} GB free: name a larger folder in TMPDIR")
         drop.awaited.update(files)
         return answer({"name": drop.name})
 
@@ -181,7 +181,7 @@ class Drops:
                     await asyncio.to_thread(out.write, piece)
             whole = not left
         except OSError as error:
-            raise CellwattError(f"{path:.200} cannot be kept: {error.strerror}") from None
+            raise CellwattError(f"{path:.200} cannot be stored: {error.strerror}") from None
         finally:
             if not whole:
                 with contextlib.suppress(OSError):  # a folder may have its name
@@ -303,7 +303,7 @@ def _begun(file: Path) -> BinaryIO:
 def _check(path: str) -> None:
     parts = path.split("/")
     if len(path.encode()) > LONGEST_PATH or not path.isprintable() or any(part in ("", ".", "..") for part in parts):
-        raise CellwattError(f"{path!r:.220} cannot be kept: give it a shorter, plain name")
+        raise CellwattError(f"{path!r:.220} cannot be stored: give it a shorter, plain name")
 
 
 def _known(drop: Drop, paths: Sequence[str]) -> None:
@@ -337,5 +337,5 @@ async def _pieces(request: web.Request) -> AsyncIterator[bytes]:
             async with asyncio.timeout(BODY):
                 piece = await request.content.readany()
         except (TimeoutError, OSError, web.HTTPException) as error:
-            raise CellwattError("the file broke off on its way: drop it again") from error
+            raise CellwattError("the transfer of the file broke off: drop it again") from error
         yield piece

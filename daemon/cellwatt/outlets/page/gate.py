@@ -113,7 +113,7 @@ class Gate:
             return refusal(HTTPStatus.CONFLICT, str(error))
         except Exception:
             log.exception("%s %s cannot be answered", request.method, request.path)
-            return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "this is a mistake in cellwatt; see the log")
+            return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "this is a bug in cellwatt; see the log")
 
     async def prepare(self, request: web.Request, response: web.StreamResponse) -> None:
         """Add the headers to an answer before it is sent."""
@@ -161,7 +161,7 @@ class Gate:
     async def log_in(self, request: web.Request, name: str, password: str) -> web.Response:
         """Check a name and password; the answer sets the cookie of a new login."""
         if not self._settings.users:
-            return refusal(HTTPStatus.CONFLICT, "nobody has to log in here: the page has no users")
+            return refusal(HTTPStatus.CONFLICT, "no login is needed: the page has no users")
         address = request.remote or ""
         wait = 1.0 if self._waiting >= WAITING else self._guard.begin(address, name)
         if wait:
@@ -170,7 +170,7 @@ class Gate:
             return refusal(HTTPStatus.TOO_MANY_REQUESTS, text, **{"Retry-After": str(seconds)})
         if not await self._fits(name, password):
             self._guard.fail(address, name)
-            return refusal(HTTPStatus.UNAUTHORIZED, "this name and password do not fit")
+            return refusal(HTTPStatus.UNAUTHORIZED, "wrong name or password")
         self._guard.succeed(address, name)
         self.sessions.end(request[VISITOR].token)
         made = answer({})

@@ -85,7 +85,7 @@ class PageSettings(Listening):
 
     def warnings(self) -> tuple[str, ...]:
         """See ``Listening.warnings``; also warns of a local page that a proxy may serve to the network."""
-        proxied = "names: whoever reaches the page by them, through a proxy on this PC, sees the cell without a login"
+        proxied = "names: anybody who reaches the page through a proxy on this PC sees the cell without a login"
         return (*super().warnings(), *([proxied] if self.local and self.names and not self.users else []))
 
     def may_act(self, name: str | None) -> bool:

@@ -130,7 +130,7 @@ class Plant:
         known.used = time.monotonic()
         if known.followed is None:
             if sum(other.followed is not None for other in self._known.values()) >= MOST_OPEN:
-                raise OutletError(f"{MOST_OPEN} cells are being looked at, the most that may: close one, wait a minute")
+                raise OutletError(f"{MOST_OPEN} cells are open, the maximum: close one and wait a minute")
             feed = Feed(site, name, Hub(self._browsers))
             with contextlib.suppress(*UNREADABLE):
                 if known.status:

@@ -113,7 +113,7 @@ class Sessions:
         try:
             kept = _KEPT.validate_json(read_bytes(self._file, _LARGEST))
             if self._file.stat().st_mode & 0o077:
-                raise ValueError("others may read it: its logins are void")
+                raise ValueError("other users may read it, so its logins are void")
             self._secret, self._logins = bytes.fromhex(kept.secret), kept.logins
         except FileNotFoundError:
             pass

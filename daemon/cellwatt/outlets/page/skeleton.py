@@ -101,10 +101,10 @@ def _from_base(joints: Sequence[_Joint]) -> list[_Joint]:
         found.append(waiting.pop())
         waiting += [joint for joint in reversed(joints) if joint.parent == found[-1].child]
     if len(bases) != 1 or waiting or not len(found) == len(children) == len(names) == len(joints):
-        raise ValueError(f"its joints are not one tree: {len(bases)} links hang on nothing, or names come twice")
+        raise ValueError(f"its joints are not one tree: {len(bases)} links have no parent, or a name occurs twice")
     for joint in found:
         if joint.mimic is not None and not (joint.mimic in names and names[joint.mimic].moves):
-            raise ValueError(f"joint {joint.name!r} follows {joint.mimic!r}, which is no joint that moves")
+            raise ValueError(f"joint {joint.name!r} follows {joint.mimic!r}, which is not a moving joint")
     return found
 
 
@@ -174,7 +174,7 @@ def _number(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise ValueError(f"{text!r} is no number (of a xacro, make the URDF first)") from None
+        raise ValueError(f"{text!r} is not a number (convert a xacro to a URDF first)") from None
     if not math.isfinite(value):
-        raise ValueError(f"{text!r} is no finite number")
+        raise ValueError(f"{text!r} is not a finite number")
     return value

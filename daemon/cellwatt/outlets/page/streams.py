@@ -126,7 +126,7 @@ class Hub:
         most, counts = self._browsers.most, self._browsers.counts
         if len(self._browsers) >= most:
             counts["browsers refused"] += 1
-            raise web.HTTPServiceUnavailable(text=f"{most} browsers follow already, the most that may (browsers)")
+            raise web.HTTPServiceUnavailable(text=f"{most} browsers are connected, the maximum (page: browsers)")
         browser = Browser(counts, channels, rate, login)
         for group in (self._browsers.all, self.members):
             group.add(browser)

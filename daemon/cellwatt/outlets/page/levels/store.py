@@ -96,7 +96,7 @@ class Store:
             except _Closed:
                 return
             except (OSError, CellwattError) as error:
-                log.warning("the record cannot be followed: %s", error)
+                log.warning("cannot read new recordings: %s", error)
             self._closing.wait(PERIOD)
 
     def _rest(self) -> None:
@@ -199,7 +199,7 @@ class Store:
         self._files.pop(kept.name, None)
         self.counts["damaged"] += 1
         path = level_file.path_of(kept.path)
-        log.warning("%s %s: it is made anew", path, reason)
+        log.warning("%s %s: it is written again", path, reason)
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
@@ -211,7 +211,7 @@ class Store:
         if self._allows(kept):
             try:
                 if not self._room():
-                    raise OSError("there is no room for level files: curves of long spans are slow")
+                    raise OSError("too little disk space for level files: curves of long spans are slow")
                 level_file.write(kept, digest)
                 self._hold()
             except (OSError, ValueError) as error:
