@@ -64,7 +64,7 @@ def test_a_run_that_lost_something(call: Call, folders: dict[str, Any]) -> None:
     ended = call("demo", "--cell", "all", "--seconds", "1")
     assert ended.code == 1
     assert "arm lost 3 samples" in ended.out
-    assert "franka is left out: pylibfranka is not installed" in ended.out
+    assert "franka is skipped: pylibfranka is not installed" in ended.out
     assert "nothing was lost" not in ended.out
 
 

@@ -202,7 +202,7 @@ def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
     ended = call("check", cell)
     told, _, file = ended.err.partition(" (the traceback is in ")
     assert ended.code == BUG
-    assert told == "cellwatt: this is a mistake in cellwatt, please report it: ZeroDivisionError: division by zero"
+    assert told == "cellwatt: this is a bug in cellwatt, please report it: ZeroDivisionError: division by zero"
     assert "Traceback (most recent call last)" in Path(file.strip().removesuffix(")")).read_text()
 
 
