@@ -196,7 +196,7 @@ class Files:
             "messages": self.displaced["messages"] + lost,
             "reason": f"{error.strerror}: the record lacks its {lost} messages",
         }
-        log.error("%s; recording goes on in a new file", self.displaced["reason"])
+        log.error("%s; recording continues in a new file", self.displaced["reason"])
 
     def _fail(self, error: OSError) -> None:
         if isinstance(error, DisplacedError):
