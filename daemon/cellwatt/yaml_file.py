@@ -35,7 +35,7 @@ def parse_yaml(text: str) -> Any:
 
 
 class TooMuchError(yaml.MarkedYAMLError):
-    """A text is nested too deeply or expands to too many values; the message gives position and reason."""
+    """A text is nested too deeply or has too many values; the message gives position and reason."""
 
     def __init__(self, event: yaml.Event, problem: str) -> None:
         mark: Any = event.start_mark

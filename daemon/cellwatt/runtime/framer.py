@@ -41,7 +41,7 @@ class Framer:
         self._aligner = Aligner(streams, settings.rate, settings.latency)
 
     def status(self) -> dict[str, Any]:
-        """Counts of emitted frames, of samples that missed their frames by stream, and of skipped frames; JSON-ready."""
+        """Counts of emitted frames, of samples that missed theirs by stream, and of skipped frames; JSON-ready."""
         counts = self._aligner.counts.items()
         streams = {f"{source}/{stream}": asdict(found) for (source, stream), found in counts}
         return {"count": self.sequence, "streams": streams | {"cell": {"skipped": self._aligner.skipped}}}

@@ -27,7 +27,7 @@ BROKEN: Final = 1
 
 @dataclass(slots=True)
 class SupervisedProcess:
-    """A process that runs ``main`` with the assignment from ``make``, which gets the process's end of the control pipe."""
+    """A process that runs ``main`` with the assignment from ``make``, which gets its end of the control pipe."""
 
     name: str
     main: Callable[[Assignment], None]
