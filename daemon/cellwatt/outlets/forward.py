@@ -53,7 +53,7 @@ class Peer(ABC, Generic[M]):
 
     @abstractmethod
     def row(self, row: Row, units: Mapping[str, str]) -> M | None:
-        """The message of a row; ``None`` if the peer has no use for the row. Pure: called again for back-filled rows."""
+        """The message of a row; ``None`` if the peer has no use for the row. Pure: called again for back-fill."""
 
     def result(self, result: Archived) -> M | None:
         """The message of an alarm, task or energy, or ``None``."""

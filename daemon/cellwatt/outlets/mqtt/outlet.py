@@ -87,7 +87,7 @@ class MqttOutlet(Outlet[MqttSettings]):
         return self._session is None
 
     def trouble(self) -> str | None:
-        """Reason why something is not sent: primary host offline, unreadable record, refused messages, unknown channels."""
+        """Reason why something is not sent: host offline, record unreadable, messages refused, channels unknown."""
         session = self._session
         if session is not None and session.problem:
             return session.problem

@@ -119,7 +119,7 @@ class PlainFormat:
         return (self._message(topic, self._encoded(topic, item), self._settings.qos, topic in _RETAINED),)
 
     def _alarm(self, alarm: Alarm) -> Sequence[Message]:
-        """An active alarm is retained on its topic; a clear is published there once, and the retained message deleted."""
+        """An active alarm is retained on its topic; a clear is published there once, and then nothing is retained."""
         told = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos, alarm.active)
         moved = [] if self._kept.get(alarm.id) in (None, told.topic) else [self._deleted(alarm.id)]
         self._kept[alarm.id] = told.topic

@@ -47,7 +47,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
         self._read = False
 
     def offer(self, item: Item) -> None:
-        """Queue an alarm; a full queue drops the oldest. An acknowledgement or a shelving wakes the reader of the book."""
+        """Queue an alarm; a full queue drops the oldest. Acknowledging and shelving wake the reader of the book."""
         if isinstance(item, Alarm):
             self._inbox.append(item)
             if len(self._inbox) > INBOX:
