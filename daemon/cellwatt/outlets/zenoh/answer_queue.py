@@ -55,7 +55,7 @@ class Past:
         self._view, self._backlog, self._piece = view, backlog, piece
 
     def history(self, asked: Mapping[str, str]) -> Answer:
-        """Recorded samples, or frames. Raises ``QuestionError``, or ``NothingKeptError`` if none are stored any more."""
+        """Recorded samples, or frames. Raises ``QuestionError``, or ``NothingKeptError`` if none are stored."""
         session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
         whole = number_of(asked, "count", _EVER)
         count = min(whole, MOST_SAMPLES)
@@ -86,7 +86,7 @@ class Past:
         return recorded if recorded and recorded[0].sequence < begin else kept
 
     def results(self, asked: Mapping[str, str]) -> Answer:
-        """Results or events of one kind. Raises ``QuestionError``, or ``NothingKeptError`` if none are stored any more."""
+        """Results or events of one kind. Raises ``QuestionError``, or ``NothingKeptError`` if none are stored."""
         kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
         kept = self._results(kind, session, number_of(asked, "first", 0), number_of(asked, "count", _EVER))
         if not kept:

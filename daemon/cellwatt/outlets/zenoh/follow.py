@@ -64,7 +64,7 @@ class Following:
     _since: int | None = None  # session of the daemon in which this consumer joined
     _sessions_due: float = -math.inf
     _claims: dict[tuple[str, int], int] = field(default_factory=dict)
-    """Highest claimed next number, by topic and session; a claim about the daemon's session has the topic ``health``."""
+    """Highest claimed next number, by topic and session; the topic of a claimed daemon session is ``health``."""
     _asked: dict[tuple[str, int], int] = field(default_factory=dict)
     _early: list[tuple[str, MessagePart]] = field(default_factory=list)
     """Messages of topics that the cell has not confirmed yet."""

@@ -54,8 +54,8 @@ _QUEUES: Final = (
     # While it is full, a put waits this long, µs; then this receiver's samples are dropped until it accepts some again.
     # So a receiver that hangs delays the others once by this time, and a slow one by little more.
     (f"{_QUEUE}/congestion_control/drop/wait_before_drop", 5_000),
-    # One receiver's queue of results: some thousands. A receiver that accepts none for this long, µs, while the queue is
-    # full is disconnected and must request the messages that it missed.
+    # One receiver's queue of results: some thousands. A receiver that accepts none for this long, µs, while it is full
+    # is disconnected and must request the messages that it missed.
     (f"{_QUEUE}/size/interactive_high", 16),
     (f"{_QUEUE}/congestion_control/block/wait_before_close", 1_000_000),
 )

@@ -49,7 +49,7 @@ class Mark:
 
     @classmethod
     def decode(cls, data: bytes, payload: bytes) -> Mark:
-        """Decode a message's attachment. Raises ``ProtocolError`` if it is not a mark, or does not match the payload."""
+        """Decode a message's attachment. Raises ``ProtocolError`` if it is no mark or does not match the payload."""
         bare = data[:1] == bytes([_WITH_SCHEMA])
         size = _MARK.size + _CHECK.size * bare
         if len(data) < size + _CHECK.size or data[0] not in (_VERSION, _WITH_SCHEMA):

@@ -60,7 +60,7 @@ class Publisher:
         """Monotonic time, s, until which only alarms are published."""
         self._broken: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._interest = [self._declare(path, ARROW, lossy=True) for path in ("raw/**", FRAME)]
-        """Publishers on all sample and frame keys, declared early so that subscribers are known before the first data."""
+        """Publishers on all sample and frame keys, declared early: subscribers are known before the first data."""
         self._health_to = self._declare(HEALTH, JSON, lossy=True)
         self._token = session.liveliness().declare_token(keys.root)
 

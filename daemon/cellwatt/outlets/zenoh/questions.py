@@ -1,4 +1,4 @@
-"""Queries to a cell, as consumers send them and as the cell parses them. Pure.
+"""Questions to a cell, as consumers send them and as the cell parses them. Pure.
 
 Anyone who reaches the cell's port may send any content.
 """
@@ -37,7 +37,7 @@ class NothingKeptError(QuestionError):
 
 
 def parameters(text: str) -> dict[str, str]:
-    """Parse ``name=value;…`` of a selector; a repeated name takes the last value. Raises ``QuestionError`` if too long."""
+    """Parse ``name=value;…`` of a selector; of equal names the last counts. Raises ``QuestionError`` if too long."""
     if len(text) > _LONGEST:
         raise QuestionError(f"a question may have {_LONGEST} characters of parameters, this one has {len(text)}")
     pairs = (pair.partition("=") for pair in text.split(";"))

@@ -49,7 +49,7 @@ def link_to(
 
 
 def client_of(endpoints: tuple[str, ...], tls: TlsSettings | None = None, **more: Any) -> LinkSettings:
-    """A client's link to one of the endpoints. Raises ``ConfigError`` if an endpoint is invalid or lacks certificates."""
+    """A client's link to one of the endpoints. Raises ``ConfigError`` if one is invalid or lacks certificates."""
     try:
         return LinkSettings(mode="client", connect=endpoints, tls=tls, **more)
     except ValidationError as error:
