@@ -28,7 +28,7 @@ class Selection(Section):
     channels: Annotated[tuple[str, ...], Field(min_length=1)] = ("*",)
     """Channels of the frames, by name or pattern: ``arm.*.current``."""
     rate: Hertz = 1.0
-    """Rows per second, at most the frames' rate. A row has the mean of its span; states and counters, their last value."""
+    """Rows per second, at most the frames' rate. A row has means over its span; states and counters, last values."""
     units: Units = Units()
     """Units of the values sent; SI where no unit is set."""
     dead_band: Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = {}

@@ -27,7 +27,7 @@ class OpcUaOutletSettings(Listening, Selection):
     path: str = Field("/cellwatt", pattern=r"^/[A-Za-z0-9/_.-]*$")
     """Path of the endpoint's URL."""
     rate: Hertz = 10.0
-    """Rows per second, at most the frames' rate. A row has the mean of its span; states and counters, their last value."""
+    """Rows per second, at most the frames' rate. A row has means over its span; states and counters, last values."""
     certificate: Path | None = None
     """The server's certificate (PEM). With it, all messages are signed or encrypted (Basic256Sha256)."""
     trusted: tuple[FilePath, ...] = ()
