@@ -125,7 +125,7 @@ class Meter:
         self._timeout = timeout
 
     async def ask(self, question: bytes) -> bytes:
-        """Send a request; return its answer. Raises ``ConnectError`` without an answer, ``ProtocolError`` if too long."""
+        """Send a request; return its answer. Raises ``ConnectError`` without one, ``ProtocolError`` if too long."""
         try:
             self._writer.write(question)
             async with asyncio.timeout(self._timeout):
