@@ -27,7 +27,7 @@ METER = "Power (t, power) that a meter logged on its own clock, one a recording.
 
 
 class _Explain(click.Command):
-    """``--simulation A B C``: all that follows it, up to the next option."""
+    """Accept several values after one ``--simulation``, up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -37,7 +37,7 @@ class _Explain(click.Command):
                 following = word == "--simulation"
                 spread += [word]
             else:
-                # The first stands behind the option itself.
+                # The first value follows the option itself.
                 spread += ["--simulation", word] if following and spread[-1] != "--simulation" else [word]
         if any(word == "--simulation" and after.startswith("-") for word, after in pairwise([*spread, "-"])):
             raise click.BadOptionUsage("--simulation", "Option '--simulation' requires an argument.", ctx)
@@ -100,7 +100,7 @@ def explain(
             try:
                 mended = (mend_driven if driven else mend)(found, found.runs, user, out)
             except ConfigError as error:
-                unmended = error  # the answer is told all the same
+                unmended = error  # the findings are reported all the same
     if not no_report:
         with stage("writing the report"):
             found.report(out / "report.html", None if mended is None else mended.path)

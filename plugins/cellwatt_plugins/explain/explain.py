@@ -1,4 +1,4 @@
-"""Explain why recordings differ from the simulation: both sides searched, held-out figures, findings, model."""
+"""Explain why recordings differ from the simulation: search of both sides, held-out errors, findings, model."""
 
 from __future__ import annotations
 
@@ -42,24 +42,25 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo import IN_MOTION
 
 POORLY = 1.5
-"""Mean square residual from which a joint's torque is taken as measured, not as fitted, for the power."""
+"""Mean square residual, in units of the noise, above which the supply is computed from a joint's measured torque, not
+the fitted one."""
 CURRENT_GAIN = 0.1
-"""Torque constants from data sheets are off by about as much."""
+"""Typical relative error of a torque constant from a data sheet."""
 EXCESS = 0.35
-"""Mean square residual beyond noise from which a channel is unexplained."""
+"""Mean square residual beyond noise, in units of the noise, above which a channel is unexplained."""
 WITHOUT_PLAN = 2.0
-"""Mean square residual beyond noise that is unexplained where accelerations come from encoders alone."""
+"""Value of ``EXCESS`` where accelerations come from encoders alone."""
 FAR = 2.0
-"""Held-out error in units of the noise from which a channel is not explained in full."""
+"""Held-out error, in units of the noise, above which a channel is not explained in full."""
 SUPPLY_SHARE = 0.2
-"""Share of the time that is kept for the supply."""
+"""Share of the time limit that is reserved for the supply."""
 SETTLED = 1.3
-"""Mean square residual of all joints up to which the supply's own residual can be judged."""
+"""Largest mean square residual of the joints, in units of the noise, at which the supply's residual can be judged."""
 
 
 @dataclass(frozen=True)
 class Explained:
-    """Findings, the model, and the solutions that they rest on."""
+    """Findings, the model, and the solutions on which they rest."""
 
     findings: Findings
     model: Model
@@ -67,7 +68,7 @@ class Explained:
     supply: Solution | None
     runs: tuple[Run, ...]
     inputs: tuple[Path, ...] = ()
-    """The files that it was made from; the report names them with their digests."""
+    """The input files; the report names them with their digests."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
@@ -75,14 +76,15 @@ class Explained:
 
     @property
     def mounted(self) -> Float | None:
-        """Gravity (3,) m/s² in the base's frame less the simulation's; None where the mount is right."""
+        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if the mount is
+        right."""
         model = self.model
         return None if model.mount is None else model.mount - model.arm().body.gravity_field
 
     def report(self, path: Place, mended: Path | None = None) -> None:
-        """Write the page, ``report.html``; ``mended`` is the simulator's file as ``mend`` wrote it.
+        """Write the page ``report.html``; ``mended`` is the simulator's file as written by ``mend``.
 
-        Raises ``CellwattError`` where the file cannot be written.
+        Raises ``CellwattError`` if the file cannot be written.
         """
         from cellwatt.report import Provenance
         from cellwatt_plugins.explain.report.page import report
@@ -110,7 +112,7 @@ def explain(
 ) -> Explained:
     """Find where the runs differ from the simulation, name the causes and model them.
 
-    ``notes`` and ``states`` are of admission. What is not found after ``seconds`` is not looked for; see ``now``.
+    ``notes`` and ``states`` come from admission. The search stops after ``seconds``; see ``now``.
     """
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
@@ -134,7 +136,7 @@ def explain(
 
 
 def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[States], list[Float]]:
-    """States with the best torque for the supply, fitted or, where the fit is poor, measured; its doubt (N, n) Nm."""
+    """States with the supply's torque, fitted or (where the fit is poor) measured, and its uncertainty (N, n) Nm."""
     problem = torque.problem
     chi2 = problem.chi2(torque.residual)
     poor = chi2 > POORLY
@@ -142,7 +144,7 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
     variance = problem.every_sample(np.concatenate(problem.variance))
     doubt = []
     for v, states in zip(variance, problem.states, strict=True):
-        # A torque that nobody read is as uncertain as it is large, and no more.
+        # A torque that was not measured is as uncertain as it is large, and no more.
         beyond = np.where(v < UNTOLD * problem.floor**2, v - problem.floor**2, states.torque**2)
         doubt.append(np.sqrt(unexplained**2 + np.maximum(beyond, 0.0)))
     out = []
@@ -156,7 +158,7 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
 
 
 def _measurement_errors(torque: Solution) -> list[Float]:
-    """Torque (N, n) that effects on the measurement alone add to each run."""
+    """Torque (N, n) Nm that effects on the measurement alone add to each run."""
     problem = torque.problem
     out = [np.zeros_like(s.torque) for s in problem.states]
     for term in torque.terms:
@@ -188,7 +190,8 @@ def _findings(
         held = LeaveOut(best.problem, best.factor)
         nominal = solution.problem.chi2(solution.problem.fit([]).residual)
         own = lack_of_fit(nominal, solution, *limits)
-        # What retuning within tolerance would take up, though data left out do not confirm it, is not unknown.
+        # A residual that retuning within tolerance removes is not unknown, even if data left out do not confirm the
+        # retuning.
         if own and solution.free is not None:
             tuned = lack_of_fit(nominal, fitted(solution.free, solution.terms), *limits)
             own = [u for u in own if any(u.channel == other.channel for other in tuned)]
@@ -204,7 +207,7 @@ def _findings(
         tried += solution.tried
     found += rattling_findings(torque)
     named = any(f.effect != "unknown" for f in found)
-    # Of what is there at one time only, no data can be left out.
+    # Intermittent effects cannot be tested on data left out.
     once = any(term.effect.form.intermittent for solution in sides for term in solution.terms)
     far = not once and any(c.model > FAR * c.noise_floor for c in fit)
     verdict = _verdict(named, bool(left) or (named and far))
@@ -222,7 +225,7 @@ def _findings(
 
 
 def _looked_at(solution: Solution, left: LackOfFit) -> bool:
-    """True if the candidates of a channel were tried before the time was up."""
+    """True if the candidates of a channel were tried before the time limit."""
     return solution.problem.side == "supply" or left.channel not in solution.unlooked
 
 
@@ -232,14 +235,14 @@ def _with_noise(mounted: Finding, problem: Problem) -> Finding:
 
 
 def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
-    """Share by which a common factor of all torques may be off."""
+    """Tolerance of a common factor on all torques, as a share."""
     if robot.tolerances.torque_gain is not None:
         return robot.tolerances.torque_gain
     return CURRENT_GAIN if any(run.torque_from == "current" for run in runs) else 0.0
 
 
 def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelFit]:
-    """Held-out error of each channel: as simulated (C,), retuned, with the model."""
+    """Held-out error of each channel: of the simulation (C,), with nominal parameters retuned, and with the model."""
     problem = solution.problem
     refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [

@@ -1,6 +1,6 @@
-"""The live side of the explainer: frames and intervals in, predictions of the simulation and alarms out.
+"""The live side of ``explain``: consumes frames and intervals, publishes the simulation's predictions and alarms.
 
-Pinocchio and scipy are imported where a stage is made, not where its settings are read.
+Pinocchio and scipy are imported when a stage is created, not when its settings are read.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ from cellwatt_plugins.explain.live.watch import ChannelWatch
 from cellwatt_plugins.explain.live.window import Stretch, Window, bridged
 
 LONGEST = 120.0
-"""s of an interval, from its end, that are judged."""
+"""Longest part of an interval that is judged, in s before its end."""
 COVERED = 0.8
-"""Share of an interval's frames that must have been compared for it to be judged."""
+"""Smallest share of an interval's frames that must have been compared for it to be judged."""
 WAITING = 64
-"""Intervals that may wait for their frames to be simulated."""
+"""Largest number of intervals that wait for their frames to be simulated."""
 
 
 class MismatchStage(Stage[MismatchSettings]):
-    """Gives a ``Prediction`` of torques and power each second, and alarms.
+    """Publishes a ``Prediction`` of torques and power each second, and alarms.
 
-    ``simulation_differs`` for a channel outside its band, ``mismatch`` for what explains it, ``explanation_failed``
-    where that could not be said, ``effect_not_followed`` for effects of a model that a daemon cannot simulate.
+    ``simulation_differs`` for a channel outside its band, ``mismatch`` for its explanation, ``explanation_failed``
+    where no explanation could be computed, ``effect_not_followed`` for effects of a model that a daemon cannot
+    simulate.
     """
 
     Settings = MismatchSettings
@@ -84,7 +85,7 @@ class MismatchStage(Stage[MismatchSettings]):
         self.counts: Counter[str] = Counter()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Predictions that are ready with this block, and the alarms that changed."""
+        """Return the predictions that are complete with this block, and the alarms that changed."""
         ours = (r for r in upstream if isinstance(r, Interval) and r.source == self._intake.source)
         self._intervals.extend(r for r in ours if r.closed and r.complete and r.moving)
         if not len(frames):
@@ -103,7 +104,7 @@ class MismatchStage(Stage[MismatchSettings]):
         return out
 
     def close(self) -> Sequence[Result]:
-        """End an explanation that still runs."""
+        """Stop a running explanation."""
         if self._explainer is not None:
             self._explainer.stop()
         return ()
@@ -113,7 +114,7 @@ class MismatchStage(Stage[MismatchSettings]):
         return [left_out(Occasion(self.name, self._intake.source, now, now), names)] if names else []
 
     def _compare(self, stretch: Stretch) -> Prediction:
-        """Simulate a stretch; what is new in it goes into the history beside what was measured."""
+        """Simulate a stretch, and store its new frames in the history: measured beside simulated values."""
         places, new = self._intake.places, stretch.new
         simulated, driven = self._said(stretch)
         simulated, measured = simulated[new], stretch.values[new, : self._width]
@@ -121,7 +122,7 @@ class MismatchStage(Stage[MismatchSettings]):
             measured[:, places["command"]], measured[:, places["torque"]] = (each[new] for each in driven)
         read = np.isfinite(measured[:, places[self._intake.measured]])
         there = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
-        # One sensor that died does not take the other joints out of sight.
+        # A dead sensor of one joint does not hide the other joints.
         kept = there & read.any(axis=1)
         self._history.add(stretch.time[new][kept], np.column_stack([measured, simulated])[kept])
         self.counts["compared"] += int(kept.sum())
@@ -137,7 +138,7 @@ class MismatchStage(Stage[MismatchSettings]):
         )
 
     def _said(self, stretch: Stretch) -> tuple[Float, tuple[Float, Float] | None]:
-        """Values (N, C) of the simulation for all frames of a stretch; commands and torques (N, n) of driven servos."""
+        """Simulated values (N, C) for all frames of a stretch; commands and torques (N, n) Nm of driven servos."""
         if self._streamed is not None:
             return stretch.values[:, self._width :], None
         places = self._intake.places
@@ -178,14 +179,14 @@ class MismatchStage(Stage[MismatchSettings]):
 
     @property
     def _judged(self) -> list[int]:
-        """Columns of the history that were measured and are compared."""
+        """Columns of the history with the measured values that are compared."""
         places = self._intake.places
         torque = places[self._intake.measured]
         return [*range(torque.start, torque.stop), *([places["power"].start] if "power" in places else [])]
 
 
 def _robot(settings: MismatchSettings, cell: CellInfo) -> Place | None:
-    """Where the robot is described."""
+    """Path of the robot description."""
     if settings.robot is not None:
         return cell.folder / settings.robot
     if cell.robot is None:

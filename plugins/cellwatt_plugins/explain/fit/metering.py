@@ -1,4 +1,4 @@
-"""The power that runs recorded, as the values of a slow meter, where it is one."""
+"""Whether the recorded power comes from a slow meter, and the meter's values."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from cellwatt_plugins.robot.meter.model import Meter
 
 @dataclass(frozen=True)
 class Metering:
-    """A slow meter, and the values of each run that has power."""
+    """A slow meter, and its values in each run that has power."""
 
     meter: Meter
     rows: tuple[Rows, ...]
     values: tuple[Float, ...]
-    """(M,) W of each."""
+    """(M,) W of each run."""
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """Power of a slow meter whose window and delay the motion does not tell."""
+    """A slow meter whose window and delay the motion does not determine."""
 
     interval: float
     """s from one value to the next."""
 
 
 def metering(runs: Sequence[Run], states: Sequence[States]) -> Metering | Unknown | None:
-    """The meter that the power of the runs comes from; None where it is as fast as the recordings.
+    """The meter that measured the runs' power; None if it is as fast as the recordings.
 
     States carry the torque that moves the arm.
     """
