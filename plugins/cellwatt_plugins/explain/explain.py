@@ -76,8 +76,7 @@ class Explained:
 
     @property
     def mounted(self) -> Float | None:
-        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if the mount is
-        right."""
+        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if equal."""
         model = self.model
         return None if model.mount is None else model.mount - model.arm().body.gravity_field
 

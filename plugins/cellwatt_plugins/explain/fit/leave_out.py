@@ -179,8 +179,7 @@ class _Products:
     def channel(
         self, c: int, blocks: Sequence[Block], slices: Sequence[slice]
     ) -> tuple[NDArray[np.intp], Float, Float]:
-        """Indices (p,) among all coefficients, gram (K, p, p) and right side (K, p) of a channel with further
-        blocks."""
+        """Coefficient indices (p,), gram (K, p, p) and right side (K, p) of a channel with further blocks."""
         acting = [b for b in blocks if b.channel in (None, c)]
         fixed, own = self._fixed[c], self.design.channels[c].places
         among = [np.arange(s.start, s.stop) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]

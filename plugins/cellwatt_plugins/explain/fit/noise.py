@@ -58,8 +58,7 @@ def hum(residuals: Sequence[Float], steps: Sequence[float]) -> float | None:
 
 
 def _quiet_spectrum(residuals: Sequence[Float], steps: Sequence[float]) -> tuple[Float, float]:
-    """Mean power spectrum (F, C) of the quiet third of long windows, and its resolution in Hz; zeros without
-    windows."""
+    """Mean power spectrum (F, C) of the quiet third of long windows (0 without windows), and its resolution in Hz."""
     step = float(np.median(steps))
     width = max(16, round(LISTEN / step))
     windows = np.concatenate([_detrended(residual, width) for residual in residuals])

@@ -70,8 +70,7 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
 
 
 def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: float) -> list[Nominal]:
-    """Simulated terms beyond the law, one coefficient per channel: courses (N, C) and whole simulated values of each
-    run."""
+    """Simulated terms beyond the law, a factor per channel: ``courses`` (N, C) of each run, ``whole`` with the law."""
     beyond = np.concatenate([course for course in courses if course is not None])
     there = np.std(beyond, axis=0) > FINE * np.std(np.concatenate(whole), axis=0)
     prior = Prior.spread(np.array([tolerance]))

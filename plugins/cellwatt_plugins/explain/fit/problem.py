@@ -215,8 +215,7 @@ class Problem:
         return np.asarray(np.sqrt(np.sum(weight * np.square(residual), axis=0) / np.sum(weight, axis=0)))
 
     def fast_chi2(self, residual: Float) -> Float:
-        """``chi2`` (C,) of the part of a residual faster than ``SLOW``: a spring rings and a gap clacks, friction does
-        not."""
+        """``chi2`` of the part of a residual faster than ``SLOW``: a spring rings, a gap clacks, friction does not."""
         parts = []
         for rows, part in zip(self.rows, self.split(residual * self.design.root), strict=True):
             width = max(3, round(SLOW / rows.step))
@@ -224,7 +223,7 @@ class Problem:
         return self.chi2(np.concatenate(parts) / self.design.root)
 
     def with_torque(self, torque: Sequence[Float], carried: Sequence[Float]) -> Problem:
-        """The same problem for effects that depend on another fitted torque and on the links' share of it beyond the
+        """The same problem for effects that depend on the fitted torque, given that and the links' part beyond
         nominal."""
         triples = zip(self.states, torque, carried, strict=True)
         new = replace(self, states=tuple(s.with_torque(t, c) for s, t, c in triples))

@@ -172,8 +172,7 @@ def supply_problem(
 
 
 def encoder_floor(states: Sequence[States], fast: bool = False) -> Float:
-    """Noise (n,) Nm, from the encoders alone, of the servos' law minus the motion's torque: below the compared
-    bandwidth, or (``fast``) in full."""
+    """Noise (n,) Nm from the encoders alone in the servos' law minus the motion's torque; ``fast``: unfiltered."""
     drive, robot = states[0].servos, states[0].robot
     inertia = np.mean(np.concatenate([s.own_inertia for s in states]), axis=0) + robot.column("rotor_inertia")
     resolution = np.max([s.moved.resolution for s in states], axis=0)

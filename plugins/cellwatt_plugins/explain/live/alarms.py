@@ -19,18 +19,18 @@ SEVERITY: Mapping[str, Severity] = {
     "partly_explained": "warning",
     "unexplained": "error",
 }
-"""By verdict; what nobody can name a person must look at."""
+"""Severity by verdict; a person must look at an unknown cause."""
 SAID = 3
-"""Findings in an alarm's own words; all are in its evidence."""
+"""Number of findings in the alarm's text; all are in its evidence."""
 AGREED = "Within noise and tolerances the recording agrees with a simulation whose numbers are retuned."
 
 Known = Collection[tuple[str, int | None]]
-"""Effects of the model that runs, each by its name and its 1-based joint."""
+"""Effects of the running model, each by name and 1-based joint."""
 
 
 @dataclass(frozen=True)
 class Occasion:
-    """Common to all alarms of an explanation: ns of the first evidence and of the alarm, s of the recording."""
+    """Data common to all alarms of an explanation: ns of the first evidence and of the alarm, s of the recording."""
 
     prefix: str
     source: str
@@ -38,12 +38,12 @@ class Occasion:
     time: int
     seconds: float = 0.0
     gives_way: bool = True
-    """True if the system let it run at low priority."""
+    """True if the system permitted low priority."""
 
     def alarm(
         self, kind: str, severity: Severity, statement: str, evidence: Mapping[str, Any], joint: int | None = None
     ) -> Alarm:
-        """The alarm of a kind, active."""
+        """An active alarm of the given kind."""
         name, since, time, source = f"{self.prefix}.{self.source}.{kind}", self.since, self.time, self.source
         return Alarm(name, kind, severity, True, since, time, statement, source, joint, evidence=evidence)
 
@@ -68,13 +68,13 @@ def found(told: Occasion, outcome: Outcome, known: Known) -> Alarm:
 
 
 def failed(told: Occasion, reason: str, times: int) -> Alarm:
-    """The alarm for an explanation that failed, for the ``times``-th time in a row."""
+    """The alarm for an explanation that failed for the ``times``-th time in a row."""
     statement = f"Recording and simulation differ, but explaining it failed: {reason}"
     return told.alarm(FAILED, "warning", statement, {"failures": times, "recording_s": told.seconds})
 
 
 def left_out(told: Occasion, names: Sequence[str]) -> Alarm:
-    """Effects of the model that cannot be followed live."""
+    """The alarm for effects of the model that cannot be simulated live."""
     statement = (
         f"The live simulation leaves out {', '.join(names)} of the model: that depends on what was before "
         "the daemon came, or on times that it cannot know."

@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 class History:
     """A table of the newest ``length`` rows: ``time`` (N,) ns, rising, and ``values`` (N, width).
 
-    Slices look into the table: they hold until more is added.
+    Slices are views into the table: they are valid until rows are added.
     """
 
     def __init__(self, length: int, width: int) -> None:
@@ -23,7 +23,7 @@ class History:
         self._end = 0
 
     def add(self, time: Integers, values: Float) -> None:
-        """Add rows that follow those there are; no more than ``length`` at once."""
+        """Append rows; no more than ``length`` at once."""
         if self._end + len(time) > len(self._time):
             kept = self._length - len(time)
             self._time[:kept] = self._time[self._end - kept : self._end]

@@ -1,4 +1,4 @@
-"""Sections of drawn figures: channels over time, what the difference follows."""
+"""Sections with figures: channels over time, and the quantities on which the difference depends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellwatt_plugins.explain.report.trace import Trace, worst_first
 from cellwatt_plugins.explain.verdict.findings import Findings, Span, Where
 
 MOST_RUNS = 6
-"""Recordings drawn over time; of more, those whose simulation is furthest off."""
+"""Largest number of recordings drawn over time; of more, those with the largest error of the simulation."""
 ALL_POINTS, FEWEST_POINTS, MOST_POINTS = 800_000, 300, 8000
 """Points of all time curves together, and limits for one curve."""
 MOST_CLOUDS = 6
@@ -24,7 +24,7 @@ FOLLOWED = (
 
 
 def sections(findings: Findings, traces: Sequence[Trace], floors: Mapping[str, float]) -> list[Section]:
-    """All sections; ``floors`` by channel."""
+    """All sections; ``floors`` are noise floors by channel."""
     first = _prominent(findings, floors)
     drawn = [_over_time(findings, traces, floors, first)]
     if findings.verdict != "no_mismatch":
@@ -61,7 +61,7 @@ def _time_lead(traces: Sequence[Trace], shown: Sequence[Trace], marked: bool) ->
 
 
 def _prominent(findings: Findings, floors: Mapping[str, float]) -> list[str]:
-    """Channels to show first: what is missing, what is unexplained, what is mistuned; with none of them the first."""
+    """Channels to show first: with missing effects, unexplained, mistuned; if there are none, the first channel."""
     missing, mistuned = (
         [f.improvement.channel for f in findings.findings if f.kind == kind] for kind in ("missing", "mistuned")
     )

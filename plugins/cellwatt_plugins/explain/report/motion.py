@@ -1,4 +1,4 @@
-"""How the arm moved, beside the simulator rolled out under the same commands, as it is and mended."""
+"""Motion of the arm, and of the simulator rolled out under the same commands, original and mended."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cellwatt_plugins.explain.report.curves import stacked
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
 
 POINTS = 3000
-"""Points of a curve at most."""
+"""Largest number of points of a curve."""
 SECONDS = 20.0
-"""Shown at first."""
+"""Seconds shown at first."""
 DIGITS = 5
 """Decimals of rad."""
 
 
 def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended: Path | None) -> Section:
-    """Commanded, measured, simulated and mended motion of each joint; ``mended`` is None where no file was."""
+    """Commanded, measured, simulated and mended motion of each joint; ``mended`` is None without a mended file."""
     before = rolled_out(simulator, joints, runs)
     after = None if mended is None else rolled_out(mended, joints, runs)
     errors = rms_of(before)

@@ -1,4 +1,4 @@
-"""Recordings that nothing was fitted to: does the model that was found in others explain them, too?"""
+"""Recordings that were not used for fitting: does the model explain them, too?"""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from cellwatt_plugins.explain.verdict.findings import Findings, Other
 from cellwatt_plugins.robot.meter.held import held
 
 FACTOR = 2.0
-"""Error over that in the data left out of the fit from which on a recording is not explained."""
+"""Error relative to that on data left out of the fit above which a recording is not explained."""
 NAMED = 5
-"""Recordings that notes name; ``findings.json`` and the report have all."""
+"""Largest number of recordings named in notes; ``findings.json`` and the report list all."""
 
 
 def compare(
     files: Sequence[Source], findings: Findings, model: Model, simulator: Path | None, rate: float
 ) -> tuple[Other, ...]:
-    """Each recording beside the model, at ``rate`` Hz."""
+    """Compare each recording with the model, at ``rate`` Hz."""
     usual = {fit.channel: max(fit.model, fit.noise_floor) for fit in findings.fit}
     known = model, simulator, rate, usual
     return tuple(spread(_compared, files, "comparing the other recordings", shared=known))
 
 
 def with_others(findings: Findings, others: Sequence[Other], close: int) -> Findings:
-    """The findings in ``close`` recordings, and how the others go with them."""
+    """The findings from ``close`` recordings, with the comparison of the others added."""
     if not others:
         return findings
     odd = [other for other in others if other.explained is False]
@@ -62,7 +62,8 @@ def _odd(other: Other) -> str:
 
 
 def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, float]]) -> Other:
-    """The channel of a recording that is furthest off the model; ``usual`` is each channel's error in data left out."""
+    """The channel of a recording that deviates most from the model; ``usual`` is each channel's error on data left
+    out."""
     model, simulator, rate, usual = known
     try:
         run = read_one(file, model.robot, simulator, rate)
@@ -89,5 +90,5 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
 
 
 def _explained(error: float, usual: float, measured: Float, model: Model) -> bool:
-    """True unless a channel is off by more than usual, and by a share of what it measured that is of use to anybody."""
+    """True unless the error exceeds both the usual error and the share of the measured values that matters."""
     return error < max(FACTOR * usual, model.robot.tolerances.unexplained * float(np.std(measured)))

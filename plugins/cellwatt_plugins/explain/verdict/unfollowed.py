@@ -1,7 +1,7 @@
-"""Findings of what the model follows with no law: something unknown, a link's rebounds, a joint that rattles.
+"""Findings that the model follows with no law: something unknown, a link's rebounds, a joint that rattles.
 
-A link that has crossed the gap of its gear hits the flank and rebounds, in a way that no model foretells blow by blow.
-When it does so can be told: just after its load has turned over, and at no other time.
+A link that has crossed the gap of its gear hits the flank and rebounds; no model predicts each blow. The times of the
+blows are known: just after the load has reversed, and at no other time.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from cellwatt_plugins.robot.effects.effect import Parameter
 from cellwatt_plugins.robot.motion import FAST
 
 AT_ONCE = 1.0
-"""s: what shows from the beginning on has no first time that would tell anything."""
+"""s: a residual that starts earlier than this is present from the beginning, and its first time is not reported."""
 DIE_OUT = 0.15
-"""s after the load has turned over within which rebounds die out."""
+"""s after a reversal of the load within which rebounds die out."""
 AGAIN = 5
-"""Times that the load must turn over."""
+"""Smallest number of load reversals."""
 BLOWS = 5.0
-"""Mean square residual of these moments, in units of the noise, that blows leave at least."""
+"""Smallest mean square residual after reversals, in units of the noise, that counts as blows."""
 ELSEWHERE = 0.1
-"""Of what these moments have beyond the noise, the most that all others may have."""
+"""Largest residual beyond the noise at all other times, as a share of that after reversals."""
 SELDOM = 0.3
-"""Share of the time that these moments may be: beyond, they are no moments."""
+"""Largest share of the time that may lie after reversals; with more, the times do not distinguish rebounds."""
 RATTLES = 0.05
-"""Share of the time from which it is told that a joint rattles."""
+"""Share of the time above which a rattling joint is reported."""
 
 
 def unknown_findings(solution: Solution, left: Sequence[LackOfFit]) -> list[Finding]:
-    """Findings of channels where something real is left that no known effect follows."""
+    """Findings of channels with a real residual that no known effect explains."""
     supply = solution.problem.side == "supply"
     error, after = (s.problem.rms(LeaveOut(s.problem, s.factor).residual(s.terms)) for s in (solution, solution.best))
     return [_unknown(solution, u, error, after, None if supply else u.channel) for u in left]
@@ -77,9 +77,9 @@ def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, jo
 
 
 def rattling_findings(solution: Solution) -> list[Finding]:
-    """Findings of joints that rattle, faster than a servo's law and the motion are compared.
+    """Findings of joints that rattle faster than the band in which a servo's law and the motion are compared.
 
-    Drives that act late let joints swing, too: where they do, nothing is said.
+    Drives that act late make joints swing, too: with a time delay, no joint is reported.
     """
     problem = solution.problem
     late = any(term.effect.name == "time_delay" for term in solution.terms)
@@ -113,9 +113,9 @@ def rattling_findings(solution: Solution) -> list[Finding]:
 
 
 def rebounds(solution: Solution, joint: int) -> float | None:
-    """Share of the time after a joint's load turned over, if all that is left lies there; None where it does not.
+    """Share of the time just after a joint's load reversed, if the whole residual lies there; None otherwise.
 
-    Friction that turns over with the velocity is none of it: its moments are among the others.
+    Friction, which reverses with the velocity, is excluded: its times are among the others.
     """
     problem = solution.problem
     if min(1 / rows.step for rows in problem.rows) < FAST:

@@ -1,4 +1,4 @@
-"""Backward elimination: what makes a term leave that once entered."""
+"""Backward elimination: reasons for which a term is removed again."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from cellwatt_plugins.explain.fit.search.state import SearchState
 from cellwatt_plugins.explain.fit.solution import Solution
 
 STRETCHED = 5.0
-"""nats that the tolerances of nominal numbers give a name before a plainer one."""
+"""Largest additional stretch of nominal parameters, in nats, with which a plainer name may replace a term."""
 LEFT, COMPLETE = 1.3, 0.9
-"""Mean square residual that a plainer name leaves, and the share of it beyond the noise that one takes off that says
-all there is to say."""
+"""A term completes the explanation if a plainer name leaves a mean square residual above ``LEFT``, in units of the
+noise, and the term removes the share ``COMPLETE`` of it beyond the noise."""
 UNSURE = 0.65
-"""Share of a term's evidence from which a quite different shape of it fits about as well."""
+"""Share of a term's evidence above which a quite different shape fits about as well."""
 
 
 def drop_needless(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
-    """Terms that others made needless leave; only those that ``beside`` can stand for, where it is given."""
+    """Remove terms that others made needless; with ``beside``, only terms that ``beside`` can replace."""
     for term in _weakest_first(now):
         if term is beside or not shares_channel(term, beside):
             continue
@@ -53,7 +53,7 @@ def drop_needless(state: SearchState, now: Solution, beside: Term | None = None)
 
 
 def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
-    """Terms that add less than the form of another one there may be wrong by leave."""
+    """Remove terms whose contribution is smaller than the possible model error of another term."""
     one_channel = now.problem.side == "supply"
     for term in list(now.terms):
         beside = [t for t in now.terms if t is not term and (one_channel or shares_channel(term, t))]
@@ -66,7 +66,7 @@ def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
 
 
 def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
-    """Terms leave in whose place a plainer one does as well on data left out; it comes in where it holds by itself."""
+    """Remove terms for which a plainer name does as well on data left out; add the plainer name if it is confirmed."""
     effects = {effect.name: effect for effect in state.effects}
     for term in list(now.terms):
         rest, there = without(state, now, term), {t.place for t in now.terms}
@@ -78,7 +78,7 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             plain = solve(state, [*rest.terms, Term(effects[name], term.joint, ())])
             if not physical(plain.terms[-1], plain.coefficients(plain.terms[-1]), state.robot):
                 continue
-            # Nominal numbers that are stretched for it take up what the plainer name does not say.
+            # A plainer name may fit only because nominal parameters are stretched for it.
             if np.sum(tension(plain)) - np.sum(tension(now)) > 2 * STRETCHED:
                 continue
             bare, old, new = (LeaveOut(s.problem, now.factor).errors(s.terms) for s in (rest, plain, now))
@@ -95,13 +95,13 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
 
 
 def _completes(plain: Solution, now: Solution, joint: int) -> bool:
-    """True if hardly anything is left of what the plainer name leaves at a joint beyond the noise."""
+    """True if the term removes nearly all of a joint's residual beyond the noise that the plainer name leaves."""
     before, after = (float(s.problem.chi2(s.residual)[joint]) for s in (plain, now))
     return before > LEFT and before - after > COMPLETE * (before - 1)
 
 
 def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
-    """Terms leave whose shape could as well be quite another one."""
+    """Remove terms that fit about as well with a quite different shape."""
     for term in list(now.terms):
         rivals = [
             Term(term.effect, term.joint, s) for s in term.effect.unlike(now.problem.states, term.joint, term.shape)
@@ -118,7 +118,7 @@ def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
 
 
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
-    """Terms that data left out do not confirm beside the others leave."""
+    """Remove terms that data left out do not confirm beside the others."""
     for term in _weakest_first(now):
         rest = without(state, now, term)
         gain = rest.fit.gain(rest.problem.block(term))[0]
@@ -145,7 +145,7 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
 
 
 def _as_friction(state: SearchState, now: Solution, term: Term) -> bool:
-    """True of what is there once, of a motion without a plan, and no stronger than the friction of its joint."""
+    """True for an intermittent term of a motion without a plan that is not stronger than its joint's friction."""
     if term.joint is None or not term.effect.form.intermittent or not now.problem.states[0].unplanned:
         return False
     friction = state.turning[term.joint] + state.robot.column("coulomb_friction")[term.joint]
@@ -153,15 +153,16 @@ def _as_friction(state: SearchState, now: Solution, term: Term) -> bool:
 
 
 def _as_blow(now: Solution, term: Term) -> bool:
-    """True of what is there once, at a joint whose link rebounds in its play: no blow of it is foretold."""
+    """True for an intermittent term at a joint with backlash, whose blows no model predicts."""
     plays = any(t.joint == term.joint and t.effect.name == "backlash" for t in now.terms)
     return term.joint is not None and term.effect.form.intermittent and plays
 
 
 def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> bool:
-    """True if a term takes little off its joint, or not surely, beside what is in no library.
+    """True if a term removes little, or not surely, from a joint with a large residual of unknown origin.
 
-    What rings or clacks is never followed to the noise, and what is there at times only is not left out.
+    Excluded are effects that ring or clack, which never reach the noise, and intermittent ones, which cannot be left
+    out.
     """
     asked, form = state.thresholds, term.effect.form
     certain = np.isfinite(term.effect.acceptance.by_evidence)
@@ -180,10 +181,10 @@ def shares_channel(term: Term, other: Term | None) -> bool:
 
 
 def _weakest_first(now: Solution) -> list[Term]:
-    """The terms by their evidence beside all others: of two that stand for one another the weaker is asked first."""
+    """The terms by their evidence beside all others: of two that can replace each other, the weaker is tested first."""
     return sorted(now.terms, key=lambda t: now.fit.added(now.block(t)[1]) + t.effect.relations.plainer)
 
 
 def _size(now: Solution, term: Term) -> float:
-    """Size of what a term adds, in units of the noise."""
+    """Rms contribution of a term, in units of the noise."""
     return float(np.sqrt(np.mean(np.square(now.added(term) / now.problem.floor))))

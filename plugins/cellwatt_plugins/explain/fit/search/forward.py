@@ -1,4 +1,4 @@
-"""Forward steps: the best candidate enters, and each term is tried under every other name."""
+"""Forward steps: the best candidate is added, and each term is tried under every other name."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from cellwatt_plugins.explain.fit.search.state import SearchState
 from cellwatt_plugins.explain.fit.solution import Solution
 
 BEST, USUAL = 2, 5
-"""Candidates at one place (a joint, the whole arm) that are looked at closely in a step, and where one is usual."""
+"""Largest number of candidates per joint (or for the whole arm) that are fitted in a step; the second is for usual
+effects."""
 RIVALS = 3
-"""Other names that are fitted in a term's place."""
+"""Largest number of other names fitted in a term's place."""
 AHEAD = 3.0
-"""nats by which a name must lead the one in whose place it comes."""
+"""nats by which a name must exceed the name that it replaces."""
 
 
 def enter(state: SearchState, now: Solution) -> Solution | None:
-    """The solution with the best new term; None where none is accepted."""
+    """The solution with the best new term; None if none is accepted."""
     looked_at: Counter[int | None] = Counter()
     skipped: set[int | None] = set()
     for candidate in steps(candidates(state, now), "fitting", lambda candidate: said(candidate.term)):
@@ -56,7 +57,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
 
 
 def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solution | None:
-    """The solution with a new term in an old one's place; None where the old one has more evidence."""
+    """The solution with a new term in place of an old one; None if the old one has more evidence."""
     others = without(state, now, old)
     own, other = (others.fit.gain(others.problem.block(t))[0] + t.effect.relations.plainer for t in (old, new))
     if other < own + AHEAD:
@@ -66,7 +67,8 @@ def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solutio
 
 
 def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
-    """Each term under the name that explains it best, the others held; only what shares a channel with ``beside``."""
+    """Each term under the name that explains it best, with the others fixed; only terms that share a channel with
+    ``beside``."""
     for term in steps(list(now.terms), "other names for", said):
         if not shares_channel(term, beside):
             continue
