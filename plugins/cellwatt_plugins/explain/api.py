@@ -70,7 +70,7 @@ def arm_of(robot: Place | None, simulator: Path | None, recordings: Sequence[Pat
     if robot is not None:
         return Arm.load(robot)
     if simulator is None:
-        raise ConfigError("nothing describes the arm: give --robot robot.yaml, or a simulator's file (MJCF, URDF)")
+        raise ConfigError("no description of the arm: give --robot robot.yaml, or a simulator's file (MJCF, URDF)")
     table = read_table(recordings[0])
     joints = table.named or len(table.joint_names("position") or table.joint_names("target_position"))
     return Arm.of(described(simulator, joints or None))

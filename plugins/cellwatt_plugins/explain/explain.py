@@ -42,8 +42,7 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo import IN_MOTION
 
 POORLY = 1.5
-"""Mean square residual, in units of the noise, above which the supply is computed from a joint's measured torque, not
-the fitted one."""
+"""Mean square residual, in units of the noise, above which the supply's model uses a joint's measured torque."""
 CURRENT_GAIN = 0.1
 """Typical relative error of a torque constant from a data sheet."""
 EXCESS = 0.35
@@ -115,7 +114,7 @@ def explain(
     """
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
-    with stage("looking how the arm is mounted"):
+    with stage("checking how the arm is mounted"):
         upright = errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
     powered = any(run.power is not None for run in runs)
@@ -129,7 +128,7 @@ def explain(
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(lambda *_: supplied, 1, until=until)
-    with stage("judging by data left out"):
+    with stage("judging on data left out"):
         findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, tuple(runs))
 
@@ -255,7 +254,7 @@ def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:
         return ()
     if isinstance(meter, Unknown):
         return (
-            f"Power comes every {meter.interval:.2g} s and does not tell when each value was measured: "
+            f"Power has one value every {meter.interval:.2g} s, and the motion does not show when it was measured: "
             "the supply was not judged. Record a longer motion, or a faster meter.",
         )
     return (f"Power is from a slow meter ({meter.meter.told}): it was compared with means over the same times.",)
@@ -272,16 +271,14 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
     if torque.spent or (supply is not None and supply.spent):
         joints = [str(joint + 1) for joint in torque.unlooked]
         missed = f"; joint{'s' * (len(joints) > 1)} {listed(joints)} not looked at in full" if joints else ""
-        notes.append(
-            f"The time was up before all was tried{missed}: what is said is sound, more may be found with --time"
-        )
+        notes.append(f"The time limit was reached before all was tried{missed}: a longer --time may give more findings")
     if any(run.drive is not None for run in runs):
         notes.append(
-            "No torque was recorded: the law of the simulation's servos stands for it. Motion does not tell gains, "
-            "masses and friction that are all off by one factor: of these, your numbers are right within tolerances."
+            "No torque was recorded: it is computed by the law of the simulation's servos. Motion cannot show a common "
+            "factor on gains, masses and friction: for that factor, your numbers are assumed right within tolerances."
         )
     if not any(run.power is not None for run in runs):
-        notes.append("No supply power was recorded: what only the supply shows could not be tested.")
+        notes.append("No supply power was recorded: effects that show only in the supply could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     if longest < 100:
         notes.append(f"The longest run lasts {longest:.0f} s: effects of warming up could not be tested.")

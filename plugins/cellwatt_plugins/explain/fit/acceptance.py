@@ -22,8 +22,7 @@ SEVERAL = 3.0
 BARELY = 0.97
 """Factor on a shape. A shape that is unresolved when reduced by this factor is at the limit of resolution."""
 AGAINST = 0.3
-"""Largest evidence that channels may give for the opposite of an effect of the whole recording, as a share of the
-evidence for it."""
+"""Largest evidence of channels for the opposite of an effect of the whole recording, as a share of that for it."""
 SMALLEST = 0.2
 """Smallest change of the power residual by a supply term, as a share of the supply's noise."""
 RELIEVED = 0.25
@@ -31,13 +30,11 @@ RELIEVED = 0.25
 MOST = 0.8
 """Share of the error that an unusual term must remove if it adds less evidence than required."""
 SOLVED = 0.9
-"""Share of the error that a drive's limit or dead band must remove from a channel with a large residual: a real one
-removes nearly all of it."""
+"""Share of a large residual that a drive's limit or dead band must remove: a real one removes nearly all of it."""
 ALL = 0.99
 """Share of the error above which a drive's limit or dead band is accepted even if it is reached only once."""
 OF_FALL = 0.1
-"""Largest rise of another channel's error by a term of the whole arm, as a share of the error that the term removes in
-total."""
+"""Largest rise of another channel's error by a term of the whole arm, as a share of the error that it removes."""
 PEAK = 8.0
 """Smallest peak of an effect that is active in few folds only, in residuals (rms) of the channel."""
 OFTEN = 3
@@ -63,13 +60,13 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
     """Reason why the last term, which adds ``gain`` nats, is rejected; None if it is accepted."""
     term = after.terms[-1]
     if term.effect.acceptance.inside_bounds and at_bound(term):
-        return "its shape runs to the end of what is possible"
+        return "its shape runs to the limit of its range"
     if not term.effect.resolved(after.problem.states, term.joint, tuple(BARELY * x for x in term.shape)):
-        return "is too small to be told from how the motion was sampled"
+        return "is too small to distinguish from the sampling of the motion"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
-        return "only one channel asks for it"
+        return "only one channel supports it"
     if after.problem.side == "supply" and _taken(before, after) < SMALLEST**2:
-        return None if relieves_tension(before, after, thresholds) else "is too small to be of use"
+        return None if relieves_tension(before, after, thresholds) else "is too small to matter"
     return unconfirmed(before, after, term, thresholds, gain)
 
 
@@ -102,13 +99,13 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
-        return "adds too little evidence, and does not lower the error on data left out by much"
+        return "adds too little evidence, and lowers the error on data left out too little"
     # A term of one joint raises the errors of others only through the links, which are refitted with it.
     if term.joint is None and found.rise > max(thresholds.rise, OF_FALL * found.share):
         return "raises the error of another channel on data left out"
     old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels)) for s in (before, after))
     if not np.any(new < old):
-        return "lowers no error on data left out, sample by sample"
+        return "lowers no channel's rms error on data left out"
     return None
 
 

@@ -13,8 +13,7 @@ WINDOW = 0.4
 LISTEN = 1.6
 """s of the windows whose spectrum is searched for lines."""
 DEEPEST, NEAR, BESIDE = 3.0, 1.3, 3.0
-"""Hz: lowest frequency of a line, half-width of a line, and width of the bands beside it that give the background
-level."""
+"""Hz: lowest frequency of a line, half-width of a line, width of the bands beside it that give the background."""
 FEWEST = 3
 """Smallest number of windows for a spectrum."""
 STANDS_OUT = 5.0
@@ -22,8 +21,7 @@ STANDS_OUT = 5.0
 LONGEST = 1.0
 """s of lag up to which a residual's autocorrelation is computed."""
 MOST, FEWEST_SAMPLES = 0.25, 9.0
-"""Largest correlation factor, in s or in samples, whichever is longer: a residual correlated for longer is an effect
-not yet found, not noise."""
+"""Largest correlation factor, in s or in samples (the longer): a longer correlation is an effect, not noise."""
 
 
 def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:

@@ -18,8 +18,7 @@ from cellwatt_plugins.robot.regression import Prior
 GAIN = 0.02
 """Standard deviation of a servo's gains, as a share."""
 STEP = 0.0007
-"""s by which the velocity that a drive damps is older or newer than its position, from the steps of control and
-simulation."""
+"""s by which the velocity that a drive damps differs in age from its position (steps of control and simulation)."""
 TURNED = 0.5
 """Share of a joint's friction that may reverse over another speed range."""
 LATE = 0.1

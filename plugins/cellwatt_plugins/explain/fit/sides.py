@@ -23,8 +23,7 @@ from cellwatt_plugins.robot.servo.filtered import EDGE
 from cellwatt_plugins.robot.servo.filtered import noise as noise_of
 
 FINEST = 0.002
-"""Smallest noise floor, as a share of the measured values: no law of an arm is more accurate, however quiet its
-sensors."""
+"""Smallest noise floor, as a share of the measured values: no law of an arm is more accurate."""
 LAWS = 0.005
 """The same where a servo's law replaces measured torque."""
 MOVES = 0.05

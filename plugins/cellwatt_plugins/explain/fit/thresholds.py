@@ -12,13 +12,11 @@ class Thresholds:
     gain: float = 16.0
     """Log evidence (nats) that a term must add; about 150 names are tried, and chance adds 5."""
     share: float = 0.1
-    """Share of its channel's mean square error on data left out that a term must remove, by ``steady`` standard
-    errors."""
+    """Share of its channel's mean square error on data left out that a term must remove, ``steady``."""
     felt: float = 0.2
-    """The same for an unusual term of the whole arm, at the channel where it removes most; ``share`` is that of a
-    joint's term."""
+    """``share`` for an unusual term of the whole arm, at the channel where it removes most."""
     near: float = 1.3
-    """Mean square residual, in units of the noise, up to which a channel is near its noise: there any share suffices,
+    """Mean square residual, in units of the noise, below which a channel is near its noise: there any share suffices,
     if it is removed by ``sure`` standard errors."""
     steady: float = 1.5
     sure: float = 2.5
@@ -32,8 +30,7 @@ class Thresholds:
     better: float = 0.4
     """Share of the error removed by a more complex name that it must remove beyond the plainer name in its place."""
     certain: float = 8.0
-    """Standard errors above which an unusual term stays though it removes less error than it leaves beyond the
-    noise."""
+    """Standard errors above which an unusual term is kept though it leaves more error than it removes."""
     least: float = 4.0
     """Log evidence (nats) that any term must add."""
     rise: float = 0.02

@@ -22,7 +22,7 @@ SEVERITY: Mapping[str, Severity] = {
 """Severity by verdict; a person must look at an unknown cause."""
 SAID = 3
 """Number of findings in the alarm's text; all are in its evidence."""
-AGREED = "Within noise and tolerances the recording agrees with a simulation whose numbers are retuned."
+AGREED = "With its parameters retuned within tolerances, the simulation agrees with the recording."
 
 Known = Collection[tuple[str, int | None]]
 """Effects of the running model, each by name and 1-based joint."""
@@ -69,15 +69,15 @@ def found(told: Occasion, outcome: Outcome, known: Known) -> Alarm:
 
 def failed(told: Occasion, reason: str, times: int) -> Alarm:
     """The alarm for an explanation that failed for the ``times``-th time in a row."""
-    statement = f"Recording and simulation differ, but explaining it failed: {reason}"
+    statement = f"Recording and simulation differ, but the explanation failed: {reason}"
     return told.alarm(FAILED, "warning", statement, {"failures": times, "recording_s": told.seconds})
 
 
 def left_out(told: Occasion, names: Sequence[str]) -> Alarm:
     """The alarm for effects of the model that cannot be simulated live."""
     statement = (
-        f"The live simulation leaves out {', '.join(names)} of the model: that depends on what was before "
-        "the daemon came, or on times that it cannot know."
+        f"The live simulation omits {', '.join(names)} of the model: these effects depend on more of "
+        "the past than the daemon knows."
     )
     return told.alarm(LEFT_OUT, "info", statement, {"effects": list(names)})
 
@@ -90,7 +90,7 @@ def _statement(new: Sequence[Mapping[str, Any]], said: Mapping[str, Any], any_at
     if not lines:
         lines = [u["statement"] for u in said["unexplained"][:SAID]]
     if not lines:
-        lines = ["Only effects that the model has already were found: their numbers changed." if any_at_all else AGREED]
+        lines = ["Only effects that the model already has were found: their numbers changed." if any_at_all else AGREED]
     return " ".join(lines)
 
 

@@ -52,8 +52,7 @@ class Band:
     step: float
     _recent: deque[Float] = field(default_factory=lambda: deque(maxlen=RECENT))
     _learned: dict[int, list[Float]] = field(default_factory=dict)
-    """Residuals (C,) of the first intervals of each motion, which count as normal; in the order in which motions were
-    last seen."""
+    """Residuals (C,) of the first intervals of each motion, which count as normal; motions in order of last use."""
 
     def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[IntervalResidual]:
         """Residuals of an interval in which the 1-based joints ``moving`` move; ``motion`` is the number of its motion.

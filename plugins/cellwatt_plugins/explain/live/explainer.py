@@ -96,7 +96,7 @@ class Explainer:
         told = self._at(now)
         self._failures = 0
         alarm = found(told, outcome, self.known)
-        over = self._clear(now, "Resolved: the difference could be explained", but=alarm.id)
+        over = self._clear(now, "Resolved: the difference was explained", but=alarm.id)
         return [*over, *self._book.raise_(alarm)]
 
     def _clear(self, now: int, text: str, but: str = "") -> list[Alarm]:

@@ -119,7 +119,7 @@ def new_folder(parent: Path, name: str, keep: int) -> Path:
         for old in sorted(ours, key=lambda p: (p == folder, p.name))[:-keep]:
             shutil.rmtree(old)
     except OSError as error:
-        raise RecordingError(f"{folder}: cannot be made: {error.strerror or error}: set explain.folder") from error
+        raise RecordingError(f"{folder}: cannot be created: {error.strerror or error}: set explain.folder") from error
     return folder
 
 

@@ -125,8 +125,8 @@ def intake(layout: Layout, arm: str | None, power: str | None, robot: RobotDescr
     gain = constants if "current" in joints else np.ones(len(constants))
     if unknown := [f"joint {i + 1}" for i, value in enumerate(gain) if value == 0]:
         raise ConfigError(
-            f"source {source} gives currents, no torques, and the torque_constant of "
-            f"{', '.join(unknown)} is 0: write it into the robot's description, in Nm/A at the joint side"
+            f"source {source} gives currents but no torques, and the torque_constant of "
+            f"{', '.join(unknown)} is 0: set it in the robot's description, in Nm/A at the joint side"
         )
     metered = power is not None or any(channel.short == SUPPLY for channel in layout.channels)
     supply = layout.index(power or SUPPLY, "W") if metered else None
@@ -147,5 +147,5 @@ def streamed(source: str, layout: Layout, intake: Intake) -> list[int] | None:
     names = [f"{source}.joint_{j + 1}.torque" for j in range(len(intake.gain))]
     names += [] if intake.power is None else [f"{source}.{SUPPLY}"]
     if missing := [name for name in names if name not in layout.names]:
-        raise ConfigError(f"source {source} is to stream the simulation and gives no {', '.join(missing)}")
+        raise ConfigError(f"source {source} must stream the simulation, but gives no {', '.join(missing)}")
     return [layout.index(name, judged.unit) for name, judged in zip(names, intake.judged, strict=True)]

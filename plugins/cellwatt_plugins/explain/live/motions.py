@@ -11,8 +11,7 @@ from cellwatt.results import Interval
 SAME_WAY = math.radians(2.0)
 SAME_POSE = math.radians(6.0)
 SAME_TIME = 0.10
-"""Intervals are the same motion if each joint's displacement (``SAME_WAY``, rad) and start (``SAME_POSE``, rad) and the
-duration (``SAME_TIME``, share) differ by no more."""
+"""Largest difference of displacements and starts (rad), and of durations (a share), within one motion."""
 MOST = 256
 """Largest number of stored motions; the one unseen for longest is discarded."""
 

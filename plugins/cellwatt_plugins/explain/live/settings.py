@@ -52,8 +52,7 @@ class MismatchSettings(StageSettings):
     simulation: str = "robot"
     """``robot``: the law in robot.yaml; or the model.yaml written by ``cellwatt explain``, or its folder.
 
-    Or the name of a source that streams the output of the user's simulation as ``joint_1.torque`` … and
-    ``supply.power``.
+    Or the name of a source that streams the user's simulation as ``joint_1.torque`` … and ``supply.power``.
     """
     robot: Path | None = None
     """The robot's description, its folder, or a simulator's file; by default the cell's ``robot``, if that is a folder.

@@ -24,14 +24,12 @@ from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
 Driven = tuple[Float, Float]
-"""Commands (N, n) rad of the servos, shifted as if each held for one sample, and the torque (N, n) Nm of the servos'
-law."""
+"""Commands (N, n) rad of the servos, shifted as if each held for one sample, and torque (N, n) Nm by their law."""
 
 PAST = 10.0
 """s of past from which effects with an internal state (hysteresis, a spring) are simulated."""
 ALIKE = 0.05
-"""Largest relative change of an effect's last second, with much more known past, at which the effect can be simulated
-live."""
+"""Largest relative change of an effect's last second with much more known past, for a live simulation of it."""
 LONG = 60.0
 """s of past used for that test."""
 
@@ -95,7 +93,7 @@ def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) 
         return load_model(folder / simulation)
     if robot is None:
         raise ConfigError(
-            "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, for the cell or here"
+            "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, in the cell or stage"
         )
     own = described(Path(robot), joints) if is_simulator(Path(robot)) else load_robot(robot)
     return Model(own, Retuned.nothing(len(own.joints)))
@@ -112,7 +110,7 @@ def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
         if servo := servo_of(file, names):
             return file.absolute(), servo
     raise ConfigError(
-        "an arm that gives no torque and no current is compared by its servos' law: set `robot` to an MJCF with a "
+        "an arm without torque and current is compared by the law of its servos: set `robot` to an MJCF with a "
         f"<position> actuator for each of {', '.join(names)}"
     )
 

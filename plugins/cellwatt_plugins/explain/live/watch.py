@@ -93,8 +93,8 @@ class ChannelWatch:
         c = reading.channel
         how = "on average" if c.joint is None else "(root mean square)"
         text = (
-            f"{c.what} is off the simulation by {reading.residual:.3g} {c.unit} {how}, and was outside its "
-            f"band in {times} intervals; the band is {reading.limit:.3g} {c.unit}."
+            f"{c.what} differs from the simulation by {reading.residual:.3g} {c.unit} {how}, and was outside its "
+            f"band of {reading.limit:.3g} {c.unit} in {times} intervals."
         )
         evidence = {"channel": c.name, "intervals": times, **_figures(reading)}
         end, number = interval.end, interval.number

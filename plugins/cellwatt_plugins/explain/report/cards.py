@@ -95,13 +95,13 @@ def _where(where: Where, symbol: str) -> list[Block]:
 
 def _improvement(gain: Improvement) -> list[Block]:
     bars = Bars([("without", "simulation", gain.before), ("with", "model", gain.after)], gain.unit, gain.noise_floor)
-    data = "data the fit did not see" if gain.held_out else "the data of the fit"
+    data = "data left out of the fit" if gain.held_out else "the data of the fit"
     span = gain.before - gain.noise_floor
     closed = (gain.before - gain.after) / span if span > 0 else math.nan
     outcome = f"{_share(closed)} of the error beyond the noise is gone. " if math.isfinite(closed) else ""
     outcome = "Worse with it. " if gain.after > gain.before else outcome
     channel = capital(wording.channel_name(gain.channel))
-    return [bars, quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers as they are."))]
+    return [bars, quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers unchanged."))]
 
 
 def _share(closed: float) -> str:

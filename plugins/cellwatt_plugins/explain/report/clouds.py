@@ -42,7 +42,7 @@ def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | Non
     added = before - after
     symbol = unit(next(t.units[t.channels.index(channel)] for t in traces if channel in t.channels))
     panels = [_panel(axis, before, after, added, floor, symbol) for axis in _axes(traces, channel, where)]
-    label = f"Difference of {wording.channel_name(channel)} against what drives it, before and after the model"
+    label = f"Residual of {wording.channel_name(channel)} against what it depends on, before and after the model"
     return Figure(label, [panels], (246,), "y")
 
 

@@ -43,7 +43,7 @@ def draw(trace: Trace, channel: str, floor: float, found: Sequence[Span], points
     x, y = Axis("s", _opening(trace, channel, points)), Axis(unit(trace.units[trace.channels.index(channel)]))
     mine = [s for s in found if s.recording == trace.name][:MOST_MARKS]
     marks = [*band(-2 * floor, 2 * floor, NOISE), *(stretch(s.start, s.end, FOUND, 1.0, (0.97, 1.0)) for s in mine)]
-    label = f"{capital(wording.channel_name(channel))} in {trace.name} over time, and what is left of the difference"
+    label = f"{capital(wording.channel_name(channel))} in {trace.name} over time, and the residuals"
     return stacked(label, Panel(upper, x, y), Panel(lower, x, y, marks), ("run", run))
 
 

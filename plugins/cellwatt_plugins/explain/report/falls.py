@@ -12,8 +12,8 @@ from cellwatt_plugins.explain.verdict.findings import Finding, Findings, Retuned
 
 LEAD = (
     "Error of a typical channel after each step (geometric mean over all channels), on data not used for fitting. "
-    "1× is sensor noise, the best possible. Each step adds one finding to your simulation as it is; only the last step "
-    "changes the numbers that your simulation has."
+    "1× is sensor noise, the best possible. Each step adds one finding to your unchanged simulation; only the last "
+    "step changes the numbers of your simulation."
 )
 COLUMNS = ("in your simulation", "on your arm, ± one standard deviation")
 CENTRE = ("com_x", "com_y", "com_z")

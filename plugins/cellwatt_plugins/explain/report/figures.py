@@ -18,8 +18,8 @@ ALL_POINTS, FEWEST_POINTS, MOST_POINTS = 800_000, 300, 8000
 """Points of all time curves together, and limits for one curve."""
 MOST_CLOUDS = 6
 FOLLOWED = (
-    "Residuals against what drives them; the curve is the median of what the model adds to the simulation. "
-    "Grey band: ± 2 noise floors. Yellow: where a finding sits."
+    "Residuals against the quantities on which they depend; the curve is the median of what the model adds. "
+    "Grey band: ± 2 noise floors. Yellow: range of a finding."
 )
 
 
@@ -53,10 +53,10 @@ def _over_time(
 
 
 def _time_lead(traces: Sequence[Trace], shown: Sequence[Trace], marked: bool) -> str:
-    parts = ["Opens where the simulation is furthest off; drag to zoom, double-click for the whole recording."]
+    parts = ["Opens where the error of the simulation is largest; drag to zoom, double-click for the whole recording."]
     parts += ["Grey band: ± 2 noise floors."]
-    parts += ["Yellow edge: a finding sits here."] if marked else []
-    parts += [f"These are the {len(shown)} that differ most of {len(traces)}."] if len(shown) < len(traces) else []
+    parts += ["Yellow edge: times of a finding."] if marked else []
+    parts += [f"Shown: the {len(shown)} of {len(traces)} that differ most."] if len(shown) < len(traces) else []
     return " ".join(parts)
 
 

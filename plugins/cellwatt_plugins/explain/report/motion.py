@@ -38,7 +38,7 @@ def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended:
         told = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
         told += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
         parts.append(Folded(told, drawn, not parts))
-    lead = f"The simulator rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
+    lead = f"The simulator rolled out under the recorded commands, restarted each {WINDOW:.0f} s where the arm was."
     return Section("How the arm and its simulation move", [Switch("moved", [run.name for run in runs]), *parts], lead)
 
 
@@ -60,5 +60,5 @@ def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number
         upper.append(drawn("mended", mended, MODEL, 1.3))
         lower.append(drawn("measured − mended", run.position - mended, MODEL, 1.1))
     x, y = Axis("s", (start, start + SECONDS)), Axis("rad")
-    label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and what is left of the difference"
+    label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and the residuals"
     return stacked(label, Panel(upper, x, y), Panel(lower, x, y), ("moved", number))

@@ -14,9 +14,9 @@ from cellwatt_plugins.explain.verdict.findings import Findings
 MOST_NAMES = 6
 """Largest number of recordings named at the top; further ones are counted."""
 TRIED = "Evidence that each candidate adds, in nats (5 nats are odds of 150 to 1); bars on a logarithmic scale."
-OTHERS = "Nothing was fitted to these; the usual error is that in data left out of the fit. Worst first."
+OTHERS = "Not used for fitting; the usual error is that on data left out of the fit. Worst first."
 BESIDE = Html(
-    "<p>Beside this page: <b>findings.json</b>, the same for programs; <b>model.yaml</b>, the model, "
+    "<p>Beside this page: <b>findings.json</b>, the same content for programs; <b>model.yaml</b>, the model, "
     "run with <code>cellwatt simulate --model model.yaml</code>.</p>"
 )
 TONES: Final[dict[str, Tone]] = {
@@ -54,11 +54,11 @@ def report(
             falls.section(findings),
             *moved,
             Section("What was found", cards.found(findings)),
-            Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
+            Section("What the residual follows", [Notes([curve.statement for curve in findings.curves])]),
             *figures.sections(findings, traces, floors),
             Section("Other recordings", cards.others_table(findings.others), OTHERS),
             Section("What was tried", cards.trials(findings.tried), TRIED),
-            Section("What the data could not tell", [Notes(findings.notes)]),
+            Section("What the data could not show", [Notes(findings.notes)]),
         ],
         beside=BESIDE,
         provenance=provenance,

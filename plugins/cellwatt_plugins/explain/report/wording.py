@@ -82,11 +82,11 @@ def _joints(joints: Sequence[int]) -> list[str]:
 
 
 def _unlooked(findings: Findings) -> str:
-    """Channels that were not analysed, e.g. ``joints 5 and 6 were not looked at: the time was up``."""
+    """Channels that were not analysed, e.g. ``joint 5 was not looked at in full: the time limit was reached``."""
     late = [joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at]
     places = _joints([joint for joint in late if joint is not None])
     verb = "were" if len(places) > 1 else "was"
-    return f"{listed(places)} {verb} not looked at in full: the time was up" if places else ""
+    return f"{listed(places)} {verb} not looked at in full: the time limit was reached" if places else ""
 
 
 def verdict(findings: Findings) -> str:
@@ -114,5 +114,5 @@ def verdict(findings: Findings) -> str:
     if mistuned:
         return f"Nothing is missing from the simulation; only its value is off for {_causes(mistuned)}."
     if findings.retuned:
-        return "No physics is missing from the simulation; numbers of it are off, and these explain the difference."
+        return "No physics is missing from the simulation; some of its numbers are off: they explain the difference."
     return "Simulation and recordings agree: what differs is noise and tuning within tolerance."

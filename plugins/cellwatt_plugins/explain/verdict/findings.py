@@ -80,8 +80,7 @@ class Finding:
     improvement: Improvement
     alternatives: tuple[Alternative, ...] = ()
     was: float | None = None
-    """The simulation's value, to which the first parameter is the correction; None if the simulation has no such
-    term."""
+    """The simulation's value, which the first parameter corrects; None if the simulation has no such term."""
     followed: bool = True
     """False for an effect without a law in the model: an unknown effect, or unpredictable blows."""
 

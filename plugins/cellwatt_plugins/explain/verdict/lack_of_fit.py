@@ -13,8 +13,7 @@ from cellwatt_plugins.explain.fit.swinging_links import chi2_at_rest, swinging_c
 from cellwatt_plugins.explain.verdict.findings import Span, UnexplainedChannel
 
 SHARE = 0.2
-"""Residual that counts as lack of fit, as a share of the error that the named effects explain: a smaller one is their
-inaccuracy."""
+"""Residual that counts as lack of fit, as a share of the error that the named effects explain."""
 ROUGH = 4.0
 """The same for channels with effects that are simulated sample by sample and sensitive to their course; there the
 residual without swinging links must reach ``SHARE`` of the whole as well."""
@@ -134,8 +133,8 @@ def unexplained_channel(found: LackOfFit, name: str, unit: str, looked_at: bool 
     where = between(found, unit)
     size, noise = f"{found.rms:.3g} {unit.replace('*', '')}", f"{times:.1f} times its noise"
     said = (
-        f"{name} keeps {size} that no known effect explains, {noise}{where}."
+        f"{name} has a residual of {size} that no known effect explains, {noise}{where}."
         if looked_at
-        else f"{name} was not looked at in full: the time was up. It keeps {size}, {noise}{where}; give more --time."
+        else f"{name} was not looked at in full: the time limit was reached (--time); it has {size}, {noise}{where}."
     )
     return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position, looked_at)

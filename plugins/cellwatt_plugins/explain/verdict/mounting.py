@@ -54,8 +54,8 @@ def _finding(found: Mount, base: Baseline, before: Float, after: Float) -> Findi
         for axis, value, std in zip("xyz", now, found.std, strict=True)
     }
     statement = (
-        f"The base is mounted otherwise than the simulation says: in its frame gravity is {_vector(now)} m/s², not "
-        f'{_vector(was)}. In an MJCF that is <option gravity="{_vector(now)[1:-1].replace(",", "")}"/> where the base '
+        f"The base is mounted differently from the simulation: in its frame gravity is {_vector(now)} m/s², not "
+        f'{_vector(was)}. In an MJCF, set <option gravity="{_vector(now)[1:-1].replace(",", "")}"/> if the base '
         "is not turned."
     )
     unit = base.arm.description.unit(best, "N*m")

@@ -140,7 +140,7 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
         others = [t for t in solution.terms if t is not term]
         share = compared(held.errors(others), held.errors(solution.terms), [joint]).share
         statement = (
-            f"{100 * share:.0f} % of what is left at joint {joint + 1} goes with {curve.along}, by no known law: the "
+            f"{100 * share:.0f} % of the residual of joint {joint + 1} follows {curve.along}, by no known law: the "
             "curve is in the model."
         )
         name, unit = f"tau_{joint + 1}", robot.unit(joint, curve.unit)
@@ -221,5 +221,5 @@ def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[
         if rival.gain > NEARLY * own or own - rival.gain < CLOSE:
             why = experiments.get(name, "repeat with slower and faster motion, and with another load")
             close = "fits as well" if own - rival.gain < CLOSE else "fits nearly as well"
-            out.append(Alternative(name, rival.term.number, f"{close}; to tell them apart: {why}"))
+            out.append(Alternative(name, rival.term.number, f"{close}; to distinguish them: {why}"))
     return tuple(out[:3])

@@ -48,9 +48,9 @@ def with_others(findings: Findings, others: Sequence[Other], close: int) -> Find
 
 def _summary(others: int, odd: int, close: int) -> str:
     return f"{close} of {close + others} recordings, those whose motions differ most, were looked at closely; " + (
-        f"{odd} of the others differ{'s' * (odd == 1)} from what was found in them"
+        f"{odd} of the others differ{'s' * (odd == 1)} from the findings"
         if odd
-        else "the others agree with them"
+        else "the others agree with the findings"
     )
 
 
@@ -85,7 +85,7 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
             explained = _explained(off, usual[name], measured[read], model)
             found.append(Other(file.name, explained, name, unit, off, usual[name]))
     if not found:
-        return Other(file.name, None, why="no channel was read that the others were explained by")
+        return Other(file.name, None, why="it has no channel that was explained in the other recordings")
     return max(found, key=lambda other: (other.explained is False, other.error / other.usual))
 
 

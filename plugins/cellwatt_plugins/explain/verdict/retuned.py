@@ -18,11 +18,9 @@ from cellwatt_plugins.robot.effects.effect import INHERITED
 from cellwatt_plugins.robot.priors import link_prior
 
 MOST = 0.5
-"""Share of a channel's mean square error beyond the noise that retuning must remove to be the explanation of the
-channel."""
+"""Share of a channel's mean square error beyond the noise that retuning must remove to explain the channel."""
 OWN = 0.25
-"""Smallest share of the error removed by retuning that would return without a parameter for the parameter to be
-named."""
+"""Share of the error removed by retuning that must return without a parameter for the parameter to be named."""
 SEEN = 2.0
 """Error, in units of the noise, above which a channel differs from the simulation."""
 BEYOND = 2.0

@@ -59,9 +59,9 @@ def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, jo
     statement = (
         f"{place} shows {size} that no known effect explains{where}."
         if share is None
-        else f"{place} shows {size} that no law follows, all of it just after its load turned over, in "
-        f"{100 * share:.0f} % of the time: the link rebounds in a play between motor and link. Backlash is missing; "
-        "its width cannot be told."
+        else f"{place} shows {size} that no law predicts, all of it just after its load reversed, in "
+        f"{100 * share:.0f} % of the time: the link rebounds in the play between motor and link. Backlash is missing; "
+        "its width cannot be estimated."
     )
     return Finding(
         effect="unknown" if share is None else "backlash",
@@ -99,8 +99,8 @@ def rattling_findings(solution: Solution) -> list[Finding]:
             joint=joint + 1,
             kind="missing",
             confidence=0.7,
-            statement=f"Joint {joint + 1} rattles in {100 * shares[joint]:.0f} % of the time, though no command asks "
-            "for it: play between drive and link does this. What the joint did meanwhile was not judged.",
+            statement=f"Joint {joint + 1} rattles in {100 * shares[joint]:.0f} % of the time without a command "
+            "for it: play between drive and link does this. Its motion during that time was not judged.",
             parameters={},
             where=Where((problem.channel(joint)[0],)),
             improvement=Improvement.at(problem, joint, error, error),

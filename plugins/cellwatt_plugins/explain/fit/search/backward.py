@@ -47,7 +47,7 @@ def drop_needless(state: SearchState, now: Solution, beside: Term | None = None)
         gain = rest.fit.gain(now.problem.block(term))[0]
         small = gain < required_gain(term, state.robot, state.thresholds)
         if small and unconfirmed(rest, now, term, state.thresholds, gain) is not None:
-            state.refuse(term, gain, "needless beside the others")
+            state.refuse(term, gain, "is not needed beside the others")
             now = rest
     return now
 
@@ -60,7 +60,7 @@ def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
         doubt = {t.effect.name: t.effect.form.error * _size(now, t) for t in beside}
         name = max(doubt, key=lambda n: doubt[n], default="")
         if name and _size(now, term) < doubt[name]:
-            state.refuse(term, 0.0, f"is less than the form of {name.replace('_', ' ')} may be wrong by")
+            state.refuse(term, 0.0, f"is smaller than the possible model error of {name.replace('_', ' ')}")
             now = without(state, now, term)
     return now
 
@@ -112,7 +112,7 @@ def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
         own, *others = rest.fit.gains([rest.problem.block(t) for t in (term, *rivals)])
         if max(gain for gain, _ in others) > UNSURE * own[0]:
             best = max(zip(others, rivals, strict=True), key=lambda each: each[0][0])[1]
-            state.refuse(term, own[0], f"its shape is as well {best.shape[0]:.3g} as {term.shape[0]:.3g}")
+            state.refuse(term, own[0], f"its shape could equally be {best.shape[0]:.3g} instead of {term.shape[0]:.3g}")
             now = rest
     return now
 
@@ -124,20 +124,20 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         gain = rest.fit.gain(rest.problem.block(term))[0]
         why = unconfirmed(rest, now, term, state.thresholds, gain)
         if not physical(term, now.coefficients(term), state.robot):
-            why = "is not possible as it is"
+            why = "has a value that is not physical"
         several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
         if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
-            why = "only one channel asks for it"
+            why = "only one channel supports it"
         if why is None and _murky(state, rest, now, term):
-            why = "takes little, or not surely, off a channel of which much stays unexplained"
+            why = "removes little, or not surely, from a channel with a large unexplained residual"
         if why is None and _as_friction(state, now, term):
-            why = "is less than friction may pull either way"
+            why = "is not stronger than the friction of its joint"
         if why is None and _as_blow(now, term):
-            why = "is as well a blow in the play there"
+            why = "may equally be a blow in the play of its joint"
         if why is None and not felt(rest, now, term, state.thresholds):
-            why = "takes little off the error of every joint"
+            why = "removes little of the error of any joint"
         if why is None and not stands_out(rest, now, term, state.thresholds):
-            why = "is small beside what is left there"
+            why = "is small beside the residual of its channels"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest

@@ -61,7 +61,7 @@ def drop_ill_formed(state: SearchState, now: Solution) -> Solution:
         # Where loosened links can replace a law, the error that it removes says nothing about its form.
         if law > 0 and beyond > BESIDE * law and compared(own, both, joint).sure > SURE:
             share = 100 * beyond / (law + beyond)
-            why = f"has not this form: {share:.0f} % of it is another curve of the {term.effect.relations.along}"
+            why = f"does not have this form: {share:.0f} % of it is another curve of the {term.effect.relations.along}"
             state.refuse(term, 0.0, why)
             now = rest
     return now

@@ -15,8 +15,7 @@ from cellwatt_plugins.explain.fit.search.state import SearchState
 from cellwatt_plugins.explain.fit.solution import Solution
 
 BEST, USUAL = 2, 5
-"""Largest number of candidates per joint (or for the whole arm) that are fitted in a step; the second is for usual
-effects."""
+"""Largest number of candidates per joint (or whole arm) that are fitted in a step; the second for usual effects."""
 RIVALS = 3
 """Largest number of other names fitted in a term's place."""
 AHEAD = 3.0
@@ -32,11 +31,11 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
         if looked_at[candidate.term.joint] >= (USUAL if candidate.term.effect.usual else BEST):
-            state.refuse(candidate.term, candidate.gain, "others at its place add more evidence and were refused")
+            state.refuse(candidate.term, candidate.gain, "rivals of the same place with more evidence were refused")
             state.unlooked.discard(candidate.term.joint)
             continue
         if state.spent():
-            state.refuse(candidate.term, candidate.gain, "was not looked at closely: the time was up")
+            state.refuse(candidate.term, candidate.gain, "was not fitted: the time limit was reached")
             skipped.add(candidate.term.joint)
             continue
         looked_at[candidate.term.joint] += 1
@@ -45,7 +44,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
             if (instead := _instead(state, now, like, new.terms[-1])) is not None:
                 state.changed(like.joint, candidate.term.joint)
                 return instead
-            why: str | None = f"cannot be told from {like.effect.name.replace('_', ' ')} in these recordings"
+            why: str | None = f"cannot be distinguished from {like.effect.name.replace('_', ' ')} in these recordings"
         else:
             why = rejection(now, new, state.thresholds, candidate.gain)
         if why is None:

@@ -29,7 +29,7 @@ def plain_terms(state: SearchState, now: Solution) -> Solution:
     now = reweigh(state, solve(state, [*now.terms, *asked]))
     for term in sorted(asked, key=lambda t: now.fit.added(now.block(t)[1])):
         if not physical(term, now.coefficients(term), state.robot):
-            state.refuse(term, now.fit.added(now.block(term)[1]), "would push with the motion")
+            state.refuse(term, now.fit.added(now.block(term)[1]), "has a sign that is not physical")
             now = without(state, now, term)
     return reweigh(state, now)
 

@@ -91,7 +91,7 @@ def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
 
 def _checked(state: SearchState, now: Solution) -> Solution:
     now = drop_needless(state, now)
-    for drop in steps(CHECKS, "test of what was found"):
+    for drop in steps(CHECKS, "checking the terms"):
         now = drop(state, now)
     return now
 
