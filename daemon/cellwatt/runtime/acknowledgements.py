@@ -30,7 +30,7 @@ LONGEST_SHELF: Final = 31 * 86_400 * 10**9
 LONGEST_NAME, LONGEST_NOTE = 100, 2000  # characters
 
 
-class _Kept(BaseModel):
+class _Saved(BaseModel):
     session: int
     alarms: list[Any]
 
@@ -89,7 +89,7 @@ class Acknowledgements:
         """Take up the words that hold. A file that cannot be read is told in the log and left out."""
         path = folder / FILE
         try:
-            kept = _Kept.model_validate_json(read_bytes(path))
+            kept = _Saved.model_validate_json(read_bytes(path))
             if kept.session == self._session:
                 self._book.adopt(standing for standing in kept.alarms if standing["shelf"])
             else:

@@ -12,7 +12,7 @@ from cellwatt.errors import OutletError
 from cellwatt.host import blank
 from cellwatt.outlet import Item, Outlet
 from cellwatt.runtime.allowance import one_line
-from cellwatt.runtime.source import asked_to_end
+from cellwatt.runtime.tasks import end_of
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +69,8 @@ class Delivery:
         while True:
             began = time.monotonic()
             self._serves_from = began + STEADY
-            error = await self._once()
+            end = await end_of(self._outlet.run, OutletError, f"outlet {self.name} broke")
+            error = OutletError("it ended though nobody stopped it") if end is None else end
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
             pause = min(2 * pause, LONGEST_PAUSE)
@@ -78,18 +79,6 @@ class Delivery:
             self._serves_from = float("inf")
             log.warning("outlet %s: %s; trying again in %.1f s", self.name, self._ended, pause)
             await asyncio.sleep(pause)
-
-    async def _once(self) -> BaseException:
-        try:
-            await self._outlet.run()
-        except OutletError as error:
-            return error
-        except (Exception, asyncio.CancelledError) as error:
-            if asked_to_end(error):
-                raise
-            log.exception("outlet %s broke", self.name)
-            return error
-        return OutletError("it ended though nobody stopped it")
 
     def status(self) -> dict[str, Any]:
         """Figures for health, JSON-ready; each look also forgets where the outlet broke since the one before."""

@@ -21,6 +21,7 @@ from cellwatt.driver import Driver, Identity
 from cellwatt.errors import SourceError, WrongDeviceError
 from cellwatt.results import Event
 from cellwatt.runtime.allowance import MULTIPLE, ONCE, Allowance, Repeats, one_line
+from cellwatt.runtime.tasks import end_of
 
 log = logging.getLogger(__name__)
 
@@ -35,12 +36,6 @@ def next_pause(pause: float, error: BaseException, jitter: float) -> float:
     """Seconds to wait before the next try: doubled each time, capped, spread by ``jitter`` in 0 … 1."""
     longer = WRONG_DEVICE_PAUSE if isinstance(error, WrongDeviceError) else min(2 * pause, LONGEST_PAUSE)
     return longer * (0.8 + 0.4 * jitter)
-
-
-def asked_to_end(error: BaseException) -> bool:
-    """True if an error is the end that was asked of this task, not one that a library cancelled by itself."""
-    task = asyncio.current_task()
-    return isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0
 
 
 def _first(reading: Reading, n: int) -> Reading:
@@ -229,17 +224,13 @@ class Source:
             await asyncio.sleep(pause)
 
     async def _once(self) -> Exception | asyncio.CancelledError:
-        try:
-            await self.driver.run()
-        except SourceError as error:
-            return error
-        except (Exception, asyncio.CancelledError) as error:
-            if asked_to_end(error):
-                raise
-            log.exception("%s: the %s driver broke", self.name, type(self.driver).__name__)
+        broke = f"{self.name}: the {type(self.driver).__name__} driver broke"
+        error = await end_of(self.driver.run, SourceError, broke)
+        if error is None:
+            return SourceError(f"{self.name}: the driver ended though nobody stopped it")
+        if not isinstance(error, SourceError):
             self.account.count("driver bugs")
-            return error
-        return SourceError(f"{self.name}: the driver ended though nobody stopped it")
+        return error
 
     def _fail(self, error: BaseException, pause: float) -> None:
         self.account.count("restarts")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Coroutine, Iterable, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from typing import Any
 
 from cellwatt.errors import CellwattError
@@ -33,6 +33,26 @@ def _leaves(failure: Exception) -> Iterator[Exception]:
             yield from _leaves(inner)
     else:
         yield failure
+
+
+async def end_of(
+    work: Callable[[], Coroutine[Any, Any, None]], expected: type[Exception], broke: str
+) -> Exception | asyncio.CancelledError | None:
+    """What ended ``work``: None where it came to its end; what is not ``expected`` is a mistake, logged as ``broke``.
+
+    The end that was asked of this task is raised; one that a library asked of itself is a mistake, too.
+    """
+    try:
+        await work()
+    except expected as error:
+        return error
+    except (Exception, asyncio.CancelledError) as error:
+        task = asyncio.current_task()
+        if isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0:
+            raise
+        log.exception("%s", broke)
+        return error
+    return None
 
 
 class Tasks:

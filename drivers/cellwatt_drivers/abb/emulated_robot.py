@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,15 +21,6 @@ _PLACE = ("tool.x", "tool.y", "tool.z")
 _WRENCH = tuple(f"tool.{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")
 
 
-@dataclass(frozen=True, slots=True)
-class Stamp:
-    """Number of a packet, the controller's time in s since 1970, and whether the packet states that time."""
-
-    number: int
-    time: float
-    clocked: bool
-
-
 class EmulatedRobot:
     """Makes the packets of a robot with ``axes`` joints, ``period`` s apart; what the signals lack is 0."""
 
@@ -43,14 +33,17 @@ class EmulatedRobot:
         scales = np.array([_DEGREES] * axes + [1e3] * len(_PLACE) + [1.0] * len(_WRENCH))
         self._blocks = Blocks(lambda t: table_of(signals.at(t), names, len(t)) * scales, period, _BLOCK)
 
-    def packet(self, index: int, stamp: Stamp) -> bytes:
-        """The packet of ``index`` periods after the epoch."""
+    def packet(self, index: int, number: int, time: float, clocked: bool) -> bytes:
+        """The packet of ``index`` periods after the epoch, with a number.
+
+        ``time`` is the controller's, s since 1970; ``clocked``: the packet states it.
+        """
         table, row = self._blocks.at(index)
         values: list[float] = table[row].tolist()
         joints, place, wrench = values[: self._axes], values[self._axes : -len(_WRENCH)], values[-len(_WRENCH) :]
         message = MESSAGES.classes["EgmRobot"]()
-        message.header.seqno = stamp.number & 0xFFFFFFFF
-        message.header.tm = round(stamp.time * 1e3) & 0xFFFFFFFF
+        message.header.seqno = number & 0xFFFFFFFF
+        message.header.tm = round(time * 1e3) & 0xFFFFFFFF
         message.header.mtype = DATA
         message.feedBack.joints.joints.extend(joints)
         message.planned.joints.joints.extend(joints)
@@ -58,9 +51,9 @@ class EmulatedRobot:
         at.x, at.y, at.z = place
         orient = message.feedBack.cartesian.orient
         orient.u0, orient.u1, orient.u2, orient.u3 = 0.0, 0.0, 1.0, 0.0
-        if stamp.clocked:
+        if clocked:
             for part in (message.feedBack, message.planned):
-                part.time.sec, part.time.usec = divmod(round(stamp.time * 1e6), 1_000_000)
+                part.time.sec, part.time.usec = divmod(round(time * 1e6), 1_000_000)
         message.motorState.state = 1 if self.motors_on else 2
         message.mciState.state = 3 if self.motors_on else 2
         message.mciConvergenceMet = False

@@ -13,7 +13,7 @@ from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.port import host_and_port
 from cellwatt_drivers.abb import emulated_pages
 from cellwatt_drivers.abb.emulated_pages import Pages
-from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, EnergyMeter, Stamp
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, EnergyMeter
 from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import CYCLE, PORT
 
@@ -118,8 +118,8 @@ class AbbEmulator(Emulator):
             self._shift += jump.seconds
         self.tally["made"] += 1
         self._number += 1
-        stamp = Stamp(self._number, self.epoch + index / self._rate + self._shift, self._clocked)
-        self._packets.put(self.robot.packet(index, stamp))
+        controllers_time = self.epoch + index / self._rate + self._shift
+        self._packets.put(self.robot.packet(index, self._number, controllers_time, self._clocked))
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while await self._exchange(reader, writer):

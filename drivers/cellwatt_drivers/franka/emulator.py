@@ -130,7 +130,7 @@ class FrankaEmulator(Emulator):
                 command, number, size = fci.HEAD.unpack(await reader.readexactly(fci.HEAD.size))
                 payload = await reader.readexactly(min(max(size - fci.HEAD.size, 0), _LONGEST))
                 peer = writer.get_extra_info("peername")[0]
-                writer.write(self._answer(fci.Command(command, number, payload), peer))
+                writer.write(self._answer(command, number, payload, peer))
                 await writer.drain()
         except struct.error:
             pass  # the client does not speak FCI
@@ -138,17 +138,17 @@ class FrankaEmulator(Emulator):
             self._taken = False
             self._states.to = None
 
-    def _answer(self, said: fci.Command, peer: str) -> bytes:
-        if said.command == fci.CONNECT:
-            version, port = fci.decode_connect(said.payload)
+    def _answer(self, command: int, number: int, payload: bytes, peer: str) -> bytes:
+        if command == fci.CONNECT:
+            version, port = fci.decode_connect(payload)
             if version != self._version:
-                return fci.connect_reply(said.number, fci.INCOMPATIBLE)
+                return fci.connect_reply(number, fci.INCOMPATIBLE)
             self._states.to = (peer, port)
-            return fci.connect_reply(said.number, fci.SUCCESS)
-        if said.command == fci.GET_ROBOT_MODEL:
-            return fci.reply(said.command, said.number, fci.SUCCESS, fci.model())
+            return fci.connect_reply(number, fci.SUCCESS)
+        if command == fci.GET_ROBOT_MODEL:
+            return fci.reply(command, number, fci.SUCCESS, fci.model())
         self.tally["commanded"] += 1
-        return fci.reply(said.command, said.number, fci.SUCCESS)
+        return fci.reply(command, number, fci.SUCCESS)
 
     def _cycle(self, index: int, passed: int) -> None:
         if jump := self.injector.once("clock_jump"):

@@ -7,7 +7,6 @@ little-endian, without padding.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,15 +35,6 @@ STATE = np.dtype(
     + [("reflex_reason", "u1", (41,)), ("robot_mode", "u1"), ("control_command_success_rate", "<f4")]
 )
 """One datagram, 1377 bytes."""
-
-
-@dataclass(frozen=True, slots=True)
-class Command:
-    """A client's message: ``command``, its ``number`` and what follows."""
-
-    command: int
-    number: int
-    payload: bytes
 
 
 def decode_connect(payload: bytes) -> tuple[int, int]:

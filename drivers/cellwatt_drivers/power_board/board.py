@@ -90,12 +90,5 @@ class Board:
         total = np.stack([values[..., 0].mean(axis=1), values[..., 1].sum(axis=1), values[..., 2].sum(axis=1)], axis=1)
         rows = np.concatenate([total, values.reshape(len(values), -1)], axis=1)
         times = [p.time + i * p.packet.step for _, p in released for i in range(p.packet.samples)]
-        self._inlet.emit(
-            Reading(
-                self.stream,
-                rows,
-                arrival=now,
-                device_time=np.array(times, dtype=np.int64) * 1000,
-                quality=quality,
-            )
-        )
+        device_time = np.array(times, dtype=np.int64) * 1000
+        self._inlet.emit(Reading(self.stream, rows, now, device_time, quality=quality))

@@ -30,7 +30,7 @@ Verdict = Literal["follows", "behind", "stale", "jumped", "restarted"]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PacketPosition:
     """Place of a packet on the board's lines: unwrapped ``sequence`` and ``time`` (µs) of its first sample.
 
     ``follows`` the newest, or comes from ``behind`` it; ``stale``: from behind, on a time base that is gone;
@@ -56,7 +56,7 @@ class BoardClock:
         self._ahead = 0.0
         self._behind = 0
 
-    def place(self, packet: Packet, arrival: int) -> Place:
+    def place(self, packet: Packet, arrival: int) -> PacketPosition:
         """Return the place of a packet that came at the cell's time ``arrival``, ns."""
         now = arrival / 1e3
         if self._sequence is None:
@@ -69,10 +69,10 @@ class BoardClock:
         if -EARLY - DRIFT * elapsed <= expected - time <= OLDEST and self._fits(steps, span):
             if steps > 0:
                 return self._advance(packet, steps, time, now)
-            return self._fall_behind(packet, Place(self._sequence + steps, time, "behind"), now)
+            return self._fall_behind(packet, PacketPosition(self._sequence + steps, time, "behind"), now)
         steps = self._steps(packet, elapsed)
         if -OVERTAKEN <= steps <= 0:
-            return self._fall_behind(packet, Place(self._sequence + steps, time, "stale"), now)
+            return self._fall_behind(packet, PacketPosition(self._sequence + steps, time, "stale"), now)
         if (
             steps > 0
             and not self._fresh(packet)
@@ -109,7 +109,7 @@ class BoardClock:
             and (abs(packet.time - packet.sequence * self._step) <= 20e3 + 2 * self._step + 0.02 * packet.time)
         )
 
-    def _advance(self, packet: Packet, steps: int, time: int, now: float) -> Place:
+    def _advance(self, packet: Packet, steps: int, time: int, now: float) -> PacketPosition:
         assert self._sequence is not None
         if packet.step:
             self._period = float(packet.step)
@@ -119,18 +119,18 @@ class BoardClock:
         self._ahead = max(self._ahead - DRIFT * (now - self._arrival), time - now)
         self._sequence += steps
         self._time, self._arrival, self._behind = time, now, 0
-        return Place(self._sequence, time, "follows")
+        return PacketPosition(self._sequence, time, "follows")
 
-    def _fall_behind(self, packet: Packet, place: Place, now: float) -> Place:
+    def _fall_behind(self, packet: Packet, place: PacketPosition, now: float) -> PacketPosition:
         self._behind += 1
         return place if self._behind < MOST_BEHIND else self._start(packet, now, "restarted")
 
     def _start(
         self, packet: Packet, now: float, verdict: Verdict, sequence: int | None = None, jump: float = 0.0
-    ) -> Place:
+    ) -> PacketPosition:
         """Take this packet as the new origin of the clock, and of the sequence unless that goes on."""
         self._sequence = packet.sequence if sequence is None else sequence
         self._time, self._arrival, self._ahead = packet.time, now, packet.time - now
         self._period = float(packet.step) if packet.step else None
         self._behind = 0
-        return Place(self._sequence, self._time, verdict, jump)
+        return PacketPosition(self._sequence, self._time, verdict, jump)

@@ -121,13 +121,8 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
                 board.watch(now, opened, round(self.settings.silence * 1e9))
 
     def _board(self, number: int, stream: Stream) -> Board:
-        return Board(
-            f"{self.name}: board {number}",
-            stream,
-            self.settings.phases,
-            round(self.settings.reorder * 1e9),
-            self.inlet,
-        )
+        s = self.settings
+        return Board(f"{self.name}: board {number}", stream, s.phases, round(s.reorder * 1e9), self.inlet)
 
     def _listening(self, port: ListeningPort) -> Listening:
         return Listening(port, self.settings, tuple(self._boards), self.inlet, self.gather)

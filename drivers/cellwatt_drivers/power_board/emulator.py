@@ -238,14 +238,8 @@ class PowerBoardEmulator(Emulator):
         microseconds = round((first / self._rate + self._clock) * 1e6)
         values, row = self._blocks.at(first)
         raw = payload.raw(values[row : row + self._batch])
-        return payload.Packet(
-            self._board,
-            first % payload.SEQUENCE_WRAP,
-            microseconds % payload.TIME_WRAP,
-            self._step,
-            self._phases,
-            raw,
-        )
+        sequence, stamp = first % payload.SEQUENCE_WRAP, microseconds % payload.TIME_WRAP
+        return payload.Packet(self._board, sequence, stamp, self._step, self._phases, raw)
 
     def _phase_values(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, phases, 3) V, A, W t (n,) s after the first sample: an even share of the supply for each phase."""

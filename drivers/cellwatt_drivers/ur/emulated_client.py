@@ -18,7 +18,7 @@ OUTPUTS = 1
 
 
 @dataclass(slots=True)
-class Place:
+class Listener:
     """A listener's place in what the controller makes; it outlives the connection, so that losses are counted.
 
     ``next`` is the number of the next package, every ``stride``-th is this listener's.
@@ -78,7 +78,7 @@ class EmulatedClient(asyncio.Protocol):
         self.held_until = 0.0
         self.rate = 1.0
         self.encoder = Encoder(OUTPUTS, ())
-        self.place: Place | None = None
+        self.place: Listener | None = None
         self.listening = True
         self.compares = False
         """It asks for nothing but the timestamp: what it gets is not counted."""

@@ -16,7 +16,7 @@ from cellwatt.emulation import Emulator, Injector, Options, RecordedSignals
 from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
-from cellwatt_drivers.ur.emulated_client import EmulatedClient, Place
+from cellwatt_drivers.ur.emulated_client import EmulatedClient, Listener
 from cellwatt_drivers.ur.emulated_samples import Cycles, Encoder, Rows, Samples
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
 from cellwatt_drivers.ur.wire import ControllerVersion
@@ -25,7 +25,6 @@ AHEAD = 0.05
 """Seconds of packages made at once; a disturbance of the world makes them anew."""
 UNREAD = 10.0
 """Seconds of packages a client may leave unread before the controller closes, as a real one does."""
-AT_END = ("pause", "hold")
 LOOKS = 500.0
 """Hz at which it is looked, beside the times of a recording's rows, which faults strike and end."""
 
@@ -60,13 +59,12 @@ class UrEmulator(Emulator):
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
         self.version = _version(options.text("polyscope", "5.12.0"))
-        self._at_end = options.choice("at_end", "pause", AT_END)
+        hold = options.choice("at_end", "pause", ("pause", "hold")) == "hold"
         self._start = options.choice("start", "client", ("client", "epoch"))
         self._place = host_and_port(self.address)
-        held = self._at_end == "hold"
-        self._rows = Rows(self.signals, held) if isinstance(self.signals, RecordedSignals) else None
+        self._rows = Rows(self.signals, hold) if isinstance(self.signals, RecordedSignals) else None
         self.clients: set[EmulatedClient] = set()
-        self._places: list[Place] = []
+        self._places: list[Listener] = []
         self._samples: Samples | None = None
         self._began = 0.0  # monotonic time of the samples' start
         self._shift = 0.0  # of the timestamps, s
@@ -137,7 +135,7 @@ class UrEmulator(Emulator):
         stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
         place = None if client.compares else next((p for p in self._places if p.lost), None)
         if place is None:
-            place = Place(0, stride, client)
+            place = Listener(0, stride, client)
             self._places.append(place)
         if place.client is not None:
             place.client.place = None
@@ -216,7 +214,7 @@ class UrEmulator(Emulator):
         if fault := self.injector.once("disconnect"):
             self._leave_all(fault.seconds)
 
-    def _serve(self, place: Place, due: int, now: float) -> None:
+    def _serve(self, place: Listener, due: int, now: float) -> None:
         """Make and send what is due in one place, all in one write; nothing strikes a client that compares clocks."""
         ready: list[bytes] = []
         client = place.client
@@ -257,7 +255,7 @@ class UrEmulator(Emulator):
             self.tally["unread"] += 1
             client.abort()
 
-    def _package(self, place: Place, number: int, encoder: Encoder) -> bytes:
+    def _package(self, place: Listener, number: int, encoder: Encoder) -> bytes:
         """One package, from those made ahead."""
         assert self._samples is not None
         at = (number - place.first) // place.stride * encoder.size

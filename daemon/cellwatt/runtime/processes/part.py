@@ -26,7 +26,7 @@ BROKEN: Final = 1
 
 
 @dataclass(slots=True)
-class Part:
+class SupervisedProcess:
     """A process: ``main`` gets its assignment from ``make``, which is given the process's end of the control pipe."""
 
     name: str
@@ -50,7 +50,7 @@ class Part:
         """True while the process runs."""
         return self.pid > 0
 
-    def start(self, others: Iterable[Part]) -> None:
+    def start(self, others: Iterable[SupervisedProcess]) -> None:
         """Fork the process; what belongs to ``others`` is closed in it. Raises ``OSError`` where there is no room."""
         ours, theirs = Pipe()
         assignment = self.make(theirs, self.restarts)

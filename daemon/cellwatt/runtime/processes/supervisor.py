@@ -31,7 +31,7 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
-from cellwatt.runtime.processes.part import Part
+from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     CHAINS,
@@ -67,7 +67,7 @@ class _Reload:
     config: CellConfig
     change: Change
     generation: int
-    judges: dict[int, Part] = field(default_factory=dict)
+    judges: dict[int, SupervisedProcess] = field(default_factory=dict)
     sent: bool = False
 
 
@@ -87,18 +87,18 @@ class Supervisor:
         """When to stop, monotonic s."""
         self._generation = 1
         self._shared = Shared.of(*declared(config))
-        self._collect = Part("collect", collect, self._assign)
-        self._align = Part("align", align, self._assign)
-        self._tell = Part("tell", tell, self._assign)
+        self._collect = SupervisedProcess("collect", collect, self._assign)
+        self._align = SupervisedProcess("align", align, self._assign)
+        self._tell = SupervisedProcess("tell", tell, self._assign)
         self._judges = self._new_judges(config, held=False)
-        self._ending: list[Part] = []
+        self._ending: list[SupervisedProcess] = []
         """Judges whose chain others have taken over."""
         self._stop_asked = self._reload_asked = False
         self._reload: _Reload | None = None
         self._failed: Exception | None = None
 
     @property
-    def _parts(self) -> list[Part]:
+    def _parts(self) -> list[SupervisedProcess]:
         held = list(self._reload.judges.values()) if self._reload is not None else []
         return [*self._serving(), *held, *self._ending]
 
@@ -136,7 +136,7 @@ class Supervisor:
         """Time of the start, UTC ns."""
         return self._shared.session
 
-    def _begin(self, parts: Sequence[Part]) -> None:
+    def _begin(self, parts: Sequence[SupervisedProcess]) -> None:
         """Start processes and wait until all of them serve."""
         for part in parts if self._serves else ():
             self._start(part)
@@ -176,15 +176,15 @@ class Supervisor:
     def _assign(self, control: Connection, restarts: int) -> Assignment:
         return Assignment(self._shared, self._config, self._generation, control, restarts)
 
-    def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, Part]:
+    def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, SupervisedProcess]:
         """A process for each chain of stages, in slots that are free."""
         used = {} if not held else self._judges
         free = iter(slot for slot in range(SLOTS) if slot not in used)
         generation = self._generation + held
-        made: dict[int, Part] = {}
+        made: dict[int, SupervisedProcess] = {}
         for slot, names in zip(free, chain_names(config, CHAINS), strict=False):
             assign = partial(self._assign_judge, config, generation, tuple(names), slot, held)
-            made[slot] = Part(f"judge {'+'.join(names)}", judge, assign)
+            made[slot] = SupervisedProcess(f"judge {'+'.join(names)}", judge, assign)
         return made
 
     def _assign_judge(
@@ -203,7 +203,7 @@ class Supervisor:
         self._shared.results[slot].begin()
         return Assignment(self._shared, config, generation, control, restarts, stages=names, slot=slot, held=waits)
 
-    def _start(self, part: Part) -> None:
+    def _start(self, part: SupervisedProcess) -> None:
         part.start([p for p in self._parts if p is not part])
         assert part.control is not None
         self._selector.register(part.control, selectors.EVENT_READ, lambda: self._hear(part))
@@ -231,10 +231,10 @@ class Supervisor:
             if key.fileobj in self._selector.get_map():
                 key.data()
 
-    def _serving(self) -> list[Part]:
+    def _serving(self) -> list[SupervisedProcess]:
         return [self._collect, self._align, self._tell, *self._judges.values()]
 
-    def _hear(self, part: Part) -> None:
+    def _hear(self, part: SupervisedProcess) -> None:
         assert part.control is not None
         try:
             message = part.control.recv()
@@ -256,7 +256,7 @@ class Supervisor:
             case _:
                 pass
 
-    def _take_failure(self, part: Part, error: Exception) -> None:
+    def _take_failure(self, part: SupervisedProcess, error: Exception) -> None:
         if self._reload is not None and part in self._reload.judges.values():
             self._give_up_reload(error)
         elif not part.restarts and self._generation == 1 and not all(p.ready for p in self._serving()):
@@ -264,7 +264,7 @@ class Supervisor:
         else:
             log.error("%s: %s", part.name, error)
 
-    def _bury(self, part: Part) -> None:
+    def _bury(self, part: SupervisedProcess) -> None:
         if part.control is not None and part.control.poll():
             self._hear(part)  # its last words
         self._forget(part.control)
@@ -306,7 +306,7 @@ class Supervisor:
             self._start(self._tell)  # what was collected is still to be recorded
         self._end(self._tell)
 
-    def _end(self, part: Part, *, at_once: bool = False) -> None:
+    def _end(self, part: SupervisedProcess, *, at_once: bool = False) -> None:
         end = time.monotonic() + (0.0 if at_once else END)
         while part.alive and time.monotonic() < end:
             self._wait(end - time.monotonic())

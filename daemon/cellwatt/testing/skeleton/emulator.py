@@ -18,7 +18,6 @@ class SkeletonEmulator(PortEmulator):
 
     title = "Skeleton meter"
     usual_address = f"127.0.0.1:{wire.PORT}"
-    faults = ("loss", "half_frame", "garbage", "delay", "stall", "disconnect")
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
