@@ -16,7 +16,7 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.explain.fit.leave_out import LeaveOut
 from cellwatt_plugins.explain.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.explain.fit.problem import UNTOLD, Problem, on_joints
+from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem, on_joints
 from cellwatt_plugins.explain.fit.search import search
 from cellwatt_plugins.explain.fit.search.budget import now
 from cellwatt_plugins.explain.fit.search.solve import fitted
@@ -120,9 +120,9 @@ def explain(
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        effects, asked = (EFFECTS, DEFAULT) if states[0].drive is None else (IN_MOTION, by_law(DEFAULT))
+        effects, thresholds = (EFFECTS, DEFAULT) if states[0].drive is None else (IN_MOTION, by_law(DEFAULT))
         make = partial(torque_problem, runs, states)
-        torque = search(make, base.arm.body.joints, asked, effects, until=limit, powered=powered)
+        torque = search(make, base.arm.body.joints, thresholds, effects, until=limit, powered=powered)
     driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
@@ -143,7 +143,7 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
     doubt = []
     for v, states in zip(variance, problem.states, strict=True):
         # A torque that was not measured is as uncertain as it is large, and no more.
-        beyond = np.where(v < UNTOLD * problem.floor**2, v - problem.floor**2, states.torque**2)
+        beyond = np.where(v < UNKNOWN_VARIANCE * problem.floor**2, v - problem.floor**2, states.torque**2)
         doubt.append(np.sqrt(unexplained**2 + np.maximum(beyond, 0.0)))
     out = []
     for run, states, after in zip(runs, problem.states, _measurement_errors(torque), strict=True):
@@ -177,7 +177,7 @@ def _findings(
     upright: Float,
 ) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found, left, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
+    found, rests, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
     falls, moved = list[Falling](), list[RetunedNumber]()
     curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
@@ -196,8 +196,8 @@ def _findings(
         falls.append(falling(solution))
         found += findings_of(solution, falls[-1], own, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
-            found += unknown_findings(solution, [u for u in own if _looked_at(solution, u)])
-        left += [unexplained_channel(u, *solution.problem.channel(u.channel), _looked_at(solution, u)) for u in own]
+            found += unknown_findings(solution, [u for u in own if _searched(solution, u)])
+        rests += [unexplained_channel(u, *solution.problem.channel(u.channel), _searched(solution, u)) for u in own]
         curves += curves_of(best, held)
         moved += retuned_of(solution, falls[-1])
         started = upright if mounted is not None and solution is torque else falls[-1].simulation
@@ -208,11 +208,11 @@ def _findings(
     # Intermittent effects cannot be tested on data left out.
     once = any(term.effect.form.intermittent for solution in sides for term in solution.terms)
     far = not once and any(c.model > FAR * c.noise_floor for c in fit)
-    verdict = _verdict(named, bool(left) or (named and far))
+    verdict = _verdict(named, bool(rests) or (named and far))
     return Findings(
         verdict,
         tuple(merged(found)),
-        tuple(left),
+        tuple(rests),
         tuple(fit),
         tuple(tried),
         (*admitted, *_notes(runs, torque, supply)),
@@ -222,9 +222,9 @@ def _findings(
     )
 
 
-def _looked_at(solution: Solution, left: LackOfFit) -> bool:
+def _searched(solution: Solution, found: LackOfFit) -> bool:
     """True if the candidates of a channel were tried before the time limit."""
-    return solution.problem.side == "supply" or left.channel not in solution.unlooked
+    return solution.problem.side == "supply" or found.channel not in solution.unlooked
 
 
 def _with_noise(mounted: Finding, problem: Problem) -> Finding:
@@ -245,7 +245,7 @@ def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelF
     refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [
         ChannelFit(*problem.channel(c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
-        for c in problem.told
+        for c in problem.observed
     ]
 
 
@@ -260,10 +260,10 @@ def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:
     return (f"Power is from a slow meter ({meter.meter.told}): it was compared with means over the same times.",)
 
 
-def _verdict(named: bool, left: bool) -> Verdict:
+def _verdict(named: bool, rest: bool) -> Verdict:
     if named:
-        return "partly_explained" if left else "explained"
-    return "unexplained" if left else "no_mismatch"
+        return "partly_explained" if rest else "explained"
+    return "unexplained" if rest else "no_mismatch"
 
 
 def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tuple[str, ...]:

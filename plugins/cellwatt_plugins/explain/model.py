@@ -166,8 +166,8 @@ def save_model(model: Model, path: Path) -> None:
 def _term(fitted: FittedTerm) -> dict[str, Any]:
     effect, shape = fitted.term.effect, [float(x) for x in fitted.term.shape]
     numbers = {"shape": shape, "coefficients": fitted.coefficients.tolist()}
-    told = {"effect": effect.name, "joint": fitted.term.number, **numbers}
-    return told | ({"in_motion": True} if effect in IN_MOTION and BY_NAME.get(effect.name) is not effect else {})
+    content = {"effect": effect.name, "joint": fitted.term.number, **numbers}
+    return content | ({"in_motion": True} if effect in IN_MOTION and BY_NAME.get(effect.name) is not effect else {})
 
 
 class _Effect(BaseModel):

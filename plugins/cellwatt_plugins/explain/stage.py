@@ -81,7 +81,7 @@ class MismatchStage(Stage[MismatchSettings]):
             explained = settings.explain.model_copy(update={"folder": Path(folder).absolute()})
             parts = (self._intake, self._simulation.model.robot, self._simulation.known)
             self._explainer = Explainer(name, cell.cell, explained, *parts, self._streamed is not None, file)
-        self._unsaid = self._simulation.left_out
+        self._unreported = self._simulation.left_out
         self.counts: Counter[str] = Counter()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
@@ -90,7 +90,7 @@ class MismatchStage(Stage[MismatchSettings]):
         self._intervals.extend(r for r in ours if r.closed and r.complete and r.moving)
         if not len(frames):
             return ()
-        out: list[Result] = self._say_once(int(frames.time[0]))
+        out: list[Result] = self._report_once(int(frames.time[0]))
         sequence = frames.sequence + np.arange(len(frames))
         rows = self._intake.rows(frames)
         if self._streamed is not None:
@@ -109,24 +109,24 @@ class MismatchStage(Stage[MismatchSettings]):
             self._explainer.stop()
         return ()
 
-    def _say_once(self, now: int) -> list[Result]:
-        names, self._unsaid = self._unsaid, ()
+    def _report_once(self, now: int) -> list[Result]:
+        names, self._unreported = self._unreported, ()
         return [left_out(Occasion(self.name, self._intake.source, now, now), names)] if names else []
 
     def _compare(self, stretch: Stretch) -> Prediction:
         """Simulate a stretch, and store its new frames in the history: measured beside simulated values."""
         places, new = self._intake.places, stretch.new
-        simulated, driven = self._said(stretch)
+        simulated, driven = self._simulated(stretch)
         simulated, measured = simulated[new], stretch.values[new, : self._width]
         if driven is not None:
             measured[:, places["command"]], measured[:, places["torque"]] = (each[new] for each in driven)
         read = np.isfinite(measured[:, places[self._intake.measured]])
-        there = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
+        known = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
         # A dead sensor of one joint does not hide the other joints.
-        kept = there & read.any(axis=1)
-        self._history.add(stretch.time[new][kept], np.column_stack([measured, simulated])[kept])
-        self.counts["compared"] += int(kept.sum())
-        self.counts["torque missing"] += int(np.sum(~(there & read.all(axis=1)) & ~stretch.bridged[new]))
+        usable = known & read.any(axis=1)
+        self._history.add(stretch.time[new][usable], np.column_stack([measured, simulated])[usable])
+        self.counts["compared"] += int(usable.sum())
+        self.counts["torque missing"] += int(np.sum(~(known & read.all(axis=1)) & ~stretch.bridged[new]))
         simulated[stretch.bridged[new]] = np.nan
         judged = self._intake.judged
         return Prediction(
@@ -137,7 +137,7 @@ class MismatchStage(Stage[MismatchSettings]):
             units={c.name: c.unit for c in judged},
         )
 
-    def _said(self, stretch: Stretch) -> tuple[Float, tuple[Float, Float] | None]:
+    def _simulated(self, stretch: Stretch) -> tuple[Float, tuple[Float, Float] | None]:
         """Simulated values (N, C) for all frames of a stretch; commands and torques (N, n) Nm of driven servos."""
         if self._streamed is not None:
             return stretch.values[:, self._width :], None
@@ -149,8 +149,10 @@ class MismatchStage(Stage[MismatchSettings]):
             known = np.isfinite(temperature).any(axis=0).all()
             temperature = bridged(temperature, range(temperature.shape[1])) if known else None
         time = (stretch.time - stretch.time[0]) * 1e-9
-        said, driven = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature, command)
-        parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
+        predicted, driven = self._simulation.run(
+            time, stretch.values[:, places["position"]], velocity, temperature, command
+        )
+        parts = [predicted.torque] if self._intake.power is None else [predicted.torque, predicted.power[:, None]]
         return np.column_stack(parts), driven
 
     def _judge(self) -> list[Alarm]:

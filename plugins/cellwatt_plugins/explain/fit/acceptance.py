@@ -39,7 +39,7 @@ PEAK = 8.0
 """Smallest peak of an effect that is active in few folds only, in residuals (rms) of the channel."""
 OFTEN = 3
 """Smallest number of folds in which a term must be active to be tested on data left out."""
-THERE = 0.1
+ACTIVE = 0.1
 """Share of its maximum from which a term counts as active."""
 OFF_SCALE = 0.35
 """Largest deviation from 1 of the coefficient of an effect that is simulated to scale."""
@@ -65,7 +65,7 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
         return "is too small to distinguish from the sampling of the motion"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel supports it"
-    if after.problem.side == "supply" and _taken(before, after) < SMALLEST**2:
+    if after.problem.side == "supply" and _decrease(before, after) < SMALLEST**2:
         return None if relieves_tension(before, after, thresholds) else "is too small to matter"
     return unconfirmed(before, after, term, thresholds, gain)
 
@@ -87,14 +87,14 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     if enough and upon and found.share > -thresholds.rise:
         return None
     channels = channels_of(after, term)
-    chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
+    chi2, remaining = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)
     if enough:
         share = 0.0 if near else thresholds.share
-        share = SOLVED if shaped and np.min(left) > thresholds.much_left else share
+        share = SOLVED if shaped and np.min(remaining) > thresholds.much_left else share
         # A term that brings its channels to their noise is complete, however rarely it acts. Acting once is too rare,
         # unless a drive's limit, which frees no other number, removes nearly all of the error (``ALL``).
-        solved = (float(np.max(left)) < thresholds.near and found.again) or (shaped and found.share > ALL)
+        solved = (float(np.max(remaining)) < thresholds.near and found.again) or (shaped and found.share > ALL)
         steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
@@ -115,8 +115,8 @@ def _seldom(solution: Solution, term: Term) -> bool:
         return False
     columns = solution.block(term)[0].columns
     size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
-    there = size > THERE * np.max(size)
-    return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
+    active = size > ACTIVE * np.max(size)
+    return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[active])) < OFTEN
 
 
 def felt(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
@@ -137,9 +137,9 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     to scale cannot represent anything else.
     """
     channels = channels_of(after, term)
-    left = float(np.min(after.problem.chi2(after.residual)[channels]))
+    remaining = float(np.min(after.problem.chi2(after.residual)[channels]))
     form = term.effect.form
-    if term.effect.usual or form.sample_by_sample or form.to_scale or left < max(thresholds.near, 1.0):
+    if term.effect.usual or form.sample_by_sample or form.to_scale or remaining < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
         return bool(np.any(np.max(np.abs(after.added(term)), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
@@ -147,7 +147,7 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     if term.joint is not None and relieves_tension(before, after, thresholds):
         return True
     found = held(before, after, term)
-    return found.sure > thresholds.certain or found.most * left > (1 - found.most) * (left - 1)
+    return found.sure > thresholds.certain or found.most * remaining > (1 - found.most) * (remaining - 1)
 
 
 def held(before: Solution, after: Solution, term: Term) -> Held:
@@ -163,7 +163,7 @@ def channels_of(solution: Solution, term: Term) -> list[int]:
     return list(range(len(solution.problem.floor))) if term.joint is None else [term.joint]
 
 
-def _taken(before: Solution, after: Solution) -> float:
+def _decrease(before: Solution, after: Solution) -> float:
     """Decrease of the supply's mean square residual, in units of its noise."""
     return float((before.problem.chi2(before.residual) - after.problem.chi2(after.residual))[0])
 

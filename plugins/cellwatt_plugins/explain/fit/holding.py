@@ -17,11 +17,11 @@ FEWEST = 4
 UNKNOWN = np.inf
 
 
-def held_at_rest(states: Sequence[States], left: Sequence[Float], noise: Float) -> Float:
+def held_at_rest(states: Sequence[States], residuals: Sequence[Float], noise: Float) -> Float:
     """Friction (n,) Nm that holds joints at rest; infinite if there is no plan, where it may have any value.
 
-    ``left`` (N, n) Nm of each run is torque beyond the nominal, which a control loop releases while the joint does not
-    move: any change during a rest was held by friction. ``noise`` is (n,) Nm.
+    ``residuals`` (N, n) Nm of each run are torque beyond the nominal, which a control loop releases while nothing
+    moves: any change during a rest was held by friction. ``noise`` is (n,) Nm.
     """
     if any(run.unplanned for run in states):
         return np.full(len(noise), UNKNOWN)
@@ -29,7 +29,7 @@ def held_at_rest(states: Sequence[States], left: Sequence[Float], noise: Float) 
     for joint in range(len(noise)):
         changes = [
             float(np.mean(course[last - end : last]) - np.mean(course[first : first + end]))
-            for run, part in zip(states, left, strict=True)
+            for run, part in zip(states, residuals, strict=True)
             for course, end in ((part[:, joint], max(1, round(END / run.step))),)
             for first, last in stretches(run.resting[:, joint])
             if last - first > 2 * end

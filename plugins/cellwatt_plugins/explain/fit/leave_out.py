@@ -27,7 +27,7 @@ ALIKE, STILL = 0.1, 1e-3
 """Largest deviation between repeats of a motion: a share of the motion's standard deviation, plus rad."""
 NOTHING = 1e-3
 """Squared error of a fold, in units of the noise, below which a channel counts as not measured."""
-KEPT = 400
+CACHED = 400
 """Largest number of blocks whose products are stored, and of stored fits."""
 
 
@@ -52,14 +52,14 @@ def compared(before: Float, after: Float, channels: Sequence[int] | None = None)
     scale = np.mean(before, axis=0)
     # The error of a channel that was not measured can neither fall nor rise.
     scale = np.where(scale > NOTHING, scale, np.inf)
-    asked = slice(None) if channels is None else list(channels)
+    chosen = slice(None) if channels is None else list(channels)
     saved = (before - after) / scale
-    own = np.sum(saved[:, asked], axis=1)
+    own = np.sum(saved[:, chosen], axis=1)
     # The ratio of a fold's errors shows an intermittent effect even if one fold outweighs all others.
-    ratio = np.sum(np.log((before / scale + LITTLE) / (after / scale + LITTLE))[:, asked], axis=1)
+    ratio = np.sum(np.log((before / scale + LITTLE) / (after / scale + LITTLE))[:, chosen], axis=1)
     again = bool(np.sum(own) - np.max(own) > 0)
     of_each = np.mean(saved, axis=0)
-    sure, rise, most = max(_sure(own), _sure(ratio)), float(np.max(-of_each)), float(np.max(of_each[asked]))
+    sure, rise, most = max(_sure(own), _sure(ratio)), float(np.max(-of_each)), float(np.max(of_each[chosen]))
     return Held(float(np.mean(own)), sure, rise, again, most)
 
 
@@ -97,10 +97,10 @@ class LeaveOut:
         """Residual (N, C) of each row in the fit without its fold, of all channels or of those given."""
         design, blocks = self.problem.design, [self.problem.block(term) for term in terms]
         found = self._fitted(blocks)[0]
-        asked = range(design.target.shape[1]) if channels is None else channels
-        out = np.empty((len(design.target), len(asked)))
+        chosen = range(design.target.shape[1]) if channels is None else channels
+        out = np.empty((len(design.target), len(chosen)))
         slices = places(blocks, design.size)
-        for i, c in enumerate(asked):
+        for i, c in enumerate(chosen):
             fixed = design.channels[c]
             parts = [(block.of(c), place) for block, place in zip(blocks, slices, strict=True)]
             for rows, own in zip(self.products.rows, found, strict=True):
@@ -111,12 +111,12 @@ class LeaveOut:
 
     def _fitted(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
         """Coefficients (K, P) of the fits without one fold each, and their squared errors (K, C) there; cached."""
-        key, kept = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
-        if key not in kept:
-            if len(kept) > KEPT:
-                kept.clear()
-            kept[key] = self._fit(blocks)
-        return kept[key]
+        key, cache = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
+        if key not in cache:
+            if len(cache) > CACHED:
+                cache.clear()
+            cache[key] = self._fit(blocks)
+        return cache[key]
 
     def _fit(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
         design, products = self.problem.design, self.products
@@ -126,16 +126,16 @@ class LeaveOut:
         information, right = np.zeros((count, size, size)), np.zeros((count, size))
         equations = []
         for c in range(channels):
-            there, gram, pull = products.channel(c, blocks, slices)
-            information[:, there[:, None], there] += gram / self.factor[c]
-            right[:, there] += pull / self.factor[c]
-            equations.append((there, gram, pull))
+            indices, gram, pull = products.channel(c, blocks, slices)
+            information[:, indices[:, None], indices] += gram / self.factor[c]
+            right[:, indices] += pull / self.factor[c]
+            equations.append((indices, gram, pull))
         prior = Prior.joined(*(block.prior for block in (*design.blocks, *blocks)))
         whole, pulled = information.sum(axis=0) + prior.precision, right.sum(axis=0) + prior.precision @ prior.mean
         found = np.stack([_solved(whole - information[k], pulled - right[k]) for k in range(count)])
         errors = np.empty((count, channels))
-        for c, (there, gram, pull) in enumerate(equations):
-            own = found[:, there]
+        for c, (indices, gram, pull) in enumerate(equations):
+            own = found[:, indices]
             crossed = np.einsum("ki,kij,kj->k", own, gram, own)
             errors[:, c] = products.square[c] - 2 * np.sum(own * pull, axis=1) + crossed
         return found, np.maximum(errors, 0.0)
@@ -183,10 +183,10 @@ class _Products:
         acting = [b for b in blocks if b.channel in (None, c)]
         fixed, own = self._fixed[c], self.design.channels[c].places
         among = [np.arange(s.start, s.stop) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]
-        there = np.concatenate([own, *among])
+        indices = np.concatenate([own, *among])
         first = slice(len(own))
-        gram = np.zeros((len(self.rows), len(there), len(there)))
-        pull = np.zeros((len(self.rows), len(there)))
+        gram = np.zeros((len(self.rows), len(indices), len(indices)))
+        pull = np.zeros((len(self.rows), len(indices)))
         gram[:, first, first], pull[:, first] = fixed.gram, fixed.pull
         before: list[tuple[Block, slice]] = []
         for block, at in zip(acting, places(acting, len(own)), strict=True):
@@ -195,7 +195,7 @@ class _Products:
             for cross, beside in [(part.cross, first), *((self._pair(other, block, c), s) for other, s in before)]:
                 gram[:, beside, at], gram[:, at, beside] = cross, cross.transpose(0, 2, 1)
             before.append((block, at))
-        return there, gram, pull
+        return indices, gram, pull
 
     def _with_itself(self, columns: Float, c: int) -> tuple[Float, Float]:
         gram = np.stack([columns[rows].T @ columns[rows] for rows in self.rows])
@@ -203,7 +203,7 @@ class _Products:
 
     def _of(self, block: Block, c: int) -> _Own:
         if (block, c) not in self._own:
-            if len(self._own) > KEPT:
+            if len(self._own) > CACHED:
                 self._own.clear()
                 self._pairs.clear()
             columns = self._weighed(block, c)

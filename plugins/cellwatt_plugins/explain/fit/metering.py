@@ -38,15 +38,15 @@ def metering(runs: Sequence[Run], states: Sequence[States]) -> Metering | Unknow
 
     States carry the torque that moves the arm.
     """
-    kept = [(run, s) for run, s in zip(runs, states, strict=True) if run.power is not None]
-    readings = held([(run.time, run.power) for run, _ in kept if run.power is not None])
+    powered = [(run, s) for run, s in zip(runs, states, strict=True) if run.power is not None]
+    readings = held([(run.time, run.power) for run, _ in powered if run.power is not None])
     if readings is None:
         return None
-    meter = find(readings, [Course(s.time, kinds_of_power(s.torque, s.qd)) for _, s in kept])
+    meter = find(readings, [Course(s.time, kinds_of_power(s.torque, s.qd)) for _, s in powered])
     if meter is None:
         return Unknown(readings[0].interval)
     rows, values = [], []
-    for each, (_, s) in zip(readings, kept, strict=True):
+    for each, (_, s) in zip(readings, powered, strict=True):
         windows, shown = meter.within(each, s.time)
         rows.append(Metered(s.time, windows, each.interval))
         values.append(shown)

@@ -71,22 +71,22 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
 def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: float) -> list[Nominal]:
     """Simulated terms beyond the law, a factor per channel: ``courses`` (N, C) of each run, ``whole`` with the law."""
     beyond = np.concatenate([course for course in courses if course is not None])
-    there = np.std(beyond, axis=0) > FINE * np.std(np.concatenate(whole), axis=0)
+    present = np.std(beyond, axis=0) > FINE * np.std(np.concatenate(whole), axis=0)
     prior = Prior.spread(np.array([tolerance]))
-    return [Nominal(beyond[:, c : c + 1], c, prior) for c in np.flatnonzero(there).tolist()]
+    return [Nominal(beyond[:, c : c + 1], c, prior) for c in np.flatnonzero(present).tolist()]
 
 
 def _drives(states: Sequence[States]) -> list[Nominal]:
     """Gain and damping of each joint's servo, as shares, and the delays of velocities and commands in s."""
     servo, step = states[0].servos.servo, states[0].servos.step
-    torque, speed, gain, told = (
+    torque, speed, gain, commanded = (
         np.concatenate(parts) for parts in zip(*((s.nominal, s.qd, s.qdd, s.servos.told) for s in states), strict=True)
     )
     braked = servo.damping * speed
     coulomb = states[0].robot.column("coulomb_friction")
     coulomb = np.maximum(coulomb, np.median(coulomb))[:, None]
     turning = coulomb * np.concatenate([s.servos.turnovers for s in states])
-    columns = np.stack([torque + braked, braked, servo.damping * gain, servo.stiffness * told], axis=2)
+    columns = np.stack([torque + braked, braked, servo.damping * gain, servo.stiffness * commanded], axis=2)
     columns = np.concatenate([columns, turning], axis=2)
     prior = Prior.spread(np.array([GAIN, GAIN, STEP, LATE * step, *[TURNED] * turning.shape[2]]))
     return [Nominal(columns[:, joint], joint, prior, "drive", joint) for joint in range(columns.shape[1])]

@@ -23,7 +23,7 @@ from cellwatt_plugins.robot.regression import Prior
 
 SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
-UNTOLD = 1e12
+UNKNOWN_VARIANCE = 1e12
 """Variance of an unknown torque, in units of the noise's variance."""
 MADE = 300
 """Largest number of cached blocks."""
@@ -61,7 +61,7 @@ def on_joints(course: Float, joint: int | None, joints: int) -> Float:
     return out
 
 
-def said(term: Term) -> str:
+def title(term: Term) -> str:
     """Name of a term in messages."""
     name = term.effect.name.replace("_", " ")
     return name if term.joint is None else f"{name} of joint {term.number}"
@@ -134,12 +134,12 @@ class Problem:
         return Block(columns, channel, prior)
 
     @cached_property
-    def told(self) -> list[int]:
+    def observed(self) -> list[int]:
         """Channels (0-based) with any measured values; the supply has one channel."""
         if self.side == "supply":
             return [0]
         least = np.min([np.min(part, axis=0) for part in self.variance], axis=0)
-        return [int(c) for c in np.flatnonzero(least < UNTOLD * self.floor**2)]
+        return [int(c) for c in np.flatnonzero(least < UNKNOWN_VARIANCE * self.floor**2)]
 
     @cached_property
     def design(self) -> Design:

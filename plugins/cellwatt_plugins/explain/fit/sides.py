@@ -13,7 +13,7 @@ from cellwatt_plugins.explain.fit.holding import held_at_rest
 from cellwatt_plugins.explain.fit.metering import Metering
 from cellwatt_plugins.explain.fit.noise import floor
 from cellwatt_plugins.explain.fit.nuisance import supply_nuisance, torque_nuisance
-from cellwatt_plugins.explain.fit.problem import UNTOLD, Problem
+from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem
 from cellwatt_plugins.explain.fit.rows import Filtered, Rows, Thinned, filtered, thinned
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.noise import step_noise
@@ -45,12 +45,10 @@ def torque_problem(
     sign of the velocity is uncertain. Uncertainty of the motion appears in the torque within ``late`` s.
     """
     robot = states[0].robot
-    told = _told(runs, states)
-    target = tuple(
-        np.where(there, run.torque - s.nominal, 0.0) for run, s, there in zip(runs, states, told, strict=True)
-    )
-    measured = np.concatenate([np.where(there, run.torque, np.nan) for run, there in zip(runs, told, strict=True)])
-    silent = ~np.concatenate(told).any(axis=0)
+    known = _measured(runs, states)
+    target = tuple(np.where(own, run.torque - s.nominal, 0.0) for run, s, own in zip(runs, states, known, strict=True))
+    measured = np.concatenate([np.where(own, run.torque, np.nan) for run, own in zip(runs, known, strict=True)])
+    silent = ~np.concatenate(known).any(axis=0)
     measured[:, silent] = 0.0
     spread = np.where(silent, 1.0, np.nanstd(measured, axis=0))
     drive = states[0].drive
@@ -71,15 +69,15 @@ def torque_problem(
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(
-        np.where(there & _between_ends(run), _without_gaps(v, run), UNTOLD * noise**2)
-        for v, run, there in zip(variance, runs, told, strict=True)
+        np.where(own & _between_ends(run), _without_gaps(v, run), UNKNOWN_VARIANCE * noise**2)
+        for v, run, own in zip(variance, runs, known, strict=True)
     )
     size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
     rows: tuple[Thinned, ...] = thinned(runs)
     if drive is not None:
-        rows = kept = filtered(runs)
+        rows = slow = filtered(runs)
         least = np.hypot(size, encoder_floor(states, fast=True))
-        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, kept, strict=True))
+        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, slow, strict=True))
     return Problem(
         side="torque",
         states=tuple(states),
@@ -119,7 +117,7 @@ def _unsure(states: States, at_rest: Float) -> Float:
     return np.square(turning.spread) + np.square(np.where(states.resting, np.minimum(at_rest, 1.0), turning.held))
 
 
-def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:
+def _measured(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:
     """(N, n) of each run: true where the torque was measured at a joint that moves in any run.
 
     At rest friction holds any torque, so a joint that never moves gives no evidence.
@@ -136,23 +134,23 @@ def supply_problem(
     States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm. Values of a slow ``meter`` are
     compared with means over the time that each value covers.
     """
-    kept = [(i, run.power) for i, run in enumerate(runs) if run.power is not None]
-    if not kept:
+    powered = [(i, run.power) for i, run in enumerate(runs) if run.power is not None]
+    if not powered:
         return None
-    chosen = tuple(states[i] for i, _ in kept)
+    chosen = tuple(states[i] for i, _ in powered)
     rows: tuple[Rows, ...]
     shown: Sequence[Float]
     if meter is None:
-        rows, shown = thinned([runs[i] for i, _ in kept]), [power for _, power in kept]
+        rows, shown = thinned([runs[i] for i, _ in powered]), [power for _, power in powered]
         target = [(power - s.nominal_power)[:, None] for power, s in zip(shown, chosen, strict=True)]
-        noise = floor(target, [runs[i].step for i, _ in kept])
+        noise = floor(target, [runs[i].step for i, _ in powered])
         target = [r.of(part) for r, part in zip(rows, target, strict=True)]
     else:
         rows, shown = meter.rows, meter.values
         target = [(power - r.of(s.nominal_power))[:, None] for power, r, s in zip(shown, rows, chosen, strict=True)]
         noise = floor(target, [r.step for r in rows])
     variance = []
-    for (i, _), r, s in zip(kept, rows, chosen, strict=True):
+    for (i, _), r, s in zip(powered, rows, chosen, strict=True):
         unsure = np.square(s.qd * doubt[i]) + np.square(s.torque * s.moved.velocity_spread)
         variance.append(r.of(_without_gaps(noise[0] ** 2 + np.sum(unsure, axis=1, keepdims=True), runs[i])))
     power = np.concatenate(shown)

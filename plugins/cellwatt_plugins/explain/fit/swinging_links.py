@@ -65,18 +65,18 @@ def confirmed_share(problem: Problem, term: Term, coefficients: Float, residual:
     a single run.
     """
     joint = term.joint or 0
-    left = problem.every_sample(residual)
-    if len(left) < 2:
+    residuals = problem.every_sample(residual)
+    if len(residuals) < 2:
         return 1.0
     own = [_at(columns @ coefficients, joint) for columns in problem.columns(term)]
-    course = [part[:, joint] + more for part, more in zip(left, own, strict=True)]
-    shapes = [term.shape, *term.effect.shapes(problem.states, term.joint, left)]
+    course = [part[:, joint] + more for part, more in zip(residuals, own, strict=True)]
+    shapes = [term.shape, *term.effect.shapes(problem.states, term.joint, residuals)]
     tried = [np.concatenate(term.effect.grid(s, term.joint, shapes), axis=1) for s in problem.states]
     pull = np.stack([columns.T @ part for columns, part in zip(tried, course, strict=True)])
     size = np.stack([np.sum(columns**2, axis=0) for columns in tried])
-    met, made = np.zeros(len(left)), np.zeros(len(left))
-    for run in range(len(left)):
-        others = np.arange(len(left)) != run
+    met, made = np.zeros(len(residuals)), np.zeros(len(residuals))
+    for run in range(len(residuals)):
+        others = np.arange(len(residuals)) != run
         drop = np.maximum(pull[others].sum(0), 0.0) ** 2 / np.maximum(size[others].sum(0), 1e-12)
         best = int(np.argmax(drop))
         met[run], made[run] = pull[run, best], size[run, best]

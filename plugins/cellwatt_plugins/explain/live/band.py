@@ -100,7 +100,7 @@ class Band:
 
 def _mean(values: Float) -> Float:
     """Mean (C,) of values (N, C) without missing ones; NaN if all are missing."""
-    there = np.isfinite(values)
-    count = there.sum(axis=0)
-    total = np.where(there, values, 0.0).sum(axis=0)
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
     return np.asarray(np.divide(total, count, out=np.full(values.shape[1], np.nan), where=count > 0))

@@ -51,7 +51,7 @@ class Explainer:
             out = self._clear(now, "Resolved: recording and simulation agree again")
         if self._running is not None and (outcome := self._running.poll()) is not None:
             self._running = None
-            out += self._tell(now, outcome)
+            out += self._report(now, outcome)
         if self._due(now, watch):
             out += self._begin(now, watch.since, history)
         return out
@@ -90,12 +90,12 @@ class Explainer:
     def _name(self, now: int) -> str:
         return f"{self.cell}-{self.prefix}-{datetime.fromtimestamp(now * 1e-9, UTC):%Y%m%dT%H%M%SZ}"
 
-    def _tell(self, now: int, outcome: Outcome) -> list[Alarm]:
+    def _report(self, now: int, outcome: Outcome) -> list[Alarm]:
         if outcome.findings is None:
             return self._failed(now, outcome.failure)
-        told = self._at(now)
+        occasion = self._at(now)
         self._failures = 0
-        alarm = found(told, outcome, self.known)
+        alarm = found(occasion, outcome, self.known)
         over = self._clear(now, "Resolved: the difference was explained", but=alarm.id)
         return [*over, *self._book.raise_(alarm)]
 

@@ -101,8 +101,8 @@ class Explanation:
             lines = (self.folder / LOG).read_text(errors="replace").split("\n")
         except OSError:
             return how
-        said = next((line.strip() for line in reversed(lines) if line.strip()), "")
-        return f"{said.removeprefix('cellwatt: ')} ({how})" if said else how
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return f"{last.removeprefix('cellwatt: ')} ({how})" if last else how
 
 
 def new_folder(parent: Path, name: str, keep: int) -> Path:

@@ -25,10 +25,10 @@ class History:
     def add(self, time: Integers, values: Float) -> None:
         """Append rows; no more than ``length`` at once."""
         if self._end + len(time) > len(self._time):
-            kept = self._length - len(time)
-            self._time[:kept] = self._time[self._end - kept : self._end]
-            self._values[:kept] = self._values[self._end - kept : self._end]
-            self._end = kept
+            stored = self._length - len(time)
+            self._time[:stored] = self._time[self._end - stored : self._end]
+            self._values[:stored] = self._values[self._end - stored : self._end]
+            self._end = stored
         rows = slice(self._end, self._end + len(time))
         self._time[rows], self._values[rows] = time, values
         self._end = rows.stop

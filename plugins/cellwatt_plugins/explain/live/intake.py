@@ -120,8 +120,8 @@ def intake(layout: Layout, arm: str | None, power: str | None, robot: RobotDescr
     if "torque" not in joints and "current" not in joints:
         if "target_position" not in joints:
             raise ConfigError(f"source {source} gives no joint_1.torque, joint_1.current or joint_1.target_position")
-        kept = {q: joints[q] for q in ("position", "temperature") if q in joints}
-        joints = kept | {"command": joints["target_position"]}
+        used = {q: joints[q] for q in ("position", "temperature") if q in joints}
+        joints = used | {"command": joints["target_position"]}
     gain = constants if "current" in joints else np.ones(len(constants))
     if unknown := [f"joint {i + 1}" for i, value in enumerate(gain) if value == 0]:
         raise ConfigError(

@@ -51,9 +51,9 @@ def write_simulation(path: Path, intake: Intake, time: NDArray[np.int64], rows: 
         source = f"target_{key}" if f"target_{key}" in places else key
         if source in places and _whole(table := rows[:, places[source]]):
             columns |= {f"{name}_{i + 1}": table[:, i] for i in range(table.shape[1])}
-    said = rows[:, max(place.stop for place in places.values()) :]
+    simulated = rows[:, max(place.stop for place in places.values()) :]
     names = ["power" if judged.joint is None else f"tau_{judged.joint}" for judged in intake.judged]
-    write_table(path, columns | dict(zip(names, said.T, strict=True)))
+    write_table(path, columns | dict(zip(names, simulated.T, strict=True)))
 
 
 def _whole(table: Float) -> bool:

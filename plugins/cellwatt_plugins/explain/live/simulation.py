@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
-from cellwatt_plugins.explain.fit.problem import said
+from cellwatt_plugins.explain.fit.problem import title
 from cellwatt_plugins.explain.input.driven import drive_of
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
@@ -51,7 +51,7 @@ class Simulation:
         self._arm, self._servo = model.arm(), servo
         self._late = 0.0 if hold is None else (hold - step) / 2
         followed = _followed(model, self._arm, step, warm, servo is not None)
-        self.left_out = tuple(said(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
+        self.left_out = tuple(title(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
         self.known = frozenset((t.term.effect.name, t.term.number) for t in model.terms)
         """Effects of the model by name and 1-based joint."""

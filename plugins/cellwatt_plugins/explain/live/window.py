@@ -80,8 +80,8 @@ class Window:
         self.counts["edge"] += int(np.sum(~missing[:done] & fresh)) - whole
         if done:
             self.settled = max(self.settled, int(time[done - 1]))
-        kept = max(begin, done - self._lead) if goes_on else done
-        self._parts = [(time[kept:], sequence[kept:], values[kept:])]
+        first = max(begin, done - self._lead) if goes_on else done
+        self._parts = [(time[first:], sequence[first:], values[first:])]
         return given
 
     def _stretch(self, time: Integers, sequence: Integers, values: Float, missing: Bool) -> Stretch | None:
@@ -95,10 +95,10 @@ class Window:
 def _spans(time: Integers, missing: Bool, step: int, most: int) -> list[tuple[int, int]]:
     """[start, end) of the stretches of a block without a gap in the grid and without more than ``most`` missing
     rows."""
-    there = np.flatnonzero(~missing)
-    rows = np.diff(there)
-    ends = (rows > most + 1) | (np.diff(time[there]) > rows * step + step // 2)
-    parts = np.split(there, np.flatnonzero(ends) + 1)
+    present = np.flatnonzero(~missing)
+    rows = np.diff(present)
+    ends = (rows > most + 1) | (np.diff(time[present]) > rows * step + step // 2)
+    parts = np.split(present, np.flatnonzero(ends) + 1)
     return [(int(part[0]), int(part[-1]) + 1) for part in parts if len(part)]
 
 

@@ -35,9 +35,9 @@ def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended:
             _figure(run, joint, before[i].position, None if after is None else after[i].position, i)
             for i, run in enumerate(runs)
         ]
-        told = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
-        told += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
-        parts.append(Folded(told, drawn, not parts))
+        title = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
+        title += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
+        parts.append(Folded(title, drawn, not parts))
     lead = f"The simulator rolled out under the recorded commands, restarted each {WINDOW:.0f} s where the arm was."
     return Section("How the arm and its simulation move", [Switch("moved", [run.name for run in runs]), *parts], lead)
 

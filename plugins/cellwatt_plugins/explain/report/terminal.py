@@ -28,7 +28,7 @@ def in_words(found: Explained, out: Path, report: bool) -> str:
             f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
         )
         lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
-    lines += [f"  ? {left.statement}" for left in findings.without_finding]
+    lines += [f"  ? {rest.statement}" for rest in findings.without_finding]
     lines += [f"  = {moved.statement}" for moved in findings.retuned]
     lines += [f"  ~ {curve.statement}" for curve in findings.curves]
     lines += [f"  note: {note}" for note in findings.notes]

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.fit.leave_out import LeaveOut
-from cellwatt_plugins.explain.fit.problem import Place, Problem, Term, said
+from cellwatt_plugins.explain.fit.problem import Place, Problem, Term, title
 from cellwatt_plugins.explain.fit.retuning import all_fixed, freed
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.verdict.findings import Step, StepKind
@@ -90,16 +90,16 @@ def _largest_first(
     pushes = sorted(
         ((float(np.sum(np.square(once[t.place] * root))), i) for i, t in enumerate(_once(solution))), reverse=True
     )
-    left, chosen, order = list(steady), list[Term](), list[Term]()
+    remaining, chosen, order = list(steady), list[Term](), list[Term]()
     error = float(np.sum(held.errors([])))
-    while left or pushes:
-        rest = [float(np.sum(held.errors([*chosen, t]))) for t in left]
+    while remaining or pushes:
+        rest = [float(np.sum(held.errors([*chosen, t]))) for t in remaining]
         best = int(np.argmin(rest)) if rest else -1
         if pushes and (best < 0 or pushes[0][0] > error - rest[best]):
             order.append(_once(solution)[pushes.pop(0)[1]])
             continue
         error = rest[best]
-        chosen.append(left.pop(best))
+        chosen.append(remaining.pop(best))
         order.append(chosen[-1])
     return order
 
@@ -109,8 +109,8 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
 
     ``mounted`` (C,) are the torque errors in the simulation's gravity, if the real mount differs.
     """
-    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.problem.told}
-    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.problem.told}
+    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.problem.observed}
+    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.problem.observed}
 
     def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
         ratios = [max(errors[at] / floors[at], LEAST) for at in errors]
@@ -119,7 +119,7 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
         return Step(kind, label, effect, joint, total, named, held_out)
 
     def put(i: int, values: Float) -> None:
-        errors.update({(i, c): float(values[c]) for c in sides[i].problem.told})
+        errors.update({(i, c): float(values[c]) for c in sides[i].problem.observed})
 
     steps = []
     if mounted is None:
@@ -134,7 +134,7 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
     for i, added in heapq.merge(*parts, key=lambda pair: (pair[1].curve, -pair[1].drop)):
         put(i, added.after)
         term, held_out = added.term, not added.term.effect.form.intermittent
-        steps.append(step("curve" if added.curve else "finding", said(term), term.effect.name, term.number, held_out))
+        steps.append(step("curve" if added.curve else "finding", title(term), term.effect.name, term.number, held_out))
     for i, side in enumerate(sides):
         put(i, side.model)
     return (*steps, step("retuning", "your numbers retuned"))

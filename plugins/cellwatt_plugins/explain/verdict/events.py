@@ -19,16 +19,16 @@ def merged(findings: Sequence[Finding]) -> list[Finding]:
     or end."""
     pushes = [f for f in findings if f.effect == "external_contact"]
     edges = [s for f in findings if f.effect == "payload_change" for s in f.where.times]
-    left = sorted((p for p in pushes if not _at_edge(p, edges)), key=_size, reverse=True)
-    kept: list[Finding] = []
-    for push in left:
-        same = next((i for i, other in enumerate(kept) if _together(push, other)), None)
+    ordered = sorted((p for p in pushes if not _at_edge(p, edges)), key=_size, reverse=True)
+    events: list[Finding] = []
+    for push in ordered:
+        same = next((i for i, other in enumerate(events) if _together(push, other)), None)
         if same is None:
-            kept.append(push)
+            events.append(push)
         else:
-            kept[same] = _joined(kept[same], push)
+            events[same] = _joined(events[same], push)
     # Keep the order in which the findings were found.
-    places = {f.joint: f for f in kept}
+    places = {f.joint: f for f in events}
     return [places.get(f.joint, f) if f in pushes else f for f in findings if f not in pushes or f.joint in places]
 
 

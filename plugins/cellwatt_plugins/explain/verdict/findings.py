@@ -204,8 +204,8 @@ class Findings:
     @property
     def without_finding(self) -> tuple[UnexplainedChannel, ...]:
         """The unexplained channels that have no finding."""
-        told = {f.improvement.channel for f in self.findings if not f.followed}
-        return tuple(rest for rest in self.unexplained if rest.channel not in told)
+        named = {f.improvement.channel for f in self.findings if not f.followed}
+        return tuple(rest for rest in self.unexplained if rest.channel not in named)
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

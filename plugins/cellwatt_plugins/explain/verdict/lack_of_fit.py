@@ -45,11 +45,11 @@ def lack_of_fit(before: Float, solution: Solution, most: float = 0.35, size: flo
     residual, the size is that in the windows where it is strong.
     """
     problem, residual = solution.problem, solution.residual
-    left = problem.chi2(residual)
+    chi2 = problem.chi2(residual)
     rough, calm = swinging_channels(solution), chi2_at_rest(solution)
     out = []
-    for channel, excess in enumerate(left - 1.0):
-        explained = max(0.0, float(before[channel] - left[channel]))
+    for channel, excess in enumerate(chi2 - 1.0):
+        explained = max(0.0, float(before[channel] - chi2[channel]))
         share = ROUGH if channel in rough else SHARE
         theirs = channel in rough and calm[channel] - 1.0 < max(most, SHARE * excess)
         if excess > max(most, share * explained) and not theirs:
@@ -132,9 +132,9 @@ def unexplained_channel(found: LackOfFit, name: str, unit: str, looked_at: bool 
     times = found.rms / found.floor
     where = between(found, unit)
     size, noise = f"{found.rms:.3g} {unit.replace('*', '')}", f"{times:.1f} times its noise"
-    said = (
+    statement = (
         f"{name} has a residual of {size} that no known effect explains, {noise}{where}."
         if looked_at
         else f"{name} was not looked at in full: the time limit was reached (--time); it has {size}, {noise}{where}."
     )
-    return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position, looked_at)
+    return UnexplainedChannel(name, found.rms, found.floor, statement, found.velocity, found.position, looked_at)

@@ -29,10 +29,10 @@ SEEN = 0.05
 """Smallest share of the whole error that it removes for that."""
 
 
-def findings_of(solution: Solution, steps: Falling, left: Sequence[LackOfFit], gain: float = 0.0) -> list[Finding]:
+def findings_of(solution: Solution, steps: Falling, lacks: Sequence[LackOfFit], gain: float = 0.0) -> list[Finding]:
     """The terms of one side as findings, largest first, each with its step of the cascade.
 
-    ``left`` are the channels that stay unexplained; ``gain`` is the tolerance of the common factor of all measured
+    ``lacks`` are the channels that stay unexplained; ``gain`` is the tolerance of the common factor of all measured
     torques.
     """
     known = estimates(solution)
@@ -44,12 +44,12 @@ def findings_of(solution: Solution, steps: Falling, left: Sequence[LackOfFit], g
         if not added.curve
     ]
     named = [finding for added, finding in found if not _open(added.term, finding)]
-    return [finding for finding in named if not _mean_of(left, finding)]
+    return [finding for finding in named if not _mean_of(lacks, finding)]
 
 
-def _mean_of(left: Sequence[LackOfFit], finding: Finding) -> bool:
+def _mean_of(lacks: Sequence[LackOfFit], finding: Finding) -> bool:
     """True for an offset smaller than the unexplained residual of its joint: it may be the mean of that residual."""
-    rest = max((u.rms for u in left if finding.joint == u.channel + 1), default=0.0)
+    rest = max((u.rms for u in lacks if finding.joint == u.channel + 1), default=0.0)
     return finding.effect == "torque_offset" and abs(finding.parameters["offset"].value) < rest
 
 
@@ -183,8 +183,8 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
     out = []
     for states, columns in zip(solution.problem.states, solution.problem.columns(term), strict=True):
         size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
-        there = size > 0.1 * max(1e-12, float(np.max(size)))
-        out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in stretches(there)]
+        active = size > 0.1 * max(1e-12, float(np.max(size)))
+        out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in stretches(active)]
     return tuple(out[:40])
 
 

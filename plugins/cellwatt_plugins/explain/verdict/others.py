@@ -38,12 +38,12 @@ def with_others(findings: Findings, others: Sequence[Other], close: int) -> Find
     if not others:
         return findings
     odd = [other for other in others if other.explained is False]
-    told = (_summary(len(others), len(odd), close), *(_odd(other) for other in odd[:NAMED]))
+    notes = (_summary(len(others), len(odd), close), *(_odd(other) for other in odd[:NAMED]))
     left_out = tuple(f"{other.recording} was not compared: {other.why}" for other in others if other.explained is None)
     verdict = findings.verdict
     if odd:
         verdict = "partly_explained" if any(f.effect != "unknown" for f in findings.findings) else "unexplained"
-    return replace(findings, verdict=verdict, others=tuple(others), notes=(*findings.notes, *told, *left_out[:NAMED]))
+    return replace(findings, verdict=verdict, others=tuple(others), notes=(*findings.notes, *notes, *left_out[:NAMED]))
 
 
 def _summary(others: int, odd: int, close: int) -> str:
@@ -78,10 +78,10 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
     if run.power is not None and held([(run.time, run.power)]) is None:
         parts.append(("power", "W", run.power, predicted.power))
     found = []
-    for name, unit, measured, said in parts:
+    for name, unit, measured, modelled in parts:
         read = np.isfinite(measured) & ~run.filled
         if name in usual and read.any():
-            off = float(np.sqrt(np.mean(np.square(measured - said)[read])))
+            off = float(np.sqrt(np.mean(np.square(measured - modelled)[read])))
             explained = _explained(off, usual[name], measured[read], model)
             found.append(Other(file.name, explained, name, unit, off, usual[name]))
     if not found:

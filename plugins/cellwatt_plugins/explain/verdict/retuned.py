@@ -71,7 +71,7 @@ def retuned_of(solution: Solution, fall: Falling) -> list[RetunedNumber]:
         explained = [c for c, gone in answers.items() if _share(best, i, c) > OWN * gone]
         most = max(moved, key=lambda m: abs(m.off) / max(m.tolerance, m.std, 1e-12))
         named = [m for m in moved if m.beyond or (explained and (m is most or abs(m.off) > CERTAIN * m.std))]
-        out += [_told(m, fall, explained) for m in named]
+        out += [_number(m, fall, explained) for m in named]
     return out
 
 
@@ -82,7 +82,7 @@ def _answers(fall: Falling) -> dict[int, float]:
     gone = np.square(fall.untuned) - np.square(fall.model)
     return {
         c: float(gone[c])
-        for c in fall.problem.told
+        for c in fall.problem.observed
         if fall.simulation[c] > SEEN * floor[c] and gone[c] > MOST * beyond[c]
     }
 
@@ -92,8 +92,8 @@ def _share(best: Solution, block: int, channel: int) -> float:
     design = best.problem.design
     own, place = design.blocks[block], design.slices[block]
     added = own.times(best.fit.coefficients[place], len(best.problem.floor))[:, channel]
-    left = best.residual[:, channel]
-    return float(np.mean(np.square(left + added)) - np.mean(np.square(left)))
+    residual = best.residual[:, channel]
+    return float(np.mean(np.square(residual + added)) - np.mean(np.square(residual)))
 
 
 def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[_Moved]:
@@ -133,7 +133,7 @@ def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -
     return out
 
 
-def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNumber:
+def _number(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNumber:
     unit = moved.unit.replace("N*m", "Nm").replace("*", " ").replace("^2", "²")
     allowed = "beyond" if moved.beyond else "within"
     more, less = ("heavier", "lighter") if moved.parameter == "mass" else ("more", "less")

@@ -37,24 +37,24 @@ RATTLES = 0.05
 """Share of the time above which a rattling joint is reported."""
 
 
-def unknown_findings(solution: Solution, left: Sequence[LackOfFit]) -> list[Finding]:
+def unknown_findings(solution: Solution, lacks: Sequence[LackOfFit]) -> list[Finding]:
     """Findings of channels with a real residual that no known effect explains."""
     supply = solution.problem.side == "supply"
     error, after = (s.problem.rms(LeaveOut(s.problem, s.factor).residual(s.terms)) for s in (solution, solution.best))
-    return [_unknown(solution, u, error, after, None if supply else u.channel) for u in left]
+    return [_unknown(solution, u, error, after, None if supply else u.channel) for u in lacks]
 
 
-def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, joint: int | None) -> Finding:
-    name, unit = solution.problem.channel(left.channel)
+def _unknown(solution: Solution, found: LackOfFit, error: Float, after: Float, joint: int | None) -> Finding:
+    name, unit = solution.problem.channel(found.channel)
     place = "The supply" if joint is None else f"Joint {joint + 1}"
-    where = between(left, unit)
-    if not where and left.times and left.times[0].start > AT_ONCE:
-        where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
-    parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
+    where = between(found, unit)
+    if not where and found.times and found.times[0].start > AT_ONCE:
+        where = f", first at {found.times[0].start:.1f} s of {found.times[0].recording}"
+    parts = [part[:, found.channel : found.channel + 1] for part in solution.problem.split(solution.residual)]
     tone = hum(parts, [rows.step for rows in solution.problem.rows])
     if tone is not None:
         where += f"; it hums at {tone:.1f} Hz"
-    size = f"{left.rms:.3g} {unit.replace('*', '')}"
+    size = f"{found.rms:.3g} {unit.replace('*', '')}"
     share = None if joint is None else rebounds(solution, joint)
     statement = (
         f"{place} shows {size} that no known effect explains{where}."
@@ -69,9 +69,9 @@ def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, jo
         kind="missing",
         confidence=0.9,
         statement=statement,
-        parameters={"rms": Parameter(left.rms, 0.0, unit)},
-        where=Where((name,), left.position, left.velocity, left.times),
-        improvement=Improvement.at(solution.problem, left.channel, error, after),
+        parameters={"rms": Parameter(found.rms, 0.0, unit)},
+        where=Where((name,), found.position, found.velocity, found.times),
+        improvement=Improvement.at(solution.problem, found.channel, error, after),
         followed=False,
     )
 
@@ -91,7 +91,7 @@ def rattling_findings(solution: Solution) -> list[Finding]:
         if isinstance(rows, Filtered):
             lost = rattling(states.servos.torque - states.nominal, rows, least)
             shares += np.mean(lost > 0, axis=0) / len(problem.states)
-    told = {term.joint for term in solution.terms if term.effect.name == "backlash"}
+    found = {term.joint for term in solution.terms if term.effect.name == "backlash"}
     error = problem.rms(solution.residual)
     return [
         Finding(
@@ -108,7 +108,7 @@ def rattling_findings(solution: Solution) -> list[Finding]:
             followed=False,
         )
         for joint in np.flatnonzero(shares > RATTLES).tolist()
-        if joint not in told
+        if joint not in found
     ]
 
 
@@ -121,16 +121,16 @@ def rebounds(solution: Solution, joint: int) -> float | None:
     if min(1 / rows.step for rows in problem.rows) < FAST:
         return None
     squared = np.square(solution.residual[:, joint] * problem.design.root[:, joint])
-    there, turns = [], 0
+    reversed_load, turns = [], 0
     for states, rows in zip(problem.states, problem.rows, strict=True):
         load = np.sign(rows.of(states.load)[:, joint])
         turned = np.flatnonzero(load[1:] != load[:-1]) + 1
         after = np.zeros(len(load), np.bool_)
         for row in turned.tolist():
             after[row : row + round(DIE_OUT / rows.step) + 1] = True
-        there.append(after)
+        reversed_load.append(after)
         turns += len(turned)
-    after = np.concatenate(there)
+    after = np.concatenate(reversed_load)
     share = float(np.mean(after))
     if turns < AGAIN or not 0 < share < SELDOM:
         return None

@@ -69,9 +69,9 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
     """Remove terms for which a plainer name does as well on data left out; add the plainer name if it is confirmed."""
     effects = {effect.name: effect for effect in state.effects}
     for term in list(now.terms):
-        rest, there = without(state, now, term), {t.place for t in now.terms}
+        rest, present = without(state, now, term), {t.place for t in now.terms}
         for name in term.effect.relations.beats:
-            if name not in effects or (name, term.joint) in there:
+            if name not in effects or (name, term.joint) in present:
                 continue
             if state.powered and term.effect.acts_on == "friction" and effects[name].acts_on == "reading":
                 continue
@@ -164,15 +164,15 @@ def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> boo
     Excluded are effects that ring or clack, which never reach the noise, and intermittent ones, which cannot be left
     out.
     """
-    asked, form = state.thresholds, term.effect.form
+    thresholds, form = state.thresholds, term.effect.form
     certain = np.isfinite(term.effect.acceptance.by_evidence)
     if term.joint is None or form.intermittent or form.sample_by_sample or certain:
         return False
-    if now.problem.chi2(now.residual)[term.joint] < asked.much_left or relieves_tension(rest, now, asked):
+    if now.problem.chi2(now.residual)[term.joint] < thresholds.much_left or relieves_tension(rest, now, thresholds):
         return False
     found = held(rest, now, term)
-    sure = asked.steady if unset(term, state.robot) else asked.sure
-    return found.share < asked.murky or found.sure < sure
+    sure = thresholds.steady if unset(term, state.robot) else thresholds.sure
+    return found.share < thresholds.murky or found.sure < sure
 
 
 def shares_channel(term: Term, other: Term | None) -> bool:

@@ -48,16 +48,16 @@ def rivals(state: SearchState, now: Solution, term: Term) -> tuple[Solution, flo
 
 
 def _ordered(
-    state: SearchState, now: Solution, fast: Solution, asked: Callable[[Effect, int | None], bool]
+    state: SearchState, now: Solution, fast: Solution, chosen: Callable[[Effect, int | None], bool]
 ) -> list[Candidate]:
-    """Candidates at the joints for which ``asked`` is true; results for the same terms are reused."""
+    """Candidates at the joints for which ``chosen`` is true; results for the same terms are reused."""
     quick, every = fast.problem.fast_chi2(fast.residual) - 1, fast.problem.chi2(fast.residual) - 1
     rings = (quick > state.thresholds.costly - 1) & (quick > MOSTLY * every)
     places = [
         (effect, joint)
         for effect in state.effects
         for joint in _places(state, effect)
-        if asked(effect, joint) and _open(state, now, effect, joint, rings)
+        if chosen(effect, joint) and _open(state, now, effect, joint, rings)
     ]
     out = []
     for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " ")):

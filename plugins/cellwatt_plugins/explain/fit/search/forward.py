@@ -6,7 +6,7 @@ from collections import Counter
 
 from cellwatt.progress import steps
 from cellwatt_plugins.explain.fit.acceptance import collinear, rejection
-from cellwatt_plugins.explain.fit.problem import Term, said
+from cellwatt_plugins.explain.fit.problem import Term, title
 from cellwatt_plugins.explain.fit.search.backward import shares_channel
 from cellwatt_plugins.explain.fit.search.candidates import candidates, rivals
 from cellwatt_plugins.explain.fit.search.refine import refine
@@ -26,7 +26,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
     """The solution with the best new term; None if none is accepted."""
     looked_at: Counter[int | None] = Counter()
     skipped: set[int | None] = set()
-    for candidate in steps(candidates(state, now), "fitting", lambda candidate: said(candidate.term)):
+    for candidate in steps(candidates(state, now), "fitting", lambda candidate: title(candidate.term)):
         if candidate.gain < state.thresholds.least:
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
@@ -68,7 +68,7 @@ def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solutio
 def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
     """Each term under the name that explains it best, with the others fixed; only terms that share a channel with
     ``beside``."""
-    for term in steps(list(now.terms), "other names for", said):
+    for term in steps(list(now.terms), "other names for", title):
         if not shares_channel(term, beside):
             continue
         if state.spent():

@@ -13,7 +13,7 @@ from cellwatt_plugins.explain.fit.search.state import SearchState
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.robot.blocks import Regression
 
-KEPT = 6
+CACHED = 6
 """Number of cached solutions: each term is left out repeatedly, and tried beside the same others."""
 
 
@@ -22,7 +22,7 @@ def solve(state: SearchState, terms: Sequence[Term]) -> Solution:
     key = tuple(terms)
     if key not in state.solved:
         state.solved[key] = fitted(state.problem, terms)
-        while len(state.solved) > KEPT:
+        while len(state.solved) > CACHED:
             del state.solved[next(iter(state.solved))]
     return replace(state.solved[key], terms=list(terms))
 
@@ -33,10 +33,10 @@ def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
     steady = all(t.effect.by_motion_alone for t in terms)
     rounds = 2 if steady or all(t.effect.mechanical for t in terms) else 3
     factor: Float | None = None
-    for left in reversed(range(rounds)):
+    for remaining in reversed(range(rounds)):
         fit = problem.fit([problem.block(t) for t in terms], factor)
         factor = problem.noise_factor(fit.residual)
-        if not (steady and left):
+        if not (steady and remaining):
             problem = _with_fitted_torque(problem, terms, fit)
     fit = problem.fit([problem.block(t) for t in terms], factor)
     return Solution(problem, list(terms), fit, problem.noise_factor(fit.residual))

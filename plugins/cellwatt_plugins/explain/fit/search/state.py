@@ -47,7 +47,7 @@ class SearchState:
 
     unlooked: set[int | None] = field(default_factory=set)
     """Joints (0-based) where a term was added and the candidates have not all been rejected since."""
-    left: tuple[tuple[Term, ...], list[Float]] | None = None
+    residuals: tuple[tuple[Term, ...], list[Float]] | None = None
     """Terms, and their residual at all samples of each run."""
     late: float = 0.0
     """Delay in s of the problem's measured torques."""
@@ -89,7 +89,7 @@ class SearchState:
         )
         self.solved.clear()
         self.known.clear()
-        self.left = None
+        self.residuals = None
 
     def use(self, problem: Problem) -> None:
         """Continue with the same problem under other priors."""
@@ -99,9 +99,9 @@ class SearchState:
     def every_sample(self, now: Solution) -> list[Float]:
         """Residual (N, C) of a solution at all samples of each run."""
         key = tuple(now.terms)
-        if self.left is None or self.left[0] != key:
-            self.left = key, now.problem.every_sample(now.residual)
-        return self.left[1]
+        if self.residuals is None or self.residuals[0] != key:
+            self.residuals = key, now.problem.every_sample(now.residual)
+        return self.residuals[1]
 
     @cached_property
     def moving(self) -> list[int]:
@@ -109,7 +109,7 @@ class SearchState:
         if self.problem.side == "supply":
             travel = np.max([np.ptp(s.q, axis=0) for s in self.problem.states], axis=0)
             return [int(joint) for joint in np.flatnonzero(travel > MOVES)]
-        return self.problem.told
+        return self.problem.observed
 
     @property
     def robot(self) -> RobotDescription:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cellwatt.progress import steps
-from cellwatt_plugins.explain.fit.problem import Place, Term, said
+from cellwatt_plugins.explain.fit.problem import Place, Term, title
 from cellwatt_plugins.explain.fit.retuning import confirmed, freed, looseness
 from cellwatt_plugins.explain.fit.search.backward import (
     drop_ambiguous,
@@ -66,7 +66,7 @@ def search(
     now.unlooked = tuple(j for j in state.moving if j in state.unlooked) if now.spent else ()
     now.rivals = {term.place: others[term.place] for term in now.terms}
     refused = [trial for place, trial in state.refused.items() if place not in now.rivals]
-    now.tried = [_kept(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
+    now.tried = [_accepted(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
     now.curved = with_curves(state, now)
     return now
 
@@ -80,7 +80,7 @@ def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
         now = swap(state, now, beside=now.terms[-1])
         now = drop_needless(state, now, beside=now.terms[-1])
     now = drop_needless(state, swap(state, now))
-    for term in steps(now.terms[:-1], "refining", said):
+    for term in steps(now.terms[:-1], "refining", title):
         if not state.spent():
             now = refine(state, now, term)
     now = _checked(state, now)
@@ -99,13 +99,13 @@ def _checked(state: SearchState, now: Solution) -> Solution:
 def _rivals(state: SearchState, now: Solution) -> dict[Place, tuple[float, tuple[Candidate, ...]]]:
     """Evidence of each term beside the others, and of the best names in its place."""
     out = {}
-    for term in steps(now.terms, "other names for", said):
+    for term in steps(now.terms, "other names for", title):
         _, own, found = rivals(state, now, term)
         out[term.place] = own, tuple(found[:RIVALS])
     return out
 
 
-def _kept(now: Solution, term: Term) -> Trial:
+def _accepted(now: Solution, term: Term) -> Trial:
     gain, others = now.rivals[term.place]
     best = f"{others[0].term.effect.name} in its place: {others[0].gain:.0f}" if others else "no other name fits"
     return Trial.of(term, gain, True, best)
