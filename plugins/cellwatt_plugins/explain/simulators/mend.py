@@ -117,7 +117,7 @@ def _choices(found: Explained) -> Iterator[Solution]:
     # Of what is left, joint after joint: the terms of a joint that is no better with them stay out.
     problem = freed(free, all_fixed(free))
     held, kept = LeaveOut(problem, torque.factor), list(terms)
-    for joint in problem.told:
+    for joint in problem.observed:
         others = [t for t in kept if t.joint != joint]
         if compared(held.errors(others), held.errors(kept), [joint]).share <= 0:
             kept = others
@@ -187,7 +187,7 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
     return tuple(
         ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
         for c, (b, a, f) in enumerate(zip(problem.rms(before), problem.rms(after), problem.floor, strict=True))
-        if c in problem.told
+        if c in problem.observed
     )
 
 
