@@ -1,4 +1,4 @@
-"""Remarks: no errors, but good to know before reading the findings."""
+"""Remarks on the input: not errors, but to be known before reading the findings."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.stretches import stretches
 
 CLIPPED = 0.01
-"""Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
+"""Share of samples at exactly the largest or smallest value above which a torque looks clipped."""
 ROW = 3
-"""Samples at the extreme in a row that noise does not make."""
+"""Consecutive samples at the extreme that noise does not produce."""
 LEVELS = 50
-"""Fewer different values of a torque are steps that can be seen …"""
+"""Number of different torque values below which the steps between them are visible …"""
 OFTEN = 2
-"""… where each was read so many times on average."""
+"""… if each value occurs this many times on average."""
 FROZEN = 1.0
-"""s at exactly one value that noise does not leave."""
+"""Duration at exactly one value, s, that noise does not permit."""
 ROUGH = 1.0
-"""Doubt of the torque that a motion needs, in units of that torque, from which it says little."""
+"""Uncertainty of the torque that a motion needs, over its rms, above which it carries little information."""
 SHORT = 0.15
-"""s in all that are not worth a remark."""
+"""Total duration, s, up to which no remark is given."""
 PERIOD = 4
-"""Samples that a motion needs to be followed."""
+"""Samples per period of the fastest motion that is resolved."""
 
 
 def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
-    """One sentence each."""
+    """Remarks on the runs, one sentence each."""
     widest = np.max([travel(run) for run in runs], axis=0)
     notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
     if (still := np.flatnonzero(widest < MOVES)).size:
@@ -56,7 +56,7 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
 
 
 def rough(states: Sequence[States]) -> Iterator[str]:
-    """One sentence for each run with stretches that follow no smooth motion; there its torque says little."""
+    """One sentence for each run with stretches without smooth motion, whose torque carries little information."""
     for run in states:
         doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
         moves = np.ptp(run.q, axis=0) > MOVES
