@@ -25,7 +25,7 @@ from cellwatt_plugins.explain.demo.reveal import Revealed, compared, in_words
 
 NOTHING = "nothing"
 COLUMNS = ("qpos", "qvel", "actuator_force")
-"""MuJoCo's names of what is logged."""
+"""MuJoCo's names of the logged quantities."""
 
 
 @click.command()
@@ -43,11 +43,11 @@ COLUMNS = ("qpos", "qvel", "actuator_force")
 def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_files: bool, as_json: bool) -> None:
     """Conceal physics from a simulation, and let `explain` find it.
 
-    An arm is drawn, and physics that it has and that the user's simulation (arm.xml) does not have. MuJoCo runs the arm
-    under a controller; what its sensors measure are the recordings. `cellwatt explain` then gets these files, as it
-    would get yours, and nothing else. What was concealed is shown after its answer. The files stay in the folder.
+    An arm is drawn at random, with physics that the user's simulation (arm.xml) lacks. MuJoCo runs the arm under a
+    controller, and its sensors make the recordings. `cellwatt explain` gets these files and nothing else, as it would
+    get yours. The concealed physics is shown after its answer. The files stay in the folder.
 
-    Exit code 1 where explain is wrong.
+    Exit code 1 if explain is wrong.
     """
     seed = secrets.randbelow(10_000) if seed is None else seed
     folder = Path(f"demo-explain-{seed}") if out is None else out
@@ -90,7 +90,7 @@ def _write(path: Path, log: Log) -> None:
 
 
 def _explained(folder: Path, concealed: Sequence[Concealed], as_json: bool) -> Revealed:
-    """Run the command as anybody would, and compare its answer."""
+    """Run ``cellwatt explain`` as a user would, and compare its answer with the concealed physics."""
     result = folder / "result"
     files = [str(folder / name) for name in ("run_1.csv", "run_2.csv")]
     simulation = str(folder / "arm.xml")

@@ -1,4 +1,4 @@
-"""What an MJCF cannot hold, as a small module beside the mended file: a callback of MuJoCo's, without cellwatt."""
+"""Write effects that an MJCF cannot hold into a module beside the mended file: a MuJoCo callback without cellwatt."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ FORMULAS = {
     "nonlinear_viscous_friction": "{c[0]} * abs(w) ** {s[0]} * turns(w, {c[0]})",
     "position_periodic_torque": "{c[0]} * np.sin({s[0]} * q) + {c[1]} * np.cos({s[0]} * q)",
 }
-"""Torque, Nm, against the motion of a joint at ``q`` rad with ``w`` rad/s; ``load`` is the links' torque."""
+"""Torque, Nm, against the motion of a joint at ``q`` rad with ``w`` rad/s; ``load`` is the links' torque, Nm."""
 DEAD_BAND = {
     0.0: "kp * np.clip(told - q, -{s[0]}, {s[0]})",
     1.0: "(kp * (told - q) if abs(told - q) < {s[0]} else 0.0)",
 }
-"""The same of a drive, by how it pulls beyond its band."""
+"""The same for the dead band of a drive that, outside the band, pulls from its edge (0.0) or from the command (1.0)."""
 
 MODULE = '''"""What {name} cannot hold: {what}.
 
@@ -74,9 +74,9 @@ LAWS = [
 
 
 def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTerm]) -> Path | None:
-    """Writes the module ``NAME_mended.py`` beside a mended file, in characters that Python can import.
+    """Write the module ``NAME_mended.py``, a name that Python can import, beside a mended file; return its path.
 
-    None where there is nothing for it.
+    None if no term needs it.
     """
     laws, what = [], []
     for fitted in terms:

@@ -1,4 +1,4 @@
-"""A mended simulator as a person reads of it at the terminal."""
+"""Summary of a mended simulator for the terminal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from cellwatt_plugins.explain.simulators.mend import Left, Mended
 from cellwatt_plugins.explain.simulators.written import Applied
 
 SAID = 0.05
-"""Share of a number by which it must have changed to be said in a line of its own."""
+"""Relative change of a number above which it is listed on a line of its own."""
 
 
 def mended_in_words(mended: Mended) -> str:

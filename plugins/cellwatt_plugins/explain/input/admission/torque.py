@@ -101,7 +101,7 @@ def _rms(values: Float) -> float:
 
 
 def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float) -> None:
-    """Check the unit of each joint. Arbitrary friction fits any unit: only the description's, or ``friction`` Nm, counts."""
+    """Check the unit of each joint, with the description's friction or ``friction`` Nm: any friction fits any unit."""
     torque, misfit = read.torque, expected.misfits(read)
     size, nominal = np.sqrt(np.mean(torque**2, axis=0)), np.sqrt(np.mean(expected.torque**2, axis=0))
     strongest = int(np.argmax(size))
@@ -168,7 +168,7 @@ def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
 
 
 def _motion_order(place: str, sample: Sample, before: float) -> None:
-    """Check the order of all columns, or of the positions alone: reversed or not, with pairs exchanged while it helps."""
+    """Check the order of all columns, or of the positions alone: also reversed, with pairs exchanged while it helps."""
 
     expected = cache(lambda order: sample.expected(order=order))  # both searches below need the same orders
 
