@@ -34,11 +34,11 @@ COLUMNS = ("qpos", "qvel", "actuator_force")
     "wanted",
     multiple=True,
     type=click.Choice([*kinds(), NOTHING]),
-    help="What to conceal, once for each; one or two by chance if left out.",
+    help="Physics to conceal; may be repeated. Default: one or two kinds by chance.",
 )
-@click.option("--seed", type=click.IntRange(min=0), help="Number from which the arm and the rest is drawn.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write; demo-explain-SEED.")
-@click.option("--only-files", is_flag=True, help="Write the files, say what is concealed, and explain nothing.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random draw of the arm and its physics.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write: demo-explain-SEED.")
+@click.option("--only-files", is_flag=True, help="Write the files and print the physics, without running explain.")
 @click.option("--json", "as_json", is_flag=True, help="Print the truth beside the findings, as JSON.")
 def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_files: bool, as_json: bool) -> None:
     """Conceal physics from a simulation, and let `explain` find it.
@@ -66,7 +66,7 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_fi
         outcome = ("names it, but a number is further off than its ± allows", "is right")[revealed.exact]
         again = shlex.join(["cellwatt", "demo", "explain", *(f"--conceal={name}" for name in wanted), f"--seed={seed}"])
         click.echo(f"\n{in_words(revealed)}\n\nexplain {outcome if revealed.right else 'is wrong here'}.")
-        click.echo(f"the same again: {again}\nthe report: {(folder / 'result' / 'report.html').resolve()}")
+        click.echo(f"to repeat it: {again}\nthe report: {(folder / 'result' / 'report.html').resolve()}")
     if not revealed.right:
         sys.exit(EXIT_FAILED)
 

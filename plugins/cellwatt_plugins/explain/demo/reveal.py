@@ -78,8 +78,8 @@ def in_words(revealed: Revealed) -> str:
             sign = "right" if off <= FAR else f"named, {off:.0f} σ off"
             true, said = (f"{text} {unit(symbol)}".strip() for text in (number(value), measured(found, std)))
             lines.append(f"    {name}: {true}; explain says {said}: {sign}")
-    lines += [f"  Nothing of this: {finding['statement']}  WRONG" for finding in revealed.invented]
-    return "\n".join(lines if len(lines) > 1 else [*lines, "  Nothing: numbers alone are off by a few per cent."])
+    lines += [f"  Not concealed: {finding['statement']}  WRONG" for finding in revealed.invented]
+    return "\n".join(lines if len(lines) > 1 else [*lines, "  Nothing: only numbers are off, by a few per cent."])
 
 
 def _off(finding: Mapping[str, Any], name: str, value: float) -> float:

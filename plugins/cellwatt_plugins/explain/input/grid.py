@@ -123,7 +123,7 @@ def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
         before, after = time[kept][i], time[kept][i + 1]
         raise RecordingError(
             f"{place}: the time goes back from {before:.3f} to {after:.3f} s in row {i + 2}: "
-            "give recordings that follow each other as files of their own"
+            "give consecutive recordings as separate files"
         )
     return kept, [f"{place}: {lost} rows without a time of their own left out"] if lost else []
 
@@ -138,8 +138,8 @@ def _in_seconds(place: str, time: Float) -> None:
         )
     if step > SLOWEST:
         raise RecordingError(
-            f"{place}: the time rises by {step:.6g} from row to row: in seconds that is too slow to see an arm move, "
-            "record twice a second or more; if it is in milliseconds, divide it by 1000"
+            f"{place}: the time rises by {step:.6g} from row to row: in seconds that is too slow for the motion of an "
+            "arm, record at least twice a second; if it is in milliseconds, divide it by 1000"
         )
 
 
@@ -166,10 +166,10 @@ def _lost(place: str, name: str, time: Float, wrong: Bool) -> str:
     """Note on a column without numbers in many rows: its sensor failed, or is read only now and then."""
     last = int(np.flatnonzero(~wrong)[-1])
     if last < len(time) - 1 and _few(time[: last + 1], wrong[: last + 1]):
-        text = f"after t = {time[last]:.3f} s, to the end at {time[-1]:.3f} s: its sensor died or was not read any more"
+        text = f"after t = {time[last]:.3f} s, to the end at {time[-1]:.3f} s: its sensor failed or was no longer read"
     else:
         text = f"in {100 * float(np.mean(wrong)):.1f} % of its rows, first at t = {time[wrong][0]:.3f} s"
-    return f"{place}: {name} has no number {text}. These rows do not count for it"
+    return f"{place}: {name} has no number {text}. These rows are not used for it"
 
 
 def _few(time: Float, wrong: Bool) -> bool:
@@ -198,8 +198,8 @@ def _grid(place: str, time: Float) -> Float:
     if count > max(LARGEST, SPARSE * len(time)):
         i = int(np.argmax(np.diff(time)))
         raise RecordingError(
-            f"{place}: the time leaps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "
-            "Give what was recorded before and after that as files of their own, or leave out the shorter part"
+            f"{place}: the time jumps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "
+            "Give the recordings before and after the jump as separate files, or leave out the shorter one"
         )
     return np.asarray(time[0] + middle * np.arange(count), np.float64)
 

@@ -142,9 +142,9 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
     shared = min(when[-1], run.time[-1]) - max(when[0], run.time[0])
     apart = shared < SAME_CLOCK * min(when[-1] - when[0], run.time[-1] - run.time[0])
     if error < SAME and (apart or abs(shift + late * run.step) > LATE):
-        shift, how = shift + late * run.step, "lined up by their motion"
+        shift, how = shift + late * run.step, "aligned by their motion"
     elif apart:
-        how = "taken to begin together"
+        how = "assumed to begin together"
     else:
         shift = 0.0
     if shift:
@@ -153,7 +153,7 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
     torque = simulation.joints.get("torque")
     if torque is not None and not np.isfinite(torque).all():
         silent = joints_text((1 + np.flatnonzero(np.isnan(torque).any(axis=0))).tolist())
-        raise RecordingError(f"{simulation.place}: no torque of {silent}: a simulation tells the torque of every joint")
+        raise RecordingError(f"{simulation.place}: no torque of {silent}: a simulation needs the torque of every joint")
     return replace(run, simulated=None if torque is None else Simulated(when, planned, torque, simulation.power))
 
 
@@ -164,7 +164,7 @@ def _with_targets(run: Run, signals: Signals) -> Run:
     late = samples * run.step
     if abs(late) <= LATE or error > SAME:
         return _with_plan(run, signals, signals.time, planned)
-    note = f"the target columns are {late:.2f} s ahead of the motion and moved back by that"
+    note = f"the target columns are {late:.2f} s ahead of the motion and were delayed by that"
     return _with_plan(run, signals, signals.time + late, planned, note)
 
 

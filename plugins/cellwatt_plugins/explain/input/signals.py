@@ -200,7 +200,7 @@ def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> I
     found = {name: count for q in NEEDED for name in names.get(q, ()) if (count := table.wraps(name))}
     if found:
         times = ", ".join(f"{name} ({count} times)" for name, count in found.items())
-        yield f"{place}: angles modulo a turn, counted on by whole turns: {times}"
+        yield f"{place}: angles modulo a turn, unwrapped by whole turns: {times}"
 
 
 def motor_torque(signals: Signals, robot: RobotDescription) -> Float:

@@ -50,7 +50,7 @@ def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
     where = "" if silent[:, joints].all() else f" in {', '.join(names)}"
     yield (
         f"no torque of {joints_text((1 + joints).tolist())}{where}: the column is absent, empty, constant, or "
-        "noise that does not go with the motion. It is not used; the other joints are"
+        "noise unrelated to the motion. It is not used; the other joints are"
     )
 
 

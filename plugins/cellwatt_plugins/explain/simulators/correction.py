@@ -128,9 +128,9 @@ def why_left(fitted: FittedTerm) -> str:
     if effect.acts_on == "reading":
         return "it is in the measurement, not in the arm"
     if effect.acts_on == "drive":
-        return "an actuator has no such number"
+        return "an actuator has no such attribute"
     if effect.form.intermittent:
-        return "it is there at some times only"
+        return "it is active at some times only"
     return "the simulator has no such term"
 
 

@@ -154,8 +154,8 @@ def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> N
         worst = int(np.argmax(share))
         raise ConfigError(
             f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} Nm "
-            "(something in the file overrules what its joints and bodies say, e.g. inertiafromgeom, settotalmass, "
-            "fusestatic)"
+            "(something in the file overrules the attributes of its joints and bodies, e.g. inertiafromgeom, "
+            "settotalmass, fusestatic)"
         )
 
 

@@ -39,9 +39,9 @@ TRIES = 3
 SAME = 0.1
 """Share of the encoders' noise up to which a larger error of a joint does not count as worse."""
 ROLLED = (
-    f"Errors are of the file rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
+    f"Errors are of roll-outs under the recorded commands, restarted every {WINDOW:.0f} s at the arm's recorded state."
 )
-HISTORY = "After a reset MuJoCo's commands are 0 until the delay is over; mj_initCtrlHistory gives it others."
+HISTORY = "After a reset MuJoCo's commands are 0 until the delay is over; mj_initCtrlHistory sets other commands."
 WRITTEN = ("drive_gain", "torque_saturation", "time_delay")
 """Effects of drives for which an actuator has an attribute."""
 WIDTH = 0.01
@@ -157,11 +157,11 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
     beside = write_callback(written.path, simulator.joints, found.model.terms)
     notes = [*simulator.notes, *user.notes, *goal.notes, ROLLED]
     if best[0] == 0:
-        notes.append("Nothing that was found makes it follow better: its numbers stay.")
+        notes.append("No finding makes the file follow better: its numbers stay unchanged.")
     if any(change.what == "delay" for change in written.applied):
         notes.append(HISTORY)
     if beside is not None:
-        notes.append(f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.")
+        notes.append(f"Effects that the file cannot hold are in {beside.name}, a callback for MuJoCo.")
     return Mended(written.path, tuple(written.applied), tuple(left_out), error, tuple(notes))
 
 

@@ -147,7 +147,7 @@ def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], 
         there = ", ".join(name or "one without name" for name in scalar) or "none"
         raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {there}")
     taken = scalar[: len(joints)]
-    return taken, [f"{path.name}: has none of the joints of robot.yaml; taken in its order: {', '.join(taken)}"]
+    return taken, [f"{path.name}: has none of the joints of robot.yaml; matched by order: {', '.join(taken)}"]
 
 
 def _check_base(path: Path, model: Any, names: Sequence[str]) -> None:

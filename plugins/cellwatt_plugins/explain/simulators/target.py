@@ -158,7 +158,7 @@ def _bodies(
     possible = nearest(every, weighted.T @ weighted / len(regressor))
     off = np.sqrt(np.mean(np.square(regressor @ (possible - every).ravel()), axis=0))
     note = (
-        "No bodies have the inertias that were found: the nearest that can exist are written; their torques differ by "
+        "No bodies can have the inertias found: the nearest possible ones are written; their torques differ by "
         f"{np.max(off):.2g} Nm rms at most (joint {int(np.argmax(off)) + 1})"
     )
     count = len(wanted)

@@ -16,7 +16,7 @@ def mended_in_words(mended: Mended) -> str:
     lines += [f"  {change.where}: {change.what} {_values(change)}" for change in told]
     if rest := len(mended.applied) - len(told):
         lines.append(
-            f"  and {rest} numbers that were off by less than {100 * SAID:.0f} % or of which mass tells enough"
+            f"  and {rest} other numbers: off by less than {100 * SAID:.0f} %, or centre and inertia of a body"
         )
     lines += [f"  left out: {_left(left)}" for left in mended.left]
     lines += [f"  note: {note}" for note in mended.notes]

@@ -48,7 +48,7 @@ def _joint(files: Files, name: str) -> Element:
     ]
     if len(there) != 1:
         raise ConfigError(
-            f"{files.path}: joint {name} is not written in it once (attached or replicated?): cannot mend"
+            f"{files.path}: joint {name} does not occur in it exactly once (attached or replicated?): cannot mend"
         )
     return there[0]
 
@@ -153,7 +153,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
         motors = [e for e in files.all("motor") if e.attributes.get("joint") == name]
         number_of = simulator.motor(int(at))
         if len(motors) != 1 or number_of is None:
-            done.refused.append(("torque_gain", int(at), "the joint has no motor of its own whose gear could carry it"))
+            done.refused.append(("torque_gain", int(at), "the joint has no motor of its own whose gear could hold it"))
             continue
         gear = simulator.model.actuator_gear[number_of].copy()
         was = float(gear[0])

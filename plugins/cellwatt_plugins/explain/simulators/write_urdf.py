@@ -94,7 +94,7 @@ def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
         (effect, int(at), NO_TERM) for effect, more in lacking for at in np.flatnonzero(np.abs(more) > 1e-9)
     ]
     if np.any(np.abs(goal.gravity - model.opt.gravity) > 1e-9):
-        refused.append(("gravity_tilt", None, "a URDF does not say where gravity points"))
+        refused.append(("gravity_tilt", None, "a URDF does not define the direction of gravity"))
     return replace(
         goal,
         armature=armature,

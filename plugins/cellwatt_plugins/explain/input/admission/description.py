@@ -40,7 +40,7 @@ def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
         parts += [f"the supply by {watts:.3g} W"] if watts > WORTH * drawn else []
     if not parts:
         return []
-    what = "robot.yaml or the URDF say otherwise than the simulation"
+    what = "robot.yaml or the URDF differ from the simulation"
     return [f"{what}: {'; '.join(parts)} (rms). The recording is compared with the simulation"]
 
 

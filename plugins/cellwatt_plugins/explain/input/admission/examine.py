@@ -139,17 +139,17 @@ def check_read(runs: Sequence[Run]) -> None:
             continue
         if run.command is not None:
             raise RecordingError(
-                f"{run.name}: commands and positions, but no torque: what the drives do with a command must be "
+                f"{run.name}: commands and positions, but no torque: the control law of the drives must be "
                 "known; give --simulation an MJCF whose joints have <position> actuators with their kp and kv"
             )
         raise RecordingError(
-            f"{run.name}: no torque goes with the motion: every torque or current is empty, constant, or noise: "
+            f"{run.name}: no torque is related to the motion: every torque or current is empty, constant, or noise: "
             "were the drives read?"
         )
     driven = [run.name for run in runs if run.drive is not None]
     if 0 < len(driven) < len(runs):
         raise RecordingError(
-            f"{driven[0]}: commands and positions, but no torque, which other recordings have: explain it by itself"
+            f"{driven[0]}: commands and positions, but no torque, which other recordings have: explain it separately"
         )
 
 

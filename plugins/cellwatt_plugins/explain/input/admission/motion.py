@@ -59,8 +59,8 @@ def check_moving(runs: Sequence[Run]) -> None:
     if widest < AT_REST:
         names = runs[0].name if len(runs) == 1 else "the recordings"
         raise RecordingError(
-            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques can be "
-            "seen; record at least some seconds of motion of every joint"
+            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques are "
+            "visible; record at least some seconds of motion of every joint"
         )
 
 
@@ -71,7 +71,7 @@ def check_stuck(run: Run) -> None:
     if run.velocity is not None:
         wanted |= _travelled(run.velocity, run.step)
         _stuck(run, "qd", run.velocity, moves, "the joint moves")
-    _stuck(run, "q", run.position, wanted, "velocity or simulation say that the joint moves")
+    _stuck(run, "q", run.position, wanted, "velocity or simulation show that the joint moves")
     if run.power is not None and moves.any() and np.ptp(run.power) == 0:
         raise RecordingError(
             f"{run.name}: power is {run.power[0]:.6g} in every sample although the arm moves: was the meter read?"
@@ -104,7 +104,7 @@ def check_jumps(run: Run, robot: RobotDescription) -> None:
         row, joint = map(int, np.argwhere(leaps)[0])
         raise RecordingError(
             f"{run.name}: q_{joint + 1} jumps by {steps[row, joint]:.2f} rad at t = {run.time[row + 1]:.3f} s (sample "
-            f"{row + 2}): if its angle is modulo a turn, record it counted on; if two recordings are joined, part them"
+            f"{row + 2}): if its angle is modulo a turn, record it unwrapped; if two recordings are joined, split them"
         )
 
 
@@ -152,7 +152,7 @@ def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> Non
             f"{where} is not the derivative of its position (correlation {alike:.2f}): is it of another joint or run?"
         )
     if alike < -ALIKE:
-        raise RecordingError(f"{where} has the opposite sign of its position's derivative: turn one of the two round")
+        raise RecordingError(f"{where} has the opposite sign of its position's derivative: invert one of them")
     if not 1 / FACTOR < factor < FACTOR and alike > ALIKE:
         known = {"in degrees/s": DEGREES, "in rpm": RPM, "in mrad/s": 1e3, "against positions in degrees": 1 / DEGREES}
         if ratio > FACTOR:

@@ -116,8 +116,8 @@ def _sign(pair: _Pair) -> None:
 def _clock(pair: _Pair, late: float, remaining: float) -> None:
     """Check the clocks; ``late``: delay of the recording behind the plan, s; ``remaining``: the error without it."""
     if abs(late) > LATE and remaining < MATCHES and remaining < 0.5 * float(np.mean(pair.errors())):
-        way, change = ("earlier", "add") if late > 0 else ("later", "take")
-        where = "to" if late > 0 else "off"
+        way, change = ("earlier", "add") if late > 0 else ("later", "subtract")
+        where = "to" if late > 0 else "from"
         raise RecordingError(
             f"{pair.name}: the simulation makes the same motion {abs(late):.2f} s {way} than the recording: "
             f"{change} {abs(late):.2f} s {where} the simulation's times"
@@ -148,7 +148,7 @@ def _offset(pair: _Pair) -> None:
         raise RecordingError(
             f"{pair.name}: recorded positions of {joints_text((joints + 1).tolist())} are "
             f"{', '.join(f'{offset[i]:.2f}' for i in joints)} rad off the simulated ones throughout: "
-            "recording and simulation count from different zeros"
+            "recording and simulation have different zeros"
         )
 
 

@@ -39,9 +39,9 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     widest = np.max([travel(run) for run in runs], axis=0)
     notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
     if (still := np.flatnonzero(widest < MOVES)).size:
-        notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia cannot be seen there")
+        notes.append(f"{joints_text((still + 1).tolist())} never moved: its friction and inertia cannot be found")
     if all(run.power is None for run in runs):
-        notes.append("no power recorded: nothing can be said of the supply")
+        notes.append("no power recorded: the supply cannot be examined")
     notes += unread_remarks(runs)
     notes += _slow(runs)
     for run in runs:
@@ -65,7 +65,7 @@ def rough(states: Sequence[States]) -> Iterator[str]:
         seconds = sum(b - a for a, b in inner) * run.step
         if seconds > SHORT:
             yield (
-                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and hardly count, first "
+                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and have little weight, first "
                 f"at {run.time[inner[0][0]]:.2f} s"
             )
 
@@ -75,7 +75,7 @@ def _slow(runs: Sequence[Run]) -> Iterator[str]:
     if rate < FAST:
         yield (
             f"recorded at {rate:.2g} Hz, which follows motions of up to {rate / PERIOD:.2g} Hz: elasticity, backlash, "
-            "delays, contacts and friction that builds up after a reversal cannot be seen"
+            "delays, contacts and friction that builds up after a reversal cannot be found"
         )
 
 
@@ -101,7 +101,7 @@ def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
         if 1 < len(levels) < min(LEVELS, len(torque) / OFTEN):
             yield (
                 f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} "
-                f"{robot.unit(i, 'Nm')}: smaller effects cannot be seen"
+                f"{robot.unit(i, 'Nm')}: smaller effects cannot be found"
             )
 
 

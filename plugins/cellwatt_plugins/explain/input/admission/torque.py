@@ -90,7 +90,7 @@ def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, fric
         known["that of the motors, before the gears"] = 1 / ratio
     name = recognised(factor, known, within=3.0)
     raise RecordingError(
-        f"{place} is {times_text(factor, 2)} times what motion and description ask for"
+        f"{place} is {times_text(factor, 2)} times what motion and description require"
         + (f": it seems to be {name}" if name else "")
         + "; torques must be in Nm at the joint, currents in A"
     )
@@ -127,7 +127,7 @@ def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) ->
     if turned.any():
         raise RecordingError(
             f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
-            "it drives where the motion asks for braking"
+            "it drives where the motion requires braking"
         )
 
 
@@ -152,7 +152,7 @@ def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
     after = sample.expected(1 / DEGREES).misfit(read)
     if _agrees(after, before):
         raise RecordingError(
-            f"{place}: the positions are in degrees: taken so, the torques agree with the motion "
+            f"{place}: the positions are in degrees: converted to rad, the torques agree with the motion "
             f"({100 * after:.0f} instead of {100 * before:.0f} % off)"
         )
     for joint in range(len(read.noise)):
@@ -162,7 +162,7 @@ def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
         for torque, what in ((read, "position counts"), (read * turn, "position and torque count")):
             if _agrees(expected.misfit(torque), before):
                 raise RecordingError(
-                    f"{place}: {what} the other way round at joint {joint + 1} than in the robot's description"
+                    f"{place}: {what} in the opposite direction at joint {joint + 1} to the robot's description"
                 )
     _motion_order(place, sample, before)
 
