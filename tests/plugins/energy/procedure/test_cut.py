@@ -150,4 +150,4 @@ def test_a_repetition_that_turns_back_took_another_way(cut, programme, plant):
     power = np.concatenate([watts[:half], watts[start:half][::-1], watts[whole:]])
     runs = cut(turned, power, least=1)
     assert runs["200_0kg"].repetitions == 1
-    assert any("another way" in sentence for sentence in runs["200_0kg"].refused)
+    assert any("another path" in sentence for sentence in runs["200_0kg"].refused)
