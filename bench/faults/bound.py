@@ -12,7 +12,7 @@ from scipy.special import ndtr, ndtri
 from faults.tasks import Path
 
 ACCEPTED = 1e-4
-"""Share of healthy intervals in which a false alarm is accepted."""
+"""Accepted share of healthy intervals with a false alarm."""
 LEVEL = 2.0
 """W by which a supply's standing power may differ from cycle to cycle (one sigma)."""
 THRESHOLD = -float(ndtri(ACCEPTED))

@@ -107,10 +107,10 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
     best = min(costs, key=lambda s: costs[s])
     saving = now - costs[best]
     kind = "slower" if best > 1 else "faster"
-    where = "in the same cycle time" if cycle.waiting > 0 else "where the next cycle follows at once"
+    where = "in the same cycle time" if cycle.waiting > 0 else "if the next cycle follows at once"
     return Advice(
         kind,
-        f"moving {kind}, in {best * seconds:.1f} s instead of {seconds:.1f} s, saves {saving:.0f} J a cycle {where}",
+        f"moving {kind}, in {best * seconds:.1f} s instead of {seconds:.1f} s, saves {saving:.0f} J per cycle {where}",
         saving,
         CHANGE * abs(saving) + known.model_error * now,
         {"motion_s": best * seconds},
@@ -127,7 +127,7 @@ def brake_advice(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> Adv
     return Advice(
         "brakes",
         f"putting the brakes on {brake_time:g} s after the task saves {known.brakes + hold:.1f} W, "
-        f"{saving:.0f} J a cycle of {cycle.waiting:.0f} s waiting",
+        f"{saving:.0f} J per cycle with {cycle.waiting:.0f} s of waiting",
         saving,
         float(np.hypot(known.brakes_uncertainty, CHANGE * hold)) * left,
         {"after_s": brake_time},

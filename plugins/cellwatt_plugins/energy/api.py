@@ -50,7 +50,7 @@ def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path)
     elif arm.description.controller_separate:
         raise RecordingError(
             f"{controller or '--controller'}: no such file: measure the controller with the arm unplugged, or write "
-            "controller_separate: false in robot.yaml where that cannot be done"
+            "controller_separate: false in robot.yaml if that is impossible"
         )
     else:
         alone = plugged

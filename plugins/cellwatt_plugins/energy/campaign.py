@@ -40,9 +40,9 @@ def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
     one = replace(one, offset=align(run.reading, one.modelled(guess), one.integral(kinds)))
     measured = shared(one).sum(axis=1) >= MEASURED * np.array([repetition.seconds for repetition in kept])
     if not measured.any():
-        raise RecordingError(f"{run.reading.place}: it was silent in each repetition: record this run again")
+        raise RecordingError(f"{run.reading.place}: it has no values in every repetition: record this run again")
     notes += [
-        f"the repetition at t = {repetition.start:.1f} s: the analyzer was silent for a part of it: left out"
+        f"the repetition at t = {repetition.start:.1f} s: values of the analyzer are missing: not used"
         for repetition, seen in zip(kept, measured, strict=True)
         if not seen
     ]
@@ -147,7 +147,7 @@ def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
     if not arm.description.controller_separate:
         notes.append("controller and arm cannot be unplugged from each other: only the sum of both is measured")
     if brakes < 0:
-        notes.append(f"brakes: {brakes:.2f} W measured, which cannot be: reported as 0")
+        notes.append(f"brakes: {brakes:.2f} W measured, which is impossible: reported as 0")
     return Fixed(
         controller=controller.power,
         robot_electronics=electronics,
@@ -238,11 +238,11 @@ def _notes(arm: Arm, identified: Identified) -> tuple[str, ...]:
     notes = []
     for joint, factor, unsure in zip(arm.description.joints, drive.torque, spread, strict=True):
         if abs(factor - 1) > max(OFF, 3 * unsure):
-            notes.append(f"{joint.name}: torque as given is the true torque times {1 / factor:.3f}: corrected")
+            notes.append(f"{joint.name}: the reported torque is the true torque times {1 / factor:.3f}: corrected")
     as_given = {one.run.name: _given_losses(one, n) for one in identified.observed}
     if negative := [name for name, energy in as_given.items() if energy < 0]:
         notes.append(
-            f"with torque as given mechanical losses would be negative in {', '.join(negative)}, which cannot be"
+            f"with the reported torque, mechanical losses would be negative in {', '.join(negative)}: corrected"
         )
     return tuple(notes)
 

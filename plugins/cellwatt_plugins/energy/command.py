@@ -29,7 +29,7 @@ SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 @click.option(
     "--controller",
     type=Input(path_type=Path),
-    help="Power with the arm unplugged; not needed where it cannot be unplugged.",
+    help="Power with the arm unplugged; not needed if it cannot be unplugged.",
 )
 @click.option("--connected", required=True, type=INPUT, help="Power with the arm connected and its brakes on.")
 @click.option("--released", required=True, type=INPUT, help="Power with the brakes released and the arm at rest.")

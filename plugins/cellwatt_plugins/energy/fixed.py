@@ -58,7 +58,7 @@ class AtRest:
         """A sentence on each state whose power was not steady."""
         names = ("controller", "connected", "released")
         return [
-            f"{name}: not steady, drifted by {state.drift:+.2f} W: let it warm up and take it again"
+            f"{name}: not steady, drifted by {state.drift:+.2f} W: let it warm up and measure again"
             for name, state in zip(names, (self.controller, self.connected, self.released), strict=True)
             if not state.steady
         ]

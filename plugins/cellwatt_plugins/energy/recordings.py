@@ -106,10 +106,10 @@ def read_runs(folder: Path, joints: int) -> list[Recorded]:
     files = sorted(p for p in folder.iterdir() if p.suffix in _ENDINGS) if folder.is_dir() else []
     pairs = [_pair(p) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
     if not pairs:
-        raise RecordingError(f"{folder}: no runs there; expected files like 100_5kg.robot.parquet")
+        raise RecordingError(f"{folder}: no runs in this folder; expected files like 100_5kg.robot.parquet")
     for (name, *_, one, _), (other, *_, two, _) in pairwise(pairs):
         if name == other:
-            raise RecordingError(f"{two}: the same run as {one.name} beside it: keep one of them")
+            raise RecordingError(f"{two}: the same run as {one.name}: keep one of them")
     runs = spread(_read, pairs, "reading runs", shared=joints)
     return sorted(runs, key=lambda run: (run.payload, run.speed))
 
@@ -122,10 +122,10 @@ def _pair(path: Path) -> _Pair:
     name = path.name.removesuffix(path.suffix).removesuffix(".robot")
     match = _RUN.fullmatch(name)
     if match is None:
-        raise RecordingError(f"{path}: call it SPEED_PAYLOADkg.robot{path.suffix}, like 100_5kg.robot{path.suffix}")
+        raise RecordingError(f"{path}: name it SPEED_PAYLOADkg.robot{path.suffix}, like 100_5kg.robot{path.suffix}")
     other = next((p for e in _ENDINGS if (p := path.with_name(f"{name}.analyzer{e}")).exists()), None)
     if other is None:
-        raise RecordingError(f"{path}: the analyzer's file {name}.analyzer{path.suffix} is not beside it")
+        raise RecordingError(f"{path}: the analyzer's file {name}.analyzer{path.suffix} is not in the same folder")
     return name, float(match["speed"]), float(match["payload"]), path, other
 
 

@@ -64,20 +64,20 @@ def find_repetitions(motion: RobotTrace) -> tuple[list[Repetition], list[str]]:
     stays = _stays(motion, noise)
     if len(stays) < 2:
         raise RecordingError(
-            f"{motion.place}: no complete repetition: the arm does not come back to rest where it began; "
+            f"{motion.place}: no complete repetition: the arm does not return to its start pose; "
             f"record from rest to rest, with {SHORTEST_REST} s or more at the start pose"
         )
     found = [_between(motion, before, after, noise) for before, after in pairwise(stays)]
     usual = float(np.median([repetition.seconds for repetition in found]))
     notes = []
     if stays[0][0] > 1 or stays[-1][1] < len(motion.time) - 1:
-        notes.append("the recording begins or ends in motion; what is not from rest to rest is left out")
+        notes.append("the recording begins or ends in motion; motion that is not from rest to rest is not used")
     kept = [r for r in found if abs(r.seconds - usual) <= SAME_LENGTH * usual + 2 * r.uncertainty]
     if not kept:
         lengths = ", ".join(f"{r.seconds:.2f}" for r in found)
         raise RecordingError(f"{motion.place}: repetitions took {lengths} s: which was interrupted? Record it again")
     notes += [
-        f"the repetition at t = {r.start:.1f} s took {r.seconds:.2f} s instead of {usual:.2f} s: left out"
+        f"the repetition at t = {r.start:.1f} s took {r.seconds:.2f} s instead of {usual:.2f} s: not used"
         for r in found
         if r not in kept
     ]

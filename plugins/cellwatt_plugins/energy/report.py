@@ -44,7 +44,7 @@ def report(found: Findings, identified: Identified, provenance: Provenance, unit
         facts=["energy by consumer", f"{len(runs)} runs", f"{sum(run.repetitions for run in runs)} repetitions"],
         verdict=headline(found),
         sections=[
-            Section("Fixed power", [_fixed(found, power)], "Drawn whatever the robot does."),
+            Section("Fixed power", [_fixed(found, power)], "Independent of the motion."),
             Section("Average power of each run", [_bars(found, power)], f"{power.name}, over one repetition."),
             Section("Over time", _curves(found, identified, power), OVER_TIME),
             Section("Energies of one repetition", [_energies(found, energy)], _columns_told(found, energy)),
@@ -72,8 +72,8 @@ def _columns_told(found: Findings, energy: Unit) -> str:
     share = f"{100 * found.returned:.0f} ± {unsure(100 * found.returned_uncertainty, _PERCENT)} %"
     return (
         f"{energy.name} with one standard deviation, and percent of the total. L_E* = L_E + E_RB; “at most” is the "
-        f"negative mechanical energy that ECDP takes for E_RB. Of what the motors give back to the bus the electronics "
-        f"use {share}; the chopper burns the rest."
+        f"negative mechanical energy that ECDP takes for E_RB. Of the energy that motors return to the bus, the "
+        f"electronics use {share}; the chopper burns the rest."
     )
 
 
@@ -191,7 +191,7 @@ def _row(run: RunEnergy, energy: Unit) -> list[str]:
     def both(name: str) -> Html:
         value, spread = getattr(run, name), run.uncertainty.get(name)
         if value is None:
-            return Html("not told")
+            return Html("not reported")
         share = f"<small>{100 * value / run.total:.1f} %</small>"
         return Html(f"{amount(value, energy)}<small> ± {unsure(spread or 0.0, energy)}</small><br>{share}")
 

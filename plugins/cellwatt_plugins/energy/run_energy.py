@@ -77,8 +77,8 @@ def run_energy(one: Observed, learnt: Learnt) -> RunEnergy:
     best, spread, said = _groups(one, learnt), _uncertainty(one, learnt), list(one.notes)
     if best["mechanical_losses"] < 0:
         said.append(
-            f"mechanical losses of {best['mechanical_losses']:.1f} J measured, which cannot be: reported as 0; "
-            "the torque is off by more than could be found out"
+            f"mechanical losses of {best['mechanical_losses']:.1f} J measured, which is impossible: reported as 0; "
+            "the torque error is larger than the fit can correct"
         )
         for name in ("electrical_losses_with_regeneration", "electrical_losses"):
             best[name] += best["mechanical_losses"]
@@ -166,7 +166,7 @@ def _refusal(one: Observed, drive: Drive, best: dict[str, float], spread: dict[s
     """Reason why the data do not allow the split of electrical losses and regeneration; empty if they do."""
     wide = 100 * (spread["regeneration"] or 0.0) / best["total"]
     if wide > TOO_WIDE:
-        return f"regeneration is only known to ±{wide:.1f} % of the total: not told apart from electrical losses"
+        return f"regeneration is only known to ±{wide:.1f} % of the total: not separated from electrical losses"
     missed = one.residual(drive)
     braking = one.means(one.integral(np.maximum(-bus_power(drive, one.feature), 0.0)))
     seen = braking > BRAKING
@@ -177,6 +177,6 @@ def _refusal(one: Observed, drive: Drive, best: dict[str, float], spread: dict[s
     if abs(wrong) > UNEXPLAINED and 100 * contradicted / best["total"] > TOO_WIDE:
         return (
             f"while braking the analyzer differs from the model by {100 * wrong:.0f} % of the braking power: "
-            "the split of electrical losses and regeneration is not told"
+            "the split of electrical losses and regeneration is not reported"
         )
     return ""

@@ -65,7 +65,7 @@ class EnergyStage(Stage[EnergySettings]):
     """Reports the ``Energy`` of each task, and alarms ``energy_balance`` and ``energy_advice_…``."""
 
     Settings = EnergySettings
-    title = "where the energy of every task goes, and what would save some"
+    title = "energy of every task by consumer, and advice to save energy"
     needs = ("segment",)
 
     def __init__(self, name: str, settings: EnergySettings, layout: Layout, cell: CellInfo) -> None:
@@ -230,11 +230,11 @@ class EnergyStage(Stage[EnergySettings]):
         unexplained = energy.groups["unexplained"]
         evidence = {"unexplained_J": unexplained, "uncertainty_J": energy.uncertainty, "total_J": energy.total}
         share = 100 * unexplained / energy.total
-        text = f"{task.name}: {share:+.1f} % of its energy is in no group"
+        text = f"{task.name}: {share:+.1f} % of its energy is unexplained"
         alarm = self._alarm("energy_balance", "warning", task, text, evidence)
         if abs(unexplained) > ODD * energy.uncertainty:
             return self._book.raise_(alarm, after=CONFIRM, update=False)
-        text = f"Resolved: the energy of {task.name} is in the groups again"
+        text = f"Resolved: the energy of {task.name} is explained again"
         return self._book.clear(alarm.id, task.end, text, evidence=evidence)
 
     def _advice(self, task: Task, before: Task, stretch: Stretch) -> list[Alarm]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 JUDGE = "judge"
 """Default subcommand of `cellwatt faults`."""
-METER = "Power (t, power) that a meter logged on its own clock, one a table."
+METER = "Table of power (t, power) from a meter with its own clock, one per recording."
 
 
 @click.command(short_help="Learn how healthy cycles look.")
@@ -39,7 +39,7 @@ METER = "Power (t, power) that a meter logged on its own clock, one a table."
     help="Name of the robot, or its YAML description (or its folder).",
 )
 @click.option("--meter", multiple=True, type=INPUT, help=METER)
-@click.option("--arm", help="Source with the joints, where several have joints.")
+@click.option("--arm", help="Source with the joints, if several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
@@ -78,14 +78,14 @@ def faults() -> None:
 @click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
 @click.option("--meter", multiple=True, type=INPUT, help=METER)
-@click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
-@click.option("--power", help="Channel of the power; as in the reference where left out.")
+@click.option("--arm", help="Source with the joints; default: that of the reference.")
+@click.option("--power", help="Channel of the power; default: that of the reference.")
 @click.option(
     "--false-alarms",
     type=FiniteRange(0.0, 0.1, min_open=True),
     default=1e-4,
     show_default=True,
-    help="Share of healthy intervals in which a false alarm is accepted.",
+    help="Accepted share of healthy intervals with a false alarm.",
 )
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
@@ -129,5 +129,5 @@ def _in_words(report: dict[str, Any]) -> str:
         variants = ", ".join(f"{v['cycles']} cycles at speed {v['speed']:.2f}" for v in task["variants"])
         lines.append(f"{task['name']}: {task['variants'][0]['intervals']} moves, {variants}")
     if report["cycles_left_out"]:
-        lines.append(f"{report['cycles_left_out']} cycles left out: seen too rarely at their speed")
+        lines.append(f"{report['cycles_left_out']} cycles not used: too few at their speed")
     return "\n".join([*lines, f"written to {report['file']}"])

@@ -27,11 +27,14 @@ MOST_TOLD, OPEN = 24, 3
 HIGHEST = 5.0
 """Top of the colour scale, log2 of the residual in limits."""
 SUSPECTS = (
-    "Each mark names a joint as faulty, the larger the more power it moves; rings explain it nearly as well. Below: "
-    "the largest difference of power in each interval, in limits (± 2 standard deviations of healthy cycles); dots "
-    "mark intervals in which a fault shows. Harmless changes, as of a part's weight, differ too, and are told apart."
+    "Marks are joints reported as faulty, larger for more power; rings are joints that explain it nearly as well. "
+    "Below: the largest difference of power in each interval, in limits (± 2 standard deviations of healthy cycles); "
+    "dots mark intervals in which a fault shows. Harmless changes, as of a part's weight, also change power, without a "
+    "mark."
 )
-EXPLAINED = "Power less that of healthy cycles. Shaded: intervals of the task; yellow those in which a fault shows."
+EXPLAINED = (
+    "Power minus that of healthy cycles. Shaded: intervals of the task; yellow: intervals in which a fault shows."
+)
 
 
 def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints: int, provenance: Provenance) -> Report:
@@ -46,7 +49,7 @@ def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints:
         verdict=_verdict(cycles),
         tone="open" if faulty else "good",
         tiles=[Tile(status.replace("_", " "), str(count[status]), "", role) for status, role in STATES.items()],
-        tiles_remark="Cycles by what was found.",
+        tiles_remark="Cycles by status.",
         sections=[
             Section("Suspected joints and intervals", suspects, SUSPECTS),
             Section("Faults", _told(cycles, evidence, faulty), EXPLAINED),
@@ -127,7 +130,7 @@ def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: 
     order = sorted(faulty, key=lambda n: -max(fault.size_watt for fault in cycles[n - 1].faults))[:MOST_TOLD]
     out: list[Block] = []
     if len(faulty) > MOST_TOLD:
-        out.append(f"These are the {MOST_TOLD} of {len(faulty)} that move the most power.")
+        out.append(f"The {MOST_TOLD} of {len(faulty)} faulty cycles with the largest power are shown.")
     for rank, number in enumerate(order):
         cycle = cycles[number - 1]
         shown = known.get(id(cycle))

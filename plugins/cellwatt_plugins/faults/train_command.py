@@ -27,9 +27,9 @@ from cellwatt_plugins.faults.reference import load
 @click.option("--reference", "file", required=True, type=INPUT, help="File made by `cellwatt reference`.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write to.")
 @click.option("--fault", "faulty", multiple=True, metavar="JOINT=RECORDING", help="A fault of a joint, recorded.")
-@click.option("--robot", type=INPUT, help="The robot's description: faults are simulated where none were recorded.")
-@click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
-@click.option("--power", help="Channel of the power; as in the reference where left out.")
+@click.option("--robot", type=INPUT, help="The robot's description, to simulate faults that were not recorded.")
+@click.option("--arm", help="Source with the joints; default: that of the reference.")
+@click.option("--power", help="Channel of the power; default: that of the reference.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
@@ -56,7 +56,7 @@ def train(
     reference = load(file)
     courses, tolerance = courses_of(reference), Tolerance()
     if not courses:
-        raise ModelError("the reference has whole cycles only, no intervals to make a table of")
+        raise ModelError("the reference has whole cycles only, and no intervals, which a fault table needs")
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
         return recorded(frames_of_files(paths), courses, tolerance, arm, power or reference.power)
@@ -108,5 +108,5 @@ def _in_words(network: Mapping[str, Any]) -> str:
     groups = [", ".join(map(str, group)) for group in network["named_together"]]
     lines += [f"  joints {group} have the same codes and are named together" for group in groups]
     if network["healthy_cycles"]:
-        lines.append(f"  {network['named_in_vain']} of {network['healthy_cycles']} healthy cycles give a name in vain")
+        lines.append(f"  {network['named_in_vain']} of {network['healthy_cycles']} healthy cycles raise a false alarm")
     return "\n".join(lines)

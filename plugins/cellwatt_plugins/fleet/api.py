@@ -76,7 +76,7 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
 
 def _summary(name: str, robot: RobotDescription, weeks: Sequence[Week], told: Says) -> CellSummary:
     if not weeks:
-        return CellSummary(name, robot.robot, 0, 0, 0.0, False, "no recording of it can be used")
+        return CellSummary(name, robot.robot, 0, 0, 0.0, False, "none of its recordings can be used")
     repetitions = [repetition for week in weeks for repetition in week.repetitions]
     heat = all(repetition.temperature is not None for repetition in repetitions)
     seconds = sum(week.seconds for week in weeks)
@@ -91,18 +91,18 @@ def _notes(kinds: Mapping[str, Mapping[str, Says]], groups: Sequence[Courses]) -
     out = []
     for kind, cells in sorted(kinds.items()):
         if len(cells) < FEWEST:
-            out.append(f"{kind}: {len(cells)} arms, fewer than {FEWEST}: what a season does to all is not taken out")
+            out.append(f"{kind}: {len(cells)} arms, fewer than {FEWEST}: the effect of a season is not removed")
         heated = [group for group in groups if group.kind == kind and group.quantity == "friction"]
         if not any(group.with_temperature for group in heated):
             out.append(
-                f"{kind}: friction is not brought to one temperature (the joints' is not recorded, or friction does "
-                "not follow it): only what the kind does together is taken out"
+                f"{kind}: friction is not corrected for temperature (the joints' is not recorded, or friction does "
+                "not follow it): only the common course of the kind is removed"
             )
         elif len(heated) > 1:
             rest = next(group for group in heated if not group.with_temperature)
             out.append(f"{kind}: {rest.cells} arms without temperature are compared with each other only")
         if not any(("energy", 0) in told for told in cells.values()):
-            out.append(f"{kind}: no energy: no power is recorded, or no motion comes back to where it began")
+            out.append(f"{kind}: no energy: no power is recorded, or no motion returns to its start pose")
     return out
 
 

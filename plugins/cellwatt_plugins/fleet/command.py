@@ -29,9 +29,9 @@ MOST_SKIPPED = 5
     "robots",
     multiple=True,
     metavar="[CELLS=]FILE",
-    help="Description of the robots of these cells (weld-*=mh12.yaml), or of all. Else the nearest robot.yaml above.",
+    help="Description of the robots of these cells (weld-*=mh12.yaml), or of all; else the nearest robot.yaml above.",
 )
-@click.option("--weeks", type=click.IntRange(min=6), help="Only so many last weeks.")
+@click.option("--weeks", type=click.IntRange(min=6), help="Number of last weeks to use.")
 @click.option(
     "--chance",
     type=FiniteRange(min=1e-6, max=0.5),
@@ -44,7 +44,7 @@ MOST_SKIPPED = 5
     type=FiniteRange(min=0.0, max=1.0),
     default=0.05,
     show_default=True,
-    help="Smallest change that is told, as a share.",
+    help="Smallest change that is reported, as a share.",
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print fleet.json.")

@@ -110,7 +110,7 @@ class Fleet:
 
 NAMES: Final = {"friction": "friction", "energy": "energy of a repetition"}
 CAUSES: Final[dict[tuple[str, bool], str]] = {
-    ("friction", True): "a damage, or another lubricant",
+    ("friction", True): "damage, or another lubricant",
     ("friction", False): "service, or a new gear",
 }
 """Usual causes of a step by quantity and direction (True: up)."""
@@ -133,7 +133,7 @@ def _of_trend(each: Judged, trend: Trend, robot: RobotDescription) -> Finding:
     who = f"{_joint(place, robot)}{' wears:' if wears else ''} its" if quantity == "friction" else "the arm's"
     first, last = (monday(week).isoformat() for week in (trend.line.first, trend.line.last))
     said = f"{who} {NAMES[quantity]} {'rose' if rises else 'fell'} by {_by(size, low, high)} from {first} to {last}."
-    heat = ", nor is its temperature known" if quantity == "friction" and not warm else ""
+    heat = ", and its temperature is unknown" if quantity == "friction" and not warm else ""
     remark = f"fewer than 5 arms of {each.courses.kind} can be compared: a season may look like this{heat}"
     what: Cause = "wears" if wears else "rises" if rises else "falls"
     return Finding(

@@ -81,7 +81,9 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
     folders = {path: _folder(path, lake) for path in sorted(lake.rglob("*")) if _is_recording(path, lake)}
     cells = {path: cell for path, cell in _cells(folders, lake).items() if cell}
     if not cells:
-        raise RecordingError(f"{lake}: no recordings there: put .mcap, .parquet or .csv into a folder for each cell")
+        raise RecordingError(
+            f"{lake}: no recordings in this folder: put .mcap, .parquet or .csv into a folder for each cell"
+        )
     given = [_pattern(text) for text in robots]
     robot_of = {cell: _robot(cell, folders[path], lake, given) for path, cell in cells.items()}
     described = {path: load_robot(path) for path in dict.fromkeys(robot_of.values())}

@@ -41,21 +41,21 @@ def report_of(found: Fleet, name: str) -> Report:
         ],
         tiles_remark=(
             f"One false finding in the whole page has a chance of {100 * found.chance_of_false:g} %; "
-            f"{found.tests} courses were tested. Changes below {found.least_percent:g} % are not told. Half the joints "
-            f"would show a rise over all weeks of: {smallest or 'not known'}."
+            f"{found.tests} courses were tested. Changes below {found.least_percent:g} % are not reported. Half the "
+            f"joints would show a rise over all weeks of: {smallest or 'not known'}."
         ),
         sections=[
             Section("What changed", [_table(found.findings)] if found.findings else [], INTERVALS),
-            Section("Courses of what was found", _courses(found), COURSES),
-            Section("What was left out, and what to know", _left(found)),
+            Section("Courses of the findings", _courses(found), COURSES),
+            Section("Data not used, and notes", _left(found)),
         ],
     )
 
 
-INTERVALS: Final = "Each against its own weeks and against the arms of its kind. In brackets: 95 % interval."
+INTERVALS: Final = "Each compared with its own weeks and with the arms of its kind. In brackets: 95 % interval."
 COURSES: Final = (
-    "Weekly values with one standard deviation, per cent of their mean, with what the kind does together taken out. "
-    "The grey line is what was taken out; the dotted line is a step."
+    "Weekly values with one standard deviation, per cent of their mean, with the common course of the kind subtracted. "
+    "The grey line is the common course; the dotted line is a step."
 )
 
 
@@ -137,4 +137,4 @@ def _left(found: Fleet) -> list[Block]:
         for c in found.cells
     ]
     heads = ("Cell", "Kind", "Weeks", "Repetitions", "Minutes used", "Joint temperature")
-    return [*blocks, Folded("All cells, and what was used of them", [Table("Cells", heads, rows)])]
+    return [*blocks, Folded("All cells and the data used", [Table("Cells", heads, rows)])]

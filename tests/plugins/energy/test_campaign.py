@@ -96,6 +96,4 @@ def test_a_repetition_in_which_the_analyzer_fell_silent_is_left_out(measured):
     reading = PowerTrace("analyzer", run.reading.time[early], run.reading.power[early])
     cut = observed(replace(run, reading=reading), (arm, begin(arm, 50.0)))
     assert cut.repetitions == whole.repetitions[:-1]
-    assert cut.notes == (
-        f"the repetition at t = {last.start:.1f} s: the analyzer was silent for a part of it: left out",
-    )
+    assert cut.notes == (f"the repetition at t = {last.start:.1f} s: values of the analyzer are missing: not used",)

@@ -52,10 +52,10 @@ def copy(measured, tmp_path):
 def test_files_that_are_no_pair_are_named(copy, tmp_path):
     twin = copy / "runs" / "150_0kg.robot.csv"
     twin.touch()
-    assert "the same run as 150_0kg.robot.csv beside it" in fails(copy, tmp_path, RecordingError)
+    assert "the same run as 150_0kg.robot.csv: keep" in fails(copy, tmp_path, RecordingError)
     twin.unlink()
     (copy / "runs" / "150_0kg.analyzer.parquet").unlink()
-    assert "150_0kg.analyzer.parquet is not beside it" in fails(copy, tmp_path, RecordingError)
+    assert "150_0kg.analyzer.parquet is not in the same folder" in fails(copy, tmp_path, RecordingError)
 
 
 def test_a_controller_that_was_not_measured(copy, tmp_path):

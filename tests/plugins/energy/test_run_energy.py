@@ -29,7 +29,7 @@ def test_regeneration_that_is_hardly_known_is_not_told(outcome, told):
     assert run.regeneration is None
     assert run.electrical_losses is None
     assert run.electrical_losses_with_regeneration > 0
-    assert "not told apart from electrical losses" in run.notes[0]
+    assert "not separated from electrical losses" in run.notes[0]
     assert told[0](outcome.identified).regeneration is not None
 
 
@@ -51,6 +51,6 @@ def test_a_negative_loss_is_never_reported(outcome, told):
     drive = outcome.identified.drive
     run = told[0](replace(outcome.identified, drive=replace(drive, torque=-drive.torque)))
     assert run.mechanical_losses == 0
-    assert "which cannot be: reported as 0" in run.notes[0]
+    assert "which is impossible: reported as 0" in run.notes[0]
     rest = run.electronics + run.brakes + run.electrical_losses_with_regeneration
     assert rest == pytest.approx(run.total)

@@ -51,7 +51,7 @@ def test_a_tie_is_told_and_solved(reference, seed):
     alarms, starts = alarms_of(reference, Fault("friction", 3, 25.0), seed=seed)
     first = alarms[0]  # joints 2 and 3 move together first
     assert {first.joint, *first.alternatives} == {2, 3}
-    assert "it may as well be joint" in first.statement
+    assert "it may also be joint" in first.statement
     assert standing(alarms, starts[HEALTHY] + 3.5) == {("joint_fault", 3)}
     later = [a for a in alarms if a.active and since_start(a.time) > starts[HEALTHY] + 3.5]
     assert {(a.joint, a.alternatives) for a in later} == {(3, ())}

@@ -29,7 +29,7 @@ def test_it_learns_and_says_what(healthy, tmp_path):
     assert result.exit_code == 0, result.output
     assert result.stdout.splitlines() == [
         "task_1: 5 moves, 5 cycles at speed 1.00, 3 cycles at speed 0.60",
-        "1 cycles left out: seen too rarely at their speed",
+        "1 cycles not used: too few at their speed",
         f"written to {tmp_path / 'ref.yaml'}",
     ]
     assert load(tmp_path / "ref.yaml").robot == "plant"

@@ -44,7 +44,7 @@ def campaign() -> None:
 
 @campaign.command("rest-pose")
 @_robot
-@click.option("--starts", default=32, show_default=True, type=click.IntRange(1, 4096), help="Places to search from.")
+@click.option("--starts", default=32, show_default=True, type=click.IntRange(1, 4096), help="Number of start poses.")
 @_json
 @with_progress
 def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
@@ -68,32 +68,32 @@ def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
     degrees = ", ".join(f"{angle:.1f}" for angle in np.degrees(found.q))
     click.echo(
         f"joints at {degrees} deg\n"
-        f"gravity leaves {found.residual:.3f} Nm in all; the least found from {found.starts} places, "
-        f"as low from {found.reached} of them\n"
+        f"gravity torque {found.residual:.3f} Nm in total, the smallest found from {found.starts} start poses; "
+        f"{found.reached} of them led to it\n"
         f"the last joint is at {', '.join(f'{x:.2f}' for x in place)} m; {100 * found.clearance:.0f} cm to the nearest "
-        "link or the floor. What else stands in the cell is not known here: look before you move"
+        "link or the floor. Other objects in the cell are not known: check before you move"
     )
 
 
 @campaign.command("cut")
 @click.argument("recording", type=FILE)
 @_robot
-@click.option("--state", type=click.Choice(STATES), help="It holds a reading at rest, in this state.")
-@click.option("--payload", type=FiniteRange(0), help="It holds a program, with a payload of so many kg.")
+@click.option("--state", type=click.Choice(STATES), help="RECORDING holds the power at rest in this state.")
+@click.option("--payload", type=FiniteRange(0), help="RECORDING holds a program with this payload, kg.")
 @click.option("--out", required=True, type=FOLDER, help="Folder of the campaign.")
 @click.option(
     "--speeds",
     default=",".join(map(str, SPEEDS)),
     show_default=True,
     callback=_speeds,
-    help="mm/s, means of a repetition.",
+    help="Mean speeds of a repetition, mm/s.",
 )
-@click.option("--repetitions", default=REPETITIONS, show_default=True, type=click.IntRange(1), help="Each.")
+@click.option("--repetitions", default=REPETITIONS, show_default=True, type=click.IntRange(1), help="Per speed.")
 @click.option(
     "--least", type=click.IntRange(1), help="Whole repetitions in a row that a run needs (default: all of them)."
 )
-@click.option("--source", help="The arm's source, where several have joints.")
-@click.option("--supply", help="The analyzer's source, where several have supply.power.")
+@click.option("--source", help="The arm's source, if several have joints.")
+@click.option("--supply", help="The analyzer's source, if several have supply.power.")
 @_json
 @with_progress
 def cut(
@@ -124,4 +124,4 @@ def cut(
     if not found.steady:
         click.echo("not steady: let it warm up, and record it again", err=True)
     elif found.uncertainty > KNOWN:
-        click.echo("the mean is not well known: something switches; look what it is", err=True)
+        click.echo("the mean is uncertain: a load switches; find it", err=True)

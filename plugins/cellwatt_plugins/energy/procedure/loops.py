@@ -69,7 +69,7 @@ def find_loops(arm: Arm, motion: RobotTrace, speeds: Sequence[float]) -> tuple[l
     counts = [min(_seconds(motion, rest), COUNTS) for rest in found]
     stays = at_one_pose(motion.position, found, HERE, counts)
     if len(stays) < 2:
-        return [], ["the arm does not come back to rest where it began: no repetition"]
+        return [], ["the arm does not return to its start pose: no repetition"]
     loops = [_loop(arm, motion, before, after) for before, after in pairwise(stays)]
     length = float(np.median([loop.way for loop in loops]))
     named = [_named(loop, length, speeds) for loop in loops]
@@ -80,7 +80,9 @@ def find_loops(arm: Arm, motion: RobotTrace, speeds: Sequence[float]) -> tuple[l
     notes, end = [], stays[-1][1]
     if len(tail := motion.position[end:]) and np.abs(tail - motion.position[end - 1]).max() > 10 * HERE:
         at = float(motion.time[end - 1])
-        notes = [f"what begins at t = {at:.1f} s does not come back to the start: incomplete, or the arm was parked"]
+        notes = [
+            f"the motion from t = {at:.1f} s on does not return to the start pose: incomplete, or the arm was parked"
+        ]
     return [_timed(loop, usual, motion) for loop in named], notes
 
 
@@ -100,7 +102,7 @@ def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
     """Assign the speed if the path is as long as the others', ``length`` mm; else the problem."""
     if abs(loop.way / length - 1) > ANOTHER_WAY:
         way = f"{loop.way:.0f} mm instead of {length:.0f} mm"
-        return replace(loop, problem=f"its way is {way}: another way, or cut short")
+        return replace(loop, problem=f"its path is {way}: another path, or interrupted")
     nearest = min(speeds, key=lambda speed: abs(speed / loop.mean_speed - 1))
     if abs(loop.mean_speed / nearest - 1) > NOMINAL:
         told = ", ".join(f"{speed:g}" for speed in speeds)

@@ -36,7 +36,7 @@ class CycleAlarms:
         start, end = epoch + _ns(cycle.start), epoch + _ns(cycle.end)
         new_task = f"{self.prefix}.{self.source}.new_task"
         if cycle.status == "new_task":
-            text = "The arm does a task that is not in the reference; it is not judged"
+            text = "The arm runs a task that is not in the reference; it is not judged"
             alarm = Alarm(new_task, "new_task", "info", True, start, end, text, self.source)
             return self._book.raise_(alarm, update=False)
         out = self._book.clear(new_task, end, "Resolved: the arm runs as in the reference again")
@@ -68,7 +68,7 @@ class CycleAlarms:
         for alarm in [standing.alarm for standing in self._book.raised if standing.alarm.id not in found]:
             who = f"joint {alarm.joint}" if alarm.joint else "the arm"
             if alarm.id in self._early:
-                text = f"Withdrawn: for {who} the whole cycle is explained otherwise"
+                text = f"Withdrawn: the whole cycle is explained without this fault of {who}"
                 out += self._book.clear(alarm.id, time, text)
             else:
                 text = f"Resolved: {who} has done {{times}} cycles without this fault, the last is number {number}"
@@ -109,7 +109,7 @@ class CycleAlarms:
 
     @property
     def _delay(self) -> str:
-        return f" The power meter is behind: this is told {self.behind:.2f} s later." if self.behind else ""
+        return f" The power meter delays this alarm by {self.behind:.2f} s." if self.behind else ""
 
 
 def _ns(seconds: float) -> int:

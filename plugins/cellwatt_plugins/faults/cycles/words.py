@@ -34,7 +34,7 @@ def statement_on(
     where = f" (interval{'s' * (len(moves) > 1)} {', '.join(map(str, moves))})" if moves else ""
     off = f"The encoder of joint {joint + 1} is off the path by up to {math.degrees(deviation):.1f}°"
     if or_kind is not None:
-        return f"{off}{where}: its encoder is wrong or the joint stands still; power does not tell which."
+        return f"{off}{where}: its encoder is wrong or the joint stands still; power does not show which."
     if blame is None:
         return f"{off}, while power is as in healthy cycles{where}."
     watts = max(blame.watts.max(), -blame.watts.min())

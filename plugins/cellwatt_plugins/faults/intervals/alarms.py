@@ -48,7 +48,7 @@ class IntervalAlarms:
         if finding.place is None:
             self._unknown += 1
             if self._unknown >= UNKNOWN:
-                text = "The arm does a task that is not in the reference; it is not judged"
+                text = "The arm runs a task that is not in the reference; it is not judged"
                 out += self._say("new_task", finding, text)
             return out
         self._unknown = 0
@@ -217,5 +217,5 @@ def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: d
     )
     degrees = f"{math.degrees(evidence.get('position_residual_rad', 0.0)):.1f}°"
     where = f", in interval {evidence['task_interval']} of {evidence['task']}"
-    others = f"; it may as well be joint {' or '.join(map(str, alternatives))}" if alternatives else ""
+    others = f"; it may also be joint {' or '.join(map(str, alternatives))}" if alternatives else ""
     return _WHAT[kind].format(joint=joint, power=power, degrees=degrees) + where + others + "."

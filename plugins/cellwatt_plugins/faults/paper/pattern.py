@@ -46,7 +46,7 @@ def by_equations(courses: Sequence[Course], folder: Path) -> list[Course]:
     for file in sorted(folder.glob("*.yaml")):
         equation = load(file)
         if equation.task is None or equation.speed is None:
-            raise ModelError(f"power equation {file}: does not say of which task and speed it is")
+            raise ModelError(f"power equation {file}: names no task and speed")
         found[equation.task, equation.speed] = equation
     out = []
     for course in courses:

@@ -49,7 +49,7 @@ def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key,
         network = FaultNetwork(OnnxFile(file))
         task = network.task
         if task is None:
-            raise ModelError(f"fault network {file}: does not say of which task it is; {TRAIN}")
+            raise ModelError(f"fault network {file}: names no task; {TRAIN}")
         fits = [course for course in courses if not task.differs(course)]
         if not fits:
             course = next((c for c in courses if c.key == (task.task, task.speed)), courses[0])
@@ -132,7 +132,7 @@ class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
         evidence = _evidence(fault, cycle.course, shown)
         degrees = math.degrees(evidence["position_residual_rad"])
         where = f", in interval {', '.join(map(str, fault.intervals))} of {cycle.course.task}"
-        others = f"; it may as well be joint {' or '.join(map(str, fault.alternatives))}" if fault.alternatives else ""
+        others = f"; it may also be joint {' or '.join(map(str, fault.alternatives))}" if fault.alternatives else ""
         what = _WHAT[fault.kind].format(joint=fault.joint, watts=fault.watts, degrees=degrees)
         since = cycle.start + round(shown[0].interval.start * 1e9)
         kind, text = f"{fault.kind}_fault", f"{what}{where}{others}."

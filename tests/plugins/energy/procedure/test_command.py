@@ -15,7 +15,7 @@ def test_the_rest_pose_is_told(plant, tmp_path):
     told = json.loads(run("rest-pose", "--robot", file, "--starts", "4", "--json").stdout)
     assert told["residual"] < 1.0
     assert len(told["joints"]) == 6
-    assert "gravity leaves" in run("rest-pose", "--robot", file, "--starts", "1").output
+    assert "gravity torque" in run("rest-pose", "--robot", file, "--starts", "1").output
 
 
 def test_files_are_cut_from_recordings(plant, programme, tmp_path):
@@ -36,6 +36,6 @@ def test_files_are_cut_from_recordings(plant, programme, tmp_path):
     assert all(one["written"] for one in told)
     assert len(list((tmp_path / "cut" / "runs").iterdir())) == 4
     done = run(*words, "--state", "released")  # of an arm that moves
-    assert done.output.startswith("released: ") and "look what it is" in done.output
+    assert done.output.startswith("released: ") and "find it" in done.output
     assert (tmp_path / "cut" / "released.parquet").exists()
     assert "expected either --state or --payload" in run(*words).output

@@ -97,7 +97,7 @@ def test_a_recording_that_ends_on_the_way_is_incomplete(cut, programme, plant):
     end = begins(plant, 250.0, 2) + round(3 / STEP)
     runs = cut(rows[:end], watts[:end], least=2)
     assert runs["250_0kg"].repetitions == 2
-    assert any("does not come back to the start: incomplete" in s for run in runs.values() for s in run.refused)
+    assert any("does not return to the start pose: incomplete" in s for run in runs.values() for s in run.refused)
 
 
 def test_a_speed_that_was_not_asked_for(cut, programme):
@@ -120,7 +120,7 @@ def test_missing_samples_spoil_their_repetition_alone(cut, programme, plant, sou
 
 def test_an_arm_that_never_moves(cut, programme):
     rows, watts = programme
-    with pytest.raises(RecordingError, match="payload 0 kg: the arm does not come back"):
+    with pytest.raises(RecordingError, match="payload 0 kg: the arm does not return"):
         cut(rows[:1100], watts[:1100])
     with pytest.raises(RecordingError, match="10 samples of arm in it, expected 20"):
         cut(rows[:10], watts[:1000])
@@ -150,4 +150,4 @@ def test_a_repetition_that_turns_back_took_another_way(cut, programme, plant):
     power = np.concatenate([watts[:half], watts[start:half][::-1], watts[whole:]])
     runs = cut(turned, power, least=1)
     assert runs["200_0kg"].repetitions == 1
-    assert any("another way" in sentence for sentence in runs["200_0kg"].refused)
+    assert any("another path" in sentence for sentence in runs["200_0kg"].refused)

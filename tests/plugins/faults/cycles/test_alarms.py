@@ -31,7 +31,7 @@ def test_an_early_alarm_goes_where_the_whole_cycle_names_another(book):
     whole = book.take(cycle(fault(2)), 1, EPOCH)
     assert told(early) == [(3, True, "warning")]
     assert told(whole) == [(2, True, "error"), (3, False, "warning")]
-    assert "explained otherwise" in whole[1].statement
+    assert "explained without this fault" in whole[1].statement
 
 
 def test_an_early_fault_that_may_be_one_already_told_raises_nothing(book):
@@ -44,7 +44,7 @@ def test_an_alarm_says_how_late_it_is_because_of_a_slow_meter(book):
     late = replace(book, behind=0.25)
     (alarm,) = late.take(cycle(fault(2)), 1, EPOCH)
     assert alarm.evidence["power_behind_s"] == 0.25
-    assert alarm.statement == "Joint 2 turns harder. The power meter is behind: this is told 0.25 s later."
+    assert alarm.statement == "Joint 2 turns harder. The power meter delays this alarm by 0.25 s."
     (alarm,) = book.take(cycle(fault(2)), 1, EPOCH)
     assert "power_behind_s" not in alarm.evidence
     assert alarm.statement == "Joint 2 turns harder."

@@ -89,7 +89,7 @@ def test_it_is_the_equation_that_power_is_compared_with(reference, tmp_path):
     [
         ({"task": "task_9"}, "none is of task_1 at speed 1; make them with `cellwatt train pattern`"),
         ({"duration": 3.0}, "is 3.00 s long, the task .* s: it is of another reference"),
-        ({"task": None}, "does not say of which task"),
+        ({"task": None}, "names no task"),
     ],
 )
 def test_equations_of_something_else_are_refused(reference, tmp_path, change, problem):

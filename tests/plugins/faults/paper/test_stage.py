@@ -174,4 +174,4 @@ def test_check_refuses_a_network_that_does_not_fit_in_one_line_with_its_place(re
     lines = found.output.splitlines()
     assert len(lines) == 1
     assert lines[0].startswith(f"{cell}:8:3: stages.faults: fault network ")
-    assert lines[0].endswith("does not say of which task it is; train it with `cellwatt faults train`")
+    assert lines[0].endswith("names no task; train it with `cellwatt faults train`")
