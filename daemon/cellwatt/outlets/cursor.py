@@ -202,7 +202,7 @@ class Cursor:
             try:
                 await asyncio.to_thread(replace_bytes, path, content)
             except OSError as error:
-                problem = f"{path} cannot be written, so a restart may send some twice: {why(error)}"
+                problem = f"{path} cannot be written, so rows may be sent twice after a restart: {why(error)}"
                 if problem != self.problem:
                     log.warning("%s", problem)
                 self._account.count("positions unwritten")
@@ -222,6 +222,6 @@ def load(path: Path | None, place: str = "") -> Position:
         return Position(place=place)
     except (OSError, ValidationError) as error:
         reason = why(error) if isinstance(error, OSError) else "it is damaged"
-        log.warning("%s cannot be read (%s): nothing from before this start is sent later", path, reason)
+        log.warning("%s cannot be read (%s): rows from before this start are not sent", path, reason)
         return Position(place=place)
     return found if found.place == place else Position(place=place)

@@ -119,7 +119,7 @@ class Mailbox:
             try:
                 found.result(None if timeout is None else max(end - time.monotonic(), 0.0))
             except TimeoutError:
-                raise TimeoutError(f"nothing came within {timeout} s") from None
+                raise TimeoutError(f"no message within {timeout} s") from None
             finally:
                 found.cancel()
         return found
@@ -244,7 +244,7 @@ class Inbox:
         for topic, part in self.following.told(told.session, told.positions, now):
             self._deliver(topic, [part])
         if (lies := self.following.counts["refused"] - refused) > 0:
-            self._warn(f"refused {lies} claims that the cell does not know of: who else publishes under its name?")
+            self._warn(f"refused {lies} claims that the cell does not confirm: who else publishes under its name?")
 
     def on_standing(self, replies: list[zenoh.Reply]) -> None:
         """Process the active alarms."""

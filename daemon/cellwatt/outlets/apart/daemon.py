@@ -84,7 +84,7 @@ class Daemon:
             case Kind.HEALTH if shown.health is not None:
                 return shown.health(body)
             case _:
-                raise ProtocolError(f"the daemon does not say {kind.name}")
+                raise ProtocolError(f"the daemon sends no {kind.name} messages")
         return None
 
     def _answered(self, told: Mapping[str, Any]) -> None:

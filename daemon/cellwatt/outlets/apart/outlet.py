@@ -76,7 +76,7 @@ class Apart(Outlet[S]):
         silent = 0.0 if self._heard is None else time.monotonic() - self._heard
         if silent <= SILENT or starved(self._process, self._spent, silent):
             return None
-        return f"{self.what} says nothing for {silent:.0f} s"
+        return f"{self.what} has not responded for {silent:.0f} s"
 
     async def run(self) -> None:
         """Serve until cancelled. Raises ``OutletError`` with the reason if the serving process ends."""
@@ -103,7 +103,7 @@ class Apart(Outlet[S]):
         except TimeoutError:
             raise OutletError(f"{self.what} is not ready after {START:.0f} s") from None
         if got is None:
-            raise OutletError(f"{self.what} ended while it began; its log says why")
+            raise OutletError(f"{self.what} ended during its start; see its log for the reason")
         kind, body = got
         told = parse_json(body)
         if kind is Kind.FAILED:
@@ -126,7 +126,7 @@ class Apart(Outlet[S]):
                 elif kind is Kind.FAILED:
                     raise OutletError(told["error"])
         except (ProtocolError, KeyError, ValueError, TypeError, AttributeError) as error:
-            raise OutletError(f"{self.what} speaks nonsense: {error}") from error
+            raise OutletError(f"{self.what} sent an invalid message: {error}") from error
 
     def _answered(self, told: Mapping[str, Any]) -> dict[str, Any]:
         try:
@@ -134,8 +134,8 @@ class Apart(Outlet[S]):
         except CellwattError as error:
             return {"error": str(error)}
         except Exception:  # must not end the outlet
-            log.exception("%s: a question of its process", self.name)
-            return {"error": "the daemon broke at it; its log says how"}
+            log.exception("%s: an order of its process failed", self.name)
+            return {"error": "the daemon failed to execute it; see its log"}
 
     def _count(self, counts: Mapping[str, int]) -> None:
         for what, number in counts.items():
@@ -229,7 +229,7 @@ class ApartOutlet(Apart[S]):
             data = b"".join(wire.told(kind, body) for kind, body in parts)
         except Exception:
             if not self._told_once:
-                log.exception("%s: something cannot be encoded for its process, and is left out", self.name)
+                log.exception("%s: an item cannot be encoded for its process, and is dropped", self.name)
             self._told_once = True
             self._drop(count, "not encodable")
             if not count:  # health, or items that an earlier process received

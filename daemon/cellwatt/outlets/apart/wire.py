@@ -67,7 +67,7 @@ async def receive(reader: asyncio.StreamReader) -> tuple[Kind, bytes] | None:
     except (asyncio.IncompleteReadError, ConnectionError):
         return None
     except ValueError as error:
-        raise ProtocolError(f"a message of no known kind: {error}") from error
+        raise ProtocolError(f"a message of an unknown kind: {error}") from error
 
 
 END: Final = 3.0

@@ -140,7 +140,7 @@ class Influx(Peer[str]):
 
 def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
     """Store refused lines below the reason; without a folder, only log them. Blocks."""
-    log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
+    log.warning("influx: %d lines are refused permanently: %s", len(lines), reason)
     if folder is not None:
         content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
         try:
@@ -162,7 +162,7 @@ def outcome_of(status: int, text: str, headers: Mapping[str, str]) -> Outcome:
     """Outcome of a request, from the server's answer."""
     if status in _WRITTEN:
         return Outcome("written")
-    reason = f"{status}: {reason_of(text) or http.client.responses.get(status, 'no reason told')}"
+    reason = f"{status}: {reason_of(text) or http.client.responses.get(status, 'no reason given')}"
     if status in _REFUSED:
         return Outcome("refused", reason)
     if status == _TOO_LARGE:

@@ -112,6 +112,6 @@ class HistorianOutlet(Outlet[HistorianSettings]):
     async def run(self) -> None:
         """Write until cancelled. Raises ``OutletError`` if the lake has no record to read from."""
         if self.settings.lake is not None and self._record is None:
-            raise OutletError("lake: it is filled from the record: set record, with frames (record: {frames: true})")
+            raise OutletError("lake: it is read from the record: set record, with frames (record: {frames: true})")
         async with self._peer if self._influx is not None else contextlib.nullcontext():
             await until_one_ends(*(part.run() for part in (self._influx, self._lake) if part is not None))

@@ -115,10 +115,10 @@ class Endpoint:
             return None  # also while failed logins delay others: nobody can lock out Prometheus
         address = request.remote or ""
         if wait := self._guard.begin(address, ""):
-            text = f"too many tries: wait {wait:.0f} s"
+            text = f"too many attempts: wait {wait:.0f} s"
             return _line(text, HTTPStatus.TOO_MANY_REQUESTS, {"Retry-After": f"{max(wait, 1.0):.0f}"})
         self._guard.fail(address, "")
-        return _line("this token does not fit", HTTPStatus.UNAUTHORIZED, headers)
+        return _line("this token is wrong", HTTPStatus.UNAUTHORIZED, headers)
 
 
 def _unready(told: Mapping[str, Any]) -> str | None:
@@ -126,7 +126,7 @@ def _unready(told: Mapping[str, Any]) -> str | None:
     if told["age"] is None:
         return "starting: the cell's health is not known yet"
     if told["age"] > STALE:
-        return f"the cell's health was last looked at {told['age']:.0f} s ago"
+        return f"the cell's health is {told['age']:.0f} s old"
     if told["state"] != "red":
         return None
     return f"red: {'; '.join(told['reasons']) or 'no source delivers, or nothing can be recorded'}"

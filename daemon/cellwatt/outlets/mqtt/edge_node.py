@@ -97,7 +97,7 @@ class EdgeNode:
         except (ValueError, TypeError, KeyError):
             online = timestamp = None
         if not isinstance(online, bool) or not isinstance(timestamp, int):
-            raise ProtocolError("the state of the primary host is not what Sparkplug says")
+            raise ProtocolError("the state of the primary host is not a valid Sparkplug message")
         if self._heard_at is not None and timestamp < self._heard_at:
             return ()
         self._heard_at = timestamp

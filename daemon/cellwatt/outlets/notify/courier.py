@@ -113,7 +113,7 @@ class Courier:
         trouble = self._trouble
         if trouble is None or not (trouble.final or time.monotonic() - trouble.since >= FAILING):
             return None
-        return f"{self.name} is not reached ({self._to.place}): {trouble.reason}"
+        return f"{self.name} cannot be reached ({self._to.place}): {trouble.reason}"
 
     async def run(self, channel: Channel) -> None:
         """Send messages until cancelled."""
@@ -187,8 +187,8 @@ class Courier:
         except NotNowError as error:
             return self._failed(NotNowError(self._clean(error), error.wait))
         except Exception as error:
-            log.exception("notify: %s: sending broke", self.name)
-            return self._failed(NotNowError(f"sending broke: {type(error).__name__}, see the log"))
+            log.exception("notify: %s: sending failed", self.name)
+            return self._failed(NotNowError(f"sending failed: {type(error).__name__}, see the log"))
 
     async def _accepted(self, message: Notification, answer: SendResult) -> NotNowError | None:
         for address, reason in answer.refused.items():
@@ -218,7 +218,7 @@ class Courier:
         return error
 
     async def _give_up(self, message: Notification, reason: str) -> None:
-        log.warning("notify: a message to %s is not delivered: %s", self.name, reason)
+        log.warning("notify: a message to %s was not delivered: %s", self.name, reason)
         self._trouble = _Trouble(reason, time.monotonic(), final=True)
         await self._keep(message, reason)
         self._told.arrived()

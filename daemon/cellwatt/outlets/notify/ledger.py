@@ -86,7 +86,7 @@ class Ledger:
             replace_bytes(path, content, 0o600)
         except OSError as error:
             self._changed = True
-            problem = f"{path} cannot be written, so a restart may send again: {why(error)}"
+            problem = f"{path} cannot be written, so alarms may be sent again after a restart: {why(error)}"
             if problem != self.problem:
                 log.warning("%s", problem)
             self.problem = problem

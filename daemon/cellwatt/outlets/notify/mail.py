@@ -91,7 +91,7 @@ class Mail:
             if isinstance(cause, OSError) and not isinstance(cause, SMTPException):
                 raise NotNowError(unreached(cause)) from None
             no_tls = "STARTTLS" in error.message and self._settings.tls == "starttls"
-            hint = "; nothing is sent in the clear" if no_tls else ""
+            hint = "; nothing is sent unencrypted" if no_tls else ""
             raise NotNowError(f"{error.message}{hint}") from None
         except OSError as error:
             raise NotNowError(unreached(error)) from None

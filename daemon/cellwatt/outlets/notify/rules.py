@@ -242,7 +242,7 @@ class Rules:
             if episode.session == session or episode.over:
                 continue
             alarm = episode.alarm
-            text = f"Not seen again since the daemon began anew: {alarm.statement}"
+            text = f"Not raised again since the daemon restarted: {alarm.statement}"
             clear = replace(alarm, active=False, time=max(now, alarm.time), statement=text)
             if episode.told and self.resolved:
                 self._wait(told, Item("cleared", clear), session)

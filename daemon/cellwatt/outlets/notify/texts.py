@@ -45,7 +45,7 @@ def subject(about: About, message: Notification) -> str:
 def body(about: About, message: Notification, limit: int | None = None) -> str:
     """The text under the subject, at most ``limit`` bytes; items that do not fit are counted."""
     if not message.items and not message.more:
-        lines = [f"This is a test. Alarms of the cell {about.cell} at {about.site} will come this way."]
+        lines = [f"This is a test. Alarms of the cell {about.cell} at {about.site} will be sent to this recipient."]
     elif len(message.items) == 1 and not message.more:
         lines = list(_whole(about, message.items[0]))
     else:

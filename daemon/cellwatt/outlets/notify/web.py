@@ -113,7 +113,7 @@ def judge(status: int, retry_after: str | None = None) -> None:
     known = status in HTTPStatus.__members__.values()
     reason = f"{status} {HTTPStatus(status).phrase}" if known else f"{status}"
     if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
-        raise RefusedError(f"{reason}: it sends elsewhere, which is not followed; write the address that it means")
+        raise RefusedError(f"{reason}: redirects are not followed; set the final address")
     if status in _OURS:
         raise NotNowError(f"{reason}: are token and address right?")
     if HTTPStatus.BAD_REQUEST <= status < HTTPStatus.INTERNAL_SERVER_ERROR and status not in _LATER:

@@ -117,7 +117,7 @@ class Answers:
     def about(self, name: str, asked: Mapping[str, str]) -> Answer:
         """Answer one question. Raises ``CellwattError`` if it is invalid or the data is not stored."""
         if name not in self._known:
-            raise QuestionError(f"there is no question {short(name)}; there are: {', '.join(self._known)}")
+            raise QuestionError(f"unknown question {short(name)}; known questions: {', '.join(self._known)}")
         return self._known[name](asked)
 
     def alarms(self, asked: Mapping[str, str]) -> list[tuple[Mark, Alarm]]:
@@ -152,7 +152,7 @@ class Answers:
                 work()
             except zenoh.ZError as error:  # the questioner has disconnected
                 self._count("answers lost")
-                log.info("zenoh: an answer could not be given: %s", error)
+                log.info("zenoh: an answer could not be sent: %s", error)
             except Exception as error:
                 self._failed("", error)
             finally:

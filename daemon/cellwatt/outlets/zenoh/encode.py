@@ -131,7 +131,7 @@ def decode(payload: bytes, mark: Mark) -> Batch | Frames:
             raise ValueError(f"{table.num_rows} rows, but {mark.count} are announced")
         metadata = (table.schema.metadata or {}).get(_KEY, b"{}")
         if len(metadata) > _LONGEST:
-            raise ValueError(f"its channels take {len(metadata)} bytes to name")
+            raise ValueError(f"the names of its channels take {len(metadata)} bytes")
         about = _about(metadata)
         if isinstance(about, Layout):
             return Frames(about, mark.sequence, **_arrays(table, Frames, len(about.channels)))

@@ -79,7 +79,7 @@ def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
         return found
     except (ValidationError, KeyError, TypeError, AttributeError) as error:
         reason = " ".join(str(error).split())[:LONGEST_REASON]
-        raise ProtocolError(f"a message of {kind} is not what its schema says: {reason}") from error
+        raise ProtocolError(f"a message of {kind} does not match its schema: {reason}") from error
 
 
 def health(mark: Mark, session: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:

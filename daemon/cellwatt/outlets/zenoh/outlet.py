@@ -43,7 +43,7 @@ _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
 _RECENT: Final = 0.5e6
 """Bytes of frames held in memory when the record has them, too: those that consumers request most."""
-_HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
+_HARM: Final = "anyone who reaches it can read everything and impersonate the cell"
 
 
 def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
@@ -59,7 +59,7 @@ def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], st
         if missing:
             yield ("listen", i), endpoint, f"open to the network without {' and '.join(missing)}: {_HARM}"
     if settings.scouting:
-        yield ("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}"
+        yield ("scouting",), "scouting", f"finds, and links with, any session on the local network: {_HARM}"
 
 
 class PublishSettings(Section):
@@ -107,7 +107,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
     """Publishes raw samples, frames, results, alarms, events and health, and answers questions."""
 
     Settings: ClassVar[type[ZenohSettings]] = ZenohSettings
-    title = "Zenoh: raw samples, frames, results and alarms, live and for those who missed some"
+    title = "Zenoh: raw samples, frames, results and alarms, live and on request"
 
     def __init__(self, name: str, settings: ZenohSettings, view: CellView) -> None:
         super().__init__(name, settings, view)

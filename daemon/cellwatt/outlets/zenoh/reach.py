@@ -73,7 +73,7 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
             raise OutletError(f"the cell {keys.root} does not answer: {', '.join(refused) or 'is its daemon running?'}")
         answer: dict[str, Any] = json.loads(told.payload.to_bytes())
     except (zenoh.ZError, ValueError) as error:
-        raise OutletError(f"the cell {keys.root} gave no answer that can be read: {error}") from error
+        raise OutletError(f"the cell {keys.root} gave an invalid answer: {error}") from error
     return answer
 
 
@@ -127,8 +127,8 @@ def _absent(link: LinkSettings, site: str, cell: str, heard: list[tuple[str, str
     where = ", ".join(link.connect)
     if heard:
         names = ", ".join("/".join(name) for name in heard[:_MOST])
-        return f"{where}: no cell is heard as {site}/{cell}; there is {names}{' …' if len(heard) > _MOST else ''}"
+        return f"{where}: no cell {site}/{cell} is on the bus; it has {names}{' …' if len(heard) > _MOST else ''}"
     return (
-        f"{where}: no cell is heard as {site}/{cell}: is the daemon running, are site and cell right, "
+        f"{where}: no cell {site}/{cell} is on the bus: is the daemon running, are site and cell right, "
         "and may you see it (cellwatt secure list)?"
     )

@@ -156,7 +156,7 @@ async def test_a_port_in_use_is_told() -> None:
     ("settings", "says"),
     [
         ({"listen": "0.0.0.0:9480"}, "without TLS and a token: whoever reaches it sees"),
-        ({"listen": "0.0.0.0:9480", "token": "t"}, "without TLS: passwords and data pass in the clear"),
+        ({"listen": "0.0.0.0:9480", "token": "t"}, "without TLS: passwords and data are sent unencrypted"),
         ({"listen": "[::]:1", "certificate": "c", "key": "k"}, "without a token"),
     ],
 )

@@ -112,7 +112,7 @@ def test_raised_again_soon_after_the_daemon_began_anew_it_is_the_same() -> None:
     machine.rules.withdraw(machine.told, NEXT, NEXT + AGAIN)
     sent = machine.send()
     assert sent is not None
-    assert sent.items[0].alarm.statement.startswith("Not seen again since the daemon began anew: Joint 2")
+    assert sent.items[0].alarm.statement.startswith("Not raised again since the daemon restarted: Joint 2")
     machine.rules.withdraw(machine.told, NEXT, NEXT + 2 * AGAIN)
     machine.take(alarm(1, active=False, time=NEXT + 2 * AGAIN))
     machine.send()

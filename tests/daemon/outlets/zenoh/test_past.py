@@ -117,7 +117,7 @@ def test_where_frames_are_gone_the_answer_begins_with_the_first_that_is_left(fol
     past = Past(Recorded(folder), remembering(truth), lambda: 1e9)
     sorted(folder.glob("*.mcap"))[0].unlink()
     assert next(m.sequence for m, _ in answers(past, 100, END - 100)) == FILES[1][0]
-    with pytest.raises(NothingKeptError, match="no frames are kept from 100"):
+    with pytest.raises(NothingKeptError, match="no frames are stored from 100"):
         ask(past, 100, count=FILES[1][0] - 100)
     for path in folder.glob("*.mcap"):
         path.unlink()
