@@ -191,11 +191,11 @@ class Cursor:
         if self._path is None or not self._opened or not self._changed.is_set():
             return
         self._changed.clear()
-        told = Position(
+        position = Position(
             place=self._place, reached=self.reached, gaps=self._owed, births=self.births, lost=self.lost, ended=ended
         )
         # A cancelled write continues in its thread; the next one waits for it.
-        await asyncio.shield(asyncio.ensure_future(self._write(self._path, told.model_dump_json().encode())))
+        await asyncio.shield(asyncio.ensure_future(self._write(self._path, position.model_dump_json().encode())))
 
     async def _write(self, path: Path, content: bytes) -> None:
         async with self._writing:

@@ -233,15 +233,15 @@ class Inbox:
     def on_status(self, replies: list[zenoh.Reply]) -> None:
         """Process the answers to ``@/status``."""
         now, refused = time.monotonic(), self.following.counts["refused"]
-        told: Health | None = None
+        status: Health | None = None
         for reply in replies:
-            if reply.ok is not None and told is None:
+            if reply.ok is not None and status is None:
                 with self._counted():
-                    told = read_health(reply.ok)[1]
-        if told is None:
+                    status = read_health(reply.ok)[1]
+        if status is None:
             self.following.untold(now)
             return
-        for topic, part in self.following.told(told.session, told.positions, now):
+        for topic, part in self.following.told(status.session, status.positions, now):
             self._deliver(topic, [part])
         if (lies := self.following.counts["refused"] - refused) > 0:
             self._warn(f"refused {lies} claims that the cell does not confirm: who else publishes under its name?")

@@ -65,7 +65,7 @@ def test_where_no_zenoh_answers_it_says_what_to_check(call: Call, hurried: None)
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
         ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY)
     assert (ended.code, ended.out, ended.err.count("\n")) == (3, "", 1)
-    assert ended.err.startswith(f"cellwatt: {endpoint}: somebody answers but refuses the session: check user and")
+    assert ended.err.startswith(f"cellwatt: {endpoint}: the port answers but refuses the session: check user and")
 
 
 def test_it_prints_lines(call: Call, live: tuple[Child, str]) -> None:

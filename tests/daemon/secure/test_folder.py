@@ -95,7 +95,7 @@ def test_mistakes_are_named(folder: Folder, member: Member, text: str) -> None:
 
 def test_a_cell_without_router_needs_a_host(tmp_path: Path) -> None:
     folder = Folder.create(tmp_path, "plant-1")
-    with pytest.raises(ConfigError, match="say with --host where viewers reach the cell"):
+    with pytest.raises(ConfigError, match="name the cell's address with --host"):
         folder.add(Member("weld-3", "cell"))
     with pytest.raises(ConfigError, match="'wéld' is neither a host name nor an address"):
         folder.add(Member("weld-3", "cell", ("wéld",)))

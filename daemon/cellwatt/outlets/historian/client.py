@@ -223,8 +223,8 @@ def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> 
         case Task():
             more = {"source": result.source, "task": result.name, "variant": result.variant}
             seconds = (result.end - result.start) * 1e-9
-            told = {"speed": result.speed, "seconds": seconds, "repetition": result.repetition}
-            return line(f"{measurement}_task", {**tags, **more}, {**told, "signature": result.signature}, result.end)
+            values = {"speed": result.speed, "seconds": seconds, "repetition": result.repetition}
+            return line(f"{measurement}_task", {**tags, **more}, {**values, "signature": result.signature}, result.end)
         case Energy():
             return _energy(f"{measurement}_energy", tags, result)
 

@@ -92,8 +92,8 @@ class EdgeNode:
     def _host_state(self, payload: bytes) -> Order | Sequence[Message]:
         """Follow the state of the primary host; ignore messages older than the last one."""
         try:
-            told = parse_json(payload)
-            online, timestamp = told["online"], told["timestamp"]
+            state = parse_json(payload)
+            online, timestamp = state["online"], state["timestamp"]
         except (ValueError, TypeError, KeyError):
             online = timestamp = None
         if not isinstance(online, bool) or not isinstance(timestamp, int):

@@ -101,9 +101,9 @@ class Link:
         made.will_set(will.topic, will.payload, will.qos, will.retain)
         if tls is not None:
             made.tls_set_context(tls)
-        made.on_connect, made.on_disconnect = self._told(self._on_connect), self._told(self._on_disconnect)
-        made.on_message, made.on_publish = self._told(self._on_message), self._told(self._on_publish)
-        made.on_subscribe = made.on_unsubscribe = self._told(self._on_answer)
+        made.on_connect, made.on_disconnect = self._on_loop(self._on_connect), self._on_loop(self._on_disconnect)
+        made.on_message, made.on_publish = self._on_loop(self._on_message), self._on_loop(self._on_publish)
+        made.on_subscribe = made.on_unsubscribe = self._on_loop(self._on_answer)
 
     async def open(self) -> None:
         """Connect. Raises ``OutletError`` with advice on what to check."""
@@ -111,11 +111,11 @@ class Link:
         try:
             await asyncio.shield(self._connecting)
             async with asyncio.timeout(ANSWER):
-                told = await self._taken
+                refusal = await self._taken
         except (OSError, ValueError) as error:
-            told = reason(error)
-        if told:
-            raise OutletError(f"{self._settings.broker}: {told}")
+            refusal = reason(error)
+        if refusal:
+            raise OutletError(f"{self._settings.broker}: {refusal}")
 
     def _connect(self) -> None:
         self._client.connect(self._settings.host, self._settings.port, round(self._settings.keep_alive))
@@ -188,7 +188,7 @@ class Link:
 
     # callbacks of the library ---------------------------------------------------------------------
 
-    def _told(self, work: Callable[..., None]) -> Any:
+    def _on_loop(self, work: Callable[..., None]) -> Any:
         """A callback for the library's thread that runs ``work`` on the event loop."""
         return lambda _client, _data, *about: self._loop.call_soon_threadsafe(work, *about)
 

@@ -45,9 +45,9 @@ class Mail:
         client = await self._client()
         try:
             async with asyncio.timeout(self._timeout):
-                with self._told(final=False):
+                with self._converted(final=False):
                     await client.connect()
-                with self._told(final=True):
+                with self._converted(final=True):
                     refused = await _hand_over(client, self._settings.sender, left, self._content(message))
             with contextlib.suppress(SMTPException, OSError):
                 await client.quit(timeout=GOODBYE)
@@ -75,7 +75,7 @@ class Mail:
         )
 
     @contextlib.contextmanager
-    def _told(self, *, final: bool) -> Iterator[None]:
+    def _converted(self, *, final: bool) -> Iterator[None]:
         """Convert SMTP errors to ``NotNowError``; if ``final``, permanent refusals to ``RefusedError``."""
         try:
             yield

@@ -48,7 +48,7 @@ def topic_of(item: Result | Event) -> str:
 def encode_item(item: Result | Event, mark: Mark) -> bytes:
     """Encode a result or event as JSON."""
     body = {f.name: getattr(item, f.name) for f in fields(item)}
-    return encode_json({"mark": _told(mark), **body})
+    return encode_json({"mark": _mark_json(mark), **body})
 
 
 def encode_json(value: Any) -> bytes:
@@ -85,10 +85,10 @@ def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
 def health(mark: Mark, session: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:
     """Encode the health message of a daemon session; its time is the mark's."""
     body = {"session": session, "time": mark.arrival, "positions": positions, "status": status}
-    return encode_json({"mark": _told(mark), **body})
+    return encode_json({"mark": _mark_json(mark), **body})
 
 
-def _told(mark: Mark) -> dict[str, int]:
+def _mark_json(mark: Mark) -> dict[str, int]:
     return {"session": mark.session, "sequence": mark.sequence}
 
 

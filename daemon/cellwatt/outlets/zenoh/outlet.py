@@ -99,8 +99,8 @@ class ZenohSettings(LinkSettings):
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
         ways = (f"{value}: {text} (open: true)" for _, value, text in openings(self))
-        told = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
-        return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in told))
+        doubts = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
+        return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in doubts))
 
 
 class ZenohOutlet(Outlet[ZenohSettings]):
@@ -158,7 +158,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         self._status = status
         if self._publisher is not None and (self.settings.connect or self._publisher.health_awaited):
             beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
-            self._publisher.send_health(beats, self._said(beats))
+            self._publisher.send_health(beats, self._health_message(beats))
             self._beats = beats
 
     @property
@@ -199,7 +199,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         if self._publisher is not None:
             self._publisher.tell_schemas()
         mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
-        return Answer(self._said(mark), mark=mark)
+        return Answer(self._health_message(mark), mark=mark)
 
-    def _said(self, mark: Mark) -> bytes:
+    def _health_message(self, mark: Mark) -> bytes:
         return health(mark, self.view.session, dict(self._ends), self._status or self.view.status())

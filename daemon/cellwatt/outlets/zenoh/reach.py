@@ -67,11 +67,11 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
     try:
         with open_session(link_to(config), patience=PATIENCE) as session:
             replies = list(session.get(keys.question(question), timeout=PATIENCE))
-        told = next((reply.ok for reply in replies if reply.ok is not None), None)
-        if told is None:
+        sample = next((reply.ok for reply in replies if reply.ok is not None), None)
+        if sample is None:
             refused = [reply.err.payload.to_string() for reply in replies if reply.err is not None]
             raise OutletError(f"the cell {keys.root} does not answer: {', '.join(refused) or 'is its daemon running?'}")
-        answer: dict[str, Any] = json.loads(told.payload.to_bytes())
+        answer: dict[str, Any] = json.loads(sample.payload.to_bytes())
     except (zenoh.ZError, ValueError) as error:
         raise OutletError(f"the cell {keys.root} gave an invalid answer: {error}") from error
     return answer

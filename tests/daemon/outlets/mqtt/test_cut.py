@@ -146,7 +146,7 @@ async def test_a_broker_that_does_not_take_what_we_publish_is_told_of(tmp_path: 
             assert outlet.trouble() is None
             outlet.offer(cell.frames(1))
             await eventually(lambda: outlet.account.counters["messages refused"] >= 1, "a refusal")
-            assert "does not take what we publish (not authorized)" in (outlet.trouble() or "")
+            assert "refuses messages (not authorized)" in (outlet.trouble() or "")
     finally:
         broker.kill()
 

@@ -23,7 +23,7 @@ class Machine:
     def __init__(self, rules: Rules | None = None, **more: Any) -> None:
         self.rules = rules or Rules(**{"severity": "info", "group": 0.0, **more})
         self.told = Recipient()
-        self.line = json.dumps(self.told.kept())
+        self.line = json.dumps(self.told.saved())
         self.sent: list[Item] = []
         self.passing = 0
         self.session = EPOCH
@@ -31,7 +31,7 @@ class Machine:
     def keep(self) -> None:
         """Write down what is known, where there is something new."""
         if self.told.changed:
-            self.line, self.told.changed = json.dumps(self.told.kept()), False
+            self.line, self.told.changed = json.dumps(self.told.saved()), False
 
     def take(self, *alarms: Alarm) -> None:
         for one in alarms:

@@ -50,7 +50,7 @@ def test_this_pc_alone_needs_nothing(endpoint: str) -> None:
             {**SECURED, "listen": ["tls/0.0.0.0:1"], "options": {"access_control/default_permission": "allow"}},
             "without access rules",
         ),
-        ({"scouting": True}, "anybody on the local network"),
+        ({"scouting": True}, "any session on the local network"),
     ],
 )  # fmt: skip
 def test_the_network_is_let_in_only_on_purpose(settings: dict[str, Any], what: str) -> None:

@@ -84,7 +84,7 @@ def test_each_endpoint_is_told_with_its_own_reason() -> None:
             open_session(LinkSettings(mode="client", connect=(dead, silent)), patience=0)
     one, other = str(told.value).split("; ")
     assert one.startswith(f"{dead}: no answer")
-    assert other.startswith(f"{silent}: somebody answers but refuses")
+    assert other.startswith(f"{silent}: the port answers but refuses")
 
 
 def test_opening_can_be_stopped() -> None:
