@@ -69,7 +69,7 @@ def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView)
         ("history", {"source": "arm", "stream": "samples", "count": "²"}, "count='²' is not a whole number"),
         ("history", {"stream": "frame", "first": "3"}, "no frames are stored from 3"),
         ("results", {}, "needs kind="),
-        ("results", {"kind": "task"}, "no results 'task' are kept"),
+        ("results", {"kind": "task"}, "no results 'task' are stored"),
     ],
 )
 def test_questions_that_cannot_be_answered_say_why(

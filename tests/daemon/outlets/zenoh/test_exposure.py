@@ -54,7 +54,7 @@ def test_this_pc_alone_needs_nothing(endpoint: str) -> None:
     ],
 )  # fmt: skip
 def test_the_network_is_let_in_only_on_purpose(settings: dict[str, Any], what: str) -> None:
-    with pytest.raises(ValidationError, match=f"{what}: whoever .* or set open: true"):
+    with pytest.raises(ValidationError, match=f"{what}: anyone .* or set open: true"):
         ZenohSettings(**settings)
     (warning,) = [w for w in ZenohSettings(open=True, **settings).warnings() if "cannot be read" not in w]
     assert what in warning

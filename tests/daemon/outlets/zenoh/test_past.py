@@ -203,7 +203,7 @@ def test_all_results_once_in_order_first_from_the_record_then_from_memory(judged
 
 def test_results_of_an_earlier_session_to_its_end(judged: Path) -> None:
     past, given = Past(Recorded(judged, SESSION + 1), Backlog(SESSION + 1, 1e6), lambda: 1e9), []
-    with pytest.raises(NothingKeptError, match="no results 'task' are kept"):
+    with pytest.raises(NothingKeptError, match="no results 'task' are stored"):
         while True:
             given += told(past, len(given))
     assert given == [(number, task(number)) for number in range(2000)]
